@@ -33,7 +33,7 @@ from attlog.metrics import Answer, Case, following, ranking
 from attlog.metrics.accuracy import ERRORS
 from attlog.metrics.statistics import Summary
 from attlog.pipeline import replay
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 METRICS = [m.name for q in ERRORS.values() for m in q.metrics]
 FILTERS = ("default", "eskf", "mekf")
@@ -47,7 +47,7 @@ class Side:
         case: Case = pipeline.prepare(log)
         rows = [*replay.run_rows(case, FILTERS), *reference.onboard_rows(log, case.segments, case.reference)]
         self.case = case.looked_at_with(rows)
-        self.rows: dict[str, Row] = {
+        self.rows: dict[str, Track] = {
             r.name: r for r in rows if not (r.is_reference or following.why_uncorrected(case, r))
         }
         self.halves = halves or halves_of(case)[:2]

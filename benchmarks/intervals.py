@@ -42,7 +42,7 @@ from attlog.metrics import noise as metrics_variances
 from attlog.metrics.statistics import Summary, make_ids
 from attlog.metrics.windows import PHASES
 from attlog.pipeline import replay
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 Table = dict[str, dict[str, dict[str, Answer]]]
@@ -87,7 +87,7 @@ class Side:
     """A flight seen with or without truth: the case, its replayed rows and all answers."""
 
     case: Case
-    rows: dict[str, Row]
+    rows: dict[str, Track]
     table: Table
 
     @property
@@ -135,7 +135,7 @@ def made(truth: Side) -> dict[str, dict[str, Answer]]:
     return found
 
 
-def true_noise(row: Row, phase: str, starts: Array) -> tuple[Array, Array]:
+def true_noise(row: Track, phase: str, starts: Array) -> tuple[Array, Array]:
     """Which windows (k,) truth covers, and the variances (m, 4) of estimate minus truth in these, as noise has them."""
     covered, variances = np.zeros(len(starts), bool), []
     errors = row.errors

@@ -23,7 +23,7 @@ from attlog.flight.recalibration import recorrected_units
 from attlog.metrics.metric import Case
 from attlog.pipeline import replay
 from attlog.pipeline.onboard_rerun import rerun_row
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.result import EstimatorRow, ParameterValue
 from attlog.segments import model
 from attlog.words.flight import reproduction_text
@@ -74,7 +74,7 @@ class FilterInput:
         """Return every parameter of the filter on this log."""
         return {name: value for name, (value, _) in self.configuration.row.resolved(self.facts).items()}
 
-    def rows(self, settings: Sequence[Mapping[str, float | str]]) -> list[Row]:
+    def rows(self, settings: Sequence[Mapping[str, float | str]]) -> list[Track]:
         """Return a row for each parameter set laid over the configuration's own."""
         row = self.configuration.row
         if self.configuration.is_flown:
@@ -83,7 +83,7 @@ class FilterInput:
             return [rerun_row(self.case, self.case.imus[self.suffix], spec, spec.name)[0] for spec in specs]
         return replay.batch(self.case, self.imu, self.mag, row, settings, self.facts, self.aids)
 
-    def row(self) -> tuple[Row, EstimatorRow]:
+    def row(self) -> tuple[Track, EstimatorRow]:
         """Return the configuration's row and its line of the table."""
         c = self.configuration
         return replay.replayed(self.case, self.imu, self.mag, c.row, self.facts, self.aids, c.name + self.suffix)
@@ -108,7 +108,7 @@ class ConfiguredFilter:
     def __str__(self) -> str:
         return self.configuration.text
 
-    def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Row, EstimatorRow]:
+    def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Track, EstimatorRow]:
         """Return the row and its line of the table, settings before the filter among its parameters."""
         c = self.configuration
         if replay.is_recorded(c.row):

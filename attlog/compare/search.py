@@ -25,7 +25,7 @@ from attlog.core.errors import UsageError
 from attlog.metrics import following, statistics
 from attlog.metrics.metric import Answer, Case, missing
 from attlog.metrics.ranking import MIN_COVERAGE_PCT, distance
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
@@ -124,7 +124,7 @@ class SettingsOnLog:
         """Return why gravity does not correct a parameter set, empty where it does; runs the filter again."""
         return following.why_uncorrected(self.case, self._input.rows([setting])[0]) or ""
 
-    def _result(self, row: Row) -> SettingResult:
+    def _result(self, row: Track) -> SettingResult:
         seen = self.case.looked_at_with([row])
         found: dict[Question, Answer] = {}
         for window in dict.fromkeys(q.window for q in self.questions):
@@ -147,7 +147,7 @@ def answered(case: Case, configuration: Configuration, questions: Sequence[Quest
     return [q for q in questions if answers[q].value is not None] or list(questions)
 
 
-def _unsound_reason(row: Row) -> str:
+def _unsound_reason(row: Track) -> str:
     """Return why a row may be best in no question, empty where it may."""
     if row.status != "ok":
         return row.reason or row.status

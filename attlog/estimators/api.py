@@ -126,7 +126,7 @@ def estimate(
 ) -> Estimate:
     """The attitude (n, 4) that an estimator finds in raw sensor samples, with bias and counts.
 
-    ``name``: ``NAME[@PRESET][:k=v,...]``, a Row or an Estimator. ``t`` (n,) s; ``gyr`` (n, 3)
+    ``name``: ``NAME[@PRESET][:k=v,...]``, an EstimatorSpec or an Estimator. ``t`` (n,) s; ``gyr`` (n, 3)
     rad/s; ``acc`` (n, 3) m/s^2 specific force; ``mag`` (n, 3) any unit, NaN rows where there
     is no new sample (:func:`place` puts slow samples there); body FRD. ``sampling``:
     ``interval`` where a sample is the mean over the time since the one before (PX4),

@@ -165,7 +165,7 @@ OLD_MODULES = {
 }
 
 # Filters of the firmwares, run again on what they were given on board; they need the flight, not only its samples.
-FLOWN = ("px4_ekf2",)
+FLOWN = ("px4_ekf2", "ap_ekf3")
 
 _NAME = re.compile(r"[\w.-]+")
 # Entry points of this group name modules of other packages: ``my_filter = "my_package.my_filter"``.

@@ -9,6 +9,7 @@ variance, and above 1 the sample is rejected. :data:`AIDS` lists the aids with t
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -18,6 +19,8 @@ from numpy.typing import NDArray
 from attlog.estimators.interface import Estimate
 
 Array = NDArray[np.float64]
+# The earth's radius of the firmwares' map projections.
+EARTH_RADIUS_M = 6371000.0
 INNOVATION = "innovation."
 INNOVATION_COLUMNS = ("t", "innovation", "variance", "ratio")
 # Aids in the order of the numbers that the loops write, with the unit of their innovations.
@@ -87,3 +90,36 @@ def innovation_tables(log: Array) -> dict[str, Array]:
 def innovations(aux: Mapping[str, Array]) -> dict[str, Array]:
     """Return the tables (m, 4) of an estimate's ``aux`` by aid."""
     return {name.removeprefix(INNOVATION): table for name, table in aux.items() if name.startswith(INNOVATION)}
+
+
+def attitude_variances(q: Array, variances: Array) -> tuple[float, float]:
+    """Fit tilt and yaw variance (rad^2) to the four variances of a quaternion: diag(P_q) = E^2 (s, s, s_D) / 4."""
+    w, x, y, z = q
+    E = np.array([[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]]) ** 2 / 4.0
+    columns, wanted = np.column_stack([E[:, 0] + E[:, 1], E[:, 2]]), np.maximum(variances, 0.0)
+    tilt, yaw = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    if tilt < 0.0:
+        tilt, yaw = 0.0, columns[:, 1] @ wanted / (columns[:, 1] @ columns[:, 1])
+    elif yaw < 0.0:
+        tilt, yaw = columns[:, 0] @ wanted / (columns[:, 0] @ columns[:, 0]), 0.0
+    return float(tilt), float(yaw)
+
+
+def held(t: Array, value: Array, at: Array, before: float) -> Array:
+    """Return the last value at or before each time; the first one earlier, ``before`` for an empty stream."""
+    if not len(t):
+        return np.full(len(at), before)
+    return value[np.maximum(np.searchsorted(t, at, side="right") - 1, 0)]
+
+
+def local_ned(lat: Array, lon: Array, lat0: float, lon0: float) -> tuple[Array, Array]:
+    """Return north and east in m about a point: azimuthal equidistant projection."""
+    a, b, a0 = np.radians(lat), np.radians(lon - lon0), math.radians(lat0)
+    c = np.arccos(np.clip(np.sin(a0) * np.sin(a) + np.cos(a0) * np.cos(a) * np.cos(b), -1.0, 1.0))
+    k = EARTH_RADIUS_M * np.where(c > 1e-12, c / np.maximum(np.sin(c), 1e-300), 1.0)
+    return k * (np.cos(a0) * np.sin(a) - np.sin(a0) * np.cos(a) * np.cos(b)), k * np.cos(a) * np.sin(b)
+
+
+def side_by_side(*columns: Array) -> Array:
+    """Columns side by side as one contiguous array."""
+    return np.ascontiguousarray(np.column_stack(columns), np.float64)

@@ -1,4 +1,4 @@
-"""What stands after ``--truth``: a file, a folder or a topic, with ``:key=value`` behind it."""
+"""Parse ``--truth``: a file, a folder or a topic, with ``:key=value`` behind it."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ YES, NO = ("true", "yes", "1"), ("false", "no", "0")
 
 @dataclass(frozen=True, slots=True)
 class TruthRequest:
-    """A ``name`` (file, folder or topic); ``offset`` s near which its clock lies, None for anywhere; ``north``: its
-    earth axes point north; ``topic`` of the file."""
+    """A ``name`` (file, folder or topic) with its settings.
+
+    ``offset`` s near which its clock lies, None for anywhere; ``north``: its earth axes point north; ``topic`` of the
+    file.
+    """
 
     name: str
     offset: float | None = None
@@ -34,7 +37,7 @@ class TruthRequest:
 
 
 def parse_truth(given: str) -> TruthRequest:
-    """What the user asks for. UsageError for a setting that is none."""
+    """Return the request of an option. UsageError for an unknown setting."""
     name, keys = _split(given)
     values: dict[str, str] = {}
     for pair in filter(None, keys.split(",")):
@@ -55,14 +58,14 @@ def parse_truth(given: str) -> TruthRequest:
 
 
 def check_truth(given: str) -> None:
-    """Whether what stands after ``--truth`` can be one. UsageError as above, LogUnreadable for a file that is none."""
+    """Check an option. UsageError as above, LogUnreadable for a missing file."""
     found = parse_truth(given)
     if found.path is None and _meant_as_file(found.name):
         raise LogUnreadable(f"{found.name}: no such file")
 
 
 def _split(given: str) -> tuple[str, str]:
-    """The name and its settings. A name may hold colons: settings begin at the last one that a key follows."""
+    """Split name and settings. A name may hold colons: settings begin at the last one that a key follows."""
     found = re.search(r":([a-z]+=[^:]*)$", given)
     if os.path.exists(given) or found is None:
         return given, ""
@@ -89,6 +92,6 @@ def _flag(given: str, values: dict[str, str]) -> bool:
 
 
 def _meant_as_file(name: str) -> bool:
-    """Whether a name that is no file was meant as one: topics of bags hold slashes, but no dots."""
+    """Return whether a name that is no file was meant as one: topics hold slashes, but no dots."""
     last = re.split(r"[/\\]", name)[-1]
     return "." in last and not re.fullmatch(r"\w+\.\d+", last)

@@ -322,7 +322,7 @@ class OnboardEstimator:
     yaw: Stream | None = None
     innovation_tests: list[InnovationTest] = field(default_factory=list)
     lane: TimeLine | None = None
-    inputs: Callable[[], Any] | None = None
+    inputs: Callable[..., Any] | None = None
 
 
 # How a vibration level is made. ``rest`` (ArduPilot's VIBE): root of the low-passed square of what a 5 Hz low-pass

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from attlog.core.errors import guarded
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing
-from attlog.reference.model import HeadingReference, Row
+from attlog.reference.model import HeadingReference, Track
 
 if TYPE_CHECKING:
     from attlog.metrics import ranking
@@ -73,7 +73,7 @@ def definitions() -> dict[str, Metric]:
 
 
 def compute(
-    case: Case, row: Row, windows: Sequence[str], *, only: Collection[str] = ()
+    case: Case, row: Track, windows: Sequence[str], *, only: Collection[str] = ()
 ) -> dict[str, dict[str, Answer]]:
     """Return the answers of one row: window -> metric id -> Answer.
 
@@ -123,7 +123,7 @@ def _is_of(group: MetricGroup, wanted: Collection[str]) -> bool:
     return any(m.name in wanted or m.name.partition(".")[0] in wanted for m in group.metrics)
 
 
-def _ask(group: MetricGroup, case: Case, row: Row, window: str) -> dict[str, Answer]:
+def _ask(group: MetricGroup, case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the answers of one group; after a bug in it with the reason."""
 
     def failed(sentence: str) -> dict[str, Answer]:
@@ -132,7 +132,7 @@ def _ask(group: MetricGroup, case: Case, row: Row, window: str) -> dict[str, Ans
     return guarded(f"{row.name}: {group.name}", lambda: group.ask(case, row, window), failed)
 
 
-def rank(table: ranking.Table, rows: Sequence[Row]) -> ranking.Ranking:
+def rank(table: ranking.Table, rows: Sequence[Track]) -> ranking.Ranking:
     """Return the best and worst row of each column; values of ranked rows move to their common units."""
     from attlog.metrics import ranking
 

@@ -24,7 +24,7 @@ from attlog.metrics.statistics import (
 )
 from attlog.metrics.windows import covered_seconds, why_no_errors, why_no_heading
 from attlog.reference import scoring, sigma_deg
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments import model
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def _metric(angle: str, statistic: str) -> Metric:
     )
 
 
-def compute_errors(angle: str, case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the sizes of one of ANGLES of a row in a window."""
     group, errors = ERRORS[angle], row.errors
     assert errors is not None
@@ -135,14 +135,14 @@ def in_window(case: Case, t: Array, window: str) -> NDArray[np.bool_]:
 
 
 @per_row
-def _scored(case: Case, row: Row) -> NDArray[np.bool_]:
+def _scored(case: Case, row: Track) -> NDArray[np.bool_]:
     """Return which of a row's errors (n,) are scored and finite."""
     assert row.errors is not None
     return row.errors.scored & np.isfinite(row.errors.total)
 
 
 @per_row
-def _segments(case: Case, row: Row) -> NDArray[np.int64]:
+def _segments(case: Case, row: Track) -> NDArray[np.int64]:
     """Return the segments (n,) of a row's errors between gaps and resets."""
     errors = row.errors
     assert errors is not None
@@ -155,7 +155,7 @@ def _number(case: Case, t: Array) -> NDArray[np.int64]:
 
 
 @per_row
-def usual_step(case: Case, row: Row) -> float:
+def usual_step(case: Case, row: Track) -> float:
     """Return the median time between a row's errors, s."""
     assert row.errors is not None
     return _step(case, row.errors.t)
@@ -166,7 +166,7 @@ def _step(case: Case, t: Array) -> float:
     return float(np.median(np.diff(t)))
 
 
-def block_units(case: Case, row: Row, window: str, angle: str) -> UnitValues:
+def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
     """Return the mean squares (k,) of an error angle in blocks of scored time, shared by all rows."""
     errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
@@ -194,13 +194,13 @@ def _error_blocks(
 
 
 @per_row
-def _block_squares(case: Case, row: Row, angle: str) -> tuple[Array, Array]:
+def _block_squares(case: Case, row: Track, angle: str) -> tuple[Array, Array]:
     """Return the squares (n,) of an error angle, 0 where not scored, and the scored samples as 0 or 1 (n,)."""
     return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
 
 
 @per_row
-def _counted(case: Case, row: Row) -> Array:
+def _counted(case: Case, row: Track) -> Array:
     """Return the scored samples as 0 or 1 (n,), one array for all angles: in long logs copies add up."""
     return _scored(case, row).astype(np.float64)
 
@@ -214,7 +214,7 @@ def of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float = BLOCK_S["ti
     return Summary(*ErrorSize(np.repeat(np.sqrt(chosen), PIECES), length * len(chosen), sigma).of("rmse"))
 
 
-def why_unranked(case: Case, row: Row, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
+def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
     """Return why an error is not ranked whatever the other rows are, else None."""
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
@@ -225,7 +225,7 @@ def why_unranked(case: Case, row: Row, angle: str, ci95: interval.Interval | Non
     return None
 
 
-def _among_others(case: Case, row: Row, angle: str) -> str | None:
+def _among_others(case: Case, row: Track, angle: str) -> str | None:
     """Return why a heading error is not ranked beside rows that had to find their north, else None."""
     if angle == "tilt" or row.heading_offset_deg is None:
         return None
@@ -252,7 +252,7 @@ COVERAGE_METRIC = Metric(
 )
 
 
-def compute_coverage(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_coverage(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the share of the log in which a row was compared; empty for parts of a log."""
     if window != "all":
         return {}

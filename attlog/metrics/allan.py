@@ -13,7 +13,7 @@ from attlog.metrics import following
 from attlog.metrics import intervals as interval
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_row
 from attlog.metrics.windows import deviations, rest_spans, why_none, within
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
@@ -91,20 +91,20 @@ def of_average(angle: Array, step: float) -> Deviation:
     return deviation(np.concatenate([[0.0], np.cumsum(angle - np.mean(angle))]) * step, step)
 
 
-def longest_rest(case: Case, row: Row, window: str) -> slice | None:
+def longest_rest(case: Case, row: Track, window: str) -> slice | None:
     """Return the longest finite segment of one rest without a gap, None without any."""
     return _longest_of(case, row, rest_spans(case, row, window))
 
 
 @per_row
-def _longest_of(case: Case, row: Row, spans: list[Span]) -> slice | None:
+def _longest_of(case: Case, row: Track, spans: list[Span]) -> slice | None:
     segments = [p for span in spans for p in within(row.t, span, row.segment)]
     segments = [p for p in segments if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
     return max(segments, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
 
 
 @per_row
-def of_heading(case: Case, row: Row, segment: slice) -> Deviation:
+def of_heading(case: Case, row: Track, segment: slice) -> Deviation:
     """Return the deviation of the row's heading in one segment, in deg."""
     t = row.t[segment]
     return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
@@ -119,7 +119,7 @@ def random_walk(d: Deviation) -> tuple[float, float]:
     return math.exp(float(np.interp(0.0, np.log(d.tau[near]), np.log(d.sigma[near])))), slope
 
 
-def compute_allan(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_allan(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return random walk and bias instability of one row's heading in its longest rest."""
     segment = longest_rest(case, row, window)
     if segment is None:

@@ -11,7 +11,7 @@ from attlog.metrics.metric import Answer, Case, MetricGroup, named, per_case
 from attlog.metrics.ranking import CODE, mark_not_ranked
 from attlog.metrics.windows import PHASES, row_windows, why_none
 from attlog.reference import replayed
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 # The integrated gyro has the times, restarts and gaps of every replayed filter. What the metrics refuse to it for want
 # of rest, flight, steps or reference, they refuse to every filter.
@@ -38,7 +38,7 @@ class Availability:
 
 
 @per_case
-def stand_in(case: Case) -> Row:
+def stand_in(case: Case) -> Track:
     """Return the integrated gyro of the replayed IMU as a row."""
     imu = case.log.replay_imu
     assert imu is not None

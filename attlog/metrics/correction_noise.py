@@ -20,7 +20,7 @@ from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_row, per_times
 from attlog.metrics.windows import imu_of, logged_unit, sample_batches
 from attlog.reference import alignment
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -151,7 +151,7 @@ class GyroAttitude:
     segment: NDArray[np.int64]
 
 
-def gyro_alone(case: Case, row: Row) -> GyroAttitude | None:
+def gyro_alone(case: Case, row: Track) -> GyroAttitude | None:
     """Return the integrated gyro of the row's own unit; None without an IMU."""
     imu = imu_of(case, row)
     if imu is None:
@@ -166,7 +166,7 @@ def _of_unit(case: Case, index: int) -> GyroAttitude:
 
 
 @per_row
-def _of_own_samples(case: Case, row: Row) -> GyroAttitude | None:
+def _of_own_samples(case: Case, row: Track) -> GyroAttitude | None:
     return None if row.imu is None else _integrated(case, row.imu)
 
 
@@ -227,7 +227,7 @@ def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -
         yield from np.split(out, edges[1:-1])
 
 
-def of_windows(case: Case, row: Row, inside: list[slice]) -> list[Array | None]:
+def of_windows(case: Case, row: Track, inside: list[slice]) -> list[Array | None]:
     """Return the residuals (n, 3) of a row in windows of its samples; None where the gyro is of no use."""
     gyro = gyro_alone(case, row)
     if gyro is None:

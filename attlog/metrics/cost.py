@@ -12,7 +12,7 @@ from attlog.core.errors import AttlogError
 from attlog.estimators.run import run
 from attlog.estimators.samples import prepare
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, paragraph
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ _MEASURED = f"""Processor time of the filter's own loop per IMU sample, on the m
 COST_METRICS = (Metric("cost_ns", "Cost per update", "ns", "low", paragraph(_MEASURED)),)
 
 
-def compute_cost(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_cost(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the time per update of one row's filter, over the whole log only."""
     if window != "all":
         return {}
@@ -54,7 +54,7 @@ def compute_cost(case: Case, row: Row, window: str) -> dict[str, Answer]:
 COST = MetricGroup("cost", "", COST_METRICS, compute_cost)
 
 
-def measure_cost(row: Row) -> Array | None:
+def measure_cost(row: Track) -> Array | None:
     """Return nanoseconds per update (k,) of repeated runs, or of the one replay that cannot be repeated.
 
     None for onboard rows.

@@ -39,7 +39,7 @@ from attlog.metrics.windows import (
     why_none,
     within,
 )
-from attlog.reference.model import HeadingReference, Row
+from attlog.reference.model import HeadingReference, Track
 from attlog.segments import model
 from attlog.segments.model import DRIFT_AFTER_START_S, converged_spans
 
@@ -301,7 +301,7 @@ REST_DRIFT_METRICS: tuple[Metric, ...] = (
 
 
 @per_row
-def rest_blocks(case: Case, row: Row, spans: tuple[Span, ...]) -> HeadingBlocks:
+def rest_blocks(case: Case, row: Track, spans: tuple[Span, ...]) -> HeadingBlocks:
     """Return block means of the row's heading in deg in the usable spans of one rest, about its mean in each."""
     resets_of = row_segments(case, row)
     t, e, label = [], [], []
@@ -323,7 +323,7 @@ def _whole(case: Case, window: str) -> list[Span]:
 
 
 @per_row
-def usable_rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Span, ...]]]:
+def usable_rests(case: Case, row: Track, window: str) -> list[tuple[Span, tuple[Span, ...]]]:
     """Return each rest of the window with the spans in which the row has settled."""
     whole = _whole(case, window)
     restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind != "onboard" else []
@@ -332,7 +332,7 @@ def usable_rests(case: Case, row: Row, window: str) -> list[tuple[Span, tuple[Sp
     return [(span, tuple(spans)) for span, spans in zip(whole, usable, strict=True)]
 
 
-def rest_records(case: Case, row: Row, window: str) -> list[Drift]:
+def rest_records(case: Case, row: Track, window: str) -> list[Drift]:
     """Return the drift of each rest of the window, in time order, each with its own record."""
     found = []
     for (t0, t1), usable in usable_rests(case, row, window):
@@ -364,7 +364,7 @@ def long_enough(case: Case, window: str) -> int:
     return sum(sum(b - a for a, b in spans) >= DRIFT_REST_S for spans in usable)
 
 
-def compute_rest_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_rest_drift(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the yaw drift of one row at rest."""
     found = rest_records(case, row, window)
     if not found:
@@ -397,7 +397,7 @@ def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> A
     return answer
 
 
-def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
+def bias_beside(row: Track, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
     """Return the gyro z bias that a drift implies and the filter's own mean z bias estimate, deg/s."""
     beside: dict[str, float] = {}
     if drift_deg_per_min is not None:
@@ -411,7 +411,7 @@ def bias_beside(row: Row, drift_deg_per_min: float | None, spans: list[tuple[flo
     return beside
 
 
-def heading_change(case: Case, row: Row, window: str) -> dict[str, float]:
+def heading_change(case: Case, row: Track, window: str) -> dict[str, float]:
     """Return the heading of the last rest minus that of the first, deg; empty for fewer than two."""
     spans = intersect([whole for whole, _ in usable_rests(case, row, window)], [(row.start, np.inf)])
     if len(spans) < 2:
@@ -467,7 +467,7 @@ AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
 )
 
 
-def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
+def heading_error(row: Track, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
     """Return the row's heading minus the reference's in deg at its times, and their segments; both (n,).
 
     NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
@@ -487,14 +487,14 @@ def heading_error(row: Row, heading_reference: HeadingReference) -> tuple[Array,
     return np.where(known, e, np.nan), labels
 
 
-def error_blocks(case: Case, row: Row, name: str, window: str) -> HeadingBlocks | None:
+def error_blocks(case: Case, row: Track, name: str, window: str) -> HeadingBlocks | None:
     """Return means of the heading error against a heading reference in scored flight, None without it."""
     spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
     return _error_blocks(case, row, name, spans)
 
 
 @per_row
-def _error_blocks(case: Case, row: Row, name: str, spans: list[tuple[float, float]]) -> HeadingBlocks | None:
+def _error_blocks(case: Case, row: Track, name: str, spans: list[tuple[float, float]]) -> HeadingBlocks | None:
     reference, heading_reference = case.reference, case.heading_references.get(name)
     if name == reference.kind and row.errors is not None:
         errors = row.errors
@@ -516,12 +516,12 @@ def split_at_steep(segment: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArr
     return model.merge_numbers(segment, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
 
 
-def compute_air_drift(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_air_drift(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the yaw drift of one row in flight against each heading reference."""
     return {f"drift_air_deg_per_min.{name}": _against(case, row, name, window) for name in HEADING_REFERENCES}
 
 
-def _against(case: Case, row: Row, name: str, window: str) -> Answer:
+def _against(case: Case, row: Track, name: str, window: str) -> Answer:
     reference = case.reference
     if name in reference.faults.refused:
         return missing("no_reference", reference.faults.refused[name], "deg/min", window)

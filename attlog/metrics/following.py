@@ -17,7 +17,7 @@ from attlog.metrics import step_fit as step_solution
 from attlog.metrics import step_turning as steps
 from attlog.metrics.metric import Answer, Case, per_row, per_times
 from attlog.metrics.windows import imu_of, within
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments import model
 
 # A filter tried on a vehicle that stands still: does it follow a turn, does gravity correct it?
@@ -43,7 +43,7 @@ class StillSamples:
     sampling: Sampling
 
 
-def made(case: Case, row: Row, seconds: float) -> StillSamples | None:
+def made(case: Case, row: Track, seconds: float) -> StillSamples | None:
     """Return samples of a level, still vehicle without noise; None for rows that are no replay."""
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
@@ -54,7 +54,7 @@ def made(case: Case, row: Row, seconds: float) -> StillSamples | None:
     return StillSamples(t, np.zeros((len(t), 3)), acc, mag if row.uses_mag else None, "interval")
 
 
-def of_log(case: Case, row: Row, shortest: float, longest: float) -> StillSamples | None:
+def of_log(case: Case, row: Track, shortest: float, longest: float) -> StillSamples | None:
     """Return the end of the log's longest rest, up to ``longest`` s; None under ``shortest`` s."""
     imu = imu_of(case, row)
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
@@ -73,7 +73,7 @@ def of_log(case: Case, row: Row, shortest: float, longest: float) -> StillSample
     return StillSamples(t, case.gyro_of(imu)[own], imu.acc.x[own], mag, imu.gyro.sampling)
 
 
-def end(row: Row, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
+def end(row: Track, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
     """Return the attitude (4,) with which the row's filter ends. AttlogError where it cannot be run."""
     estimator = estimators.get(row.estimator)
     stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
@@ -101,7 +101,7 @@ def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
 
 
 @per_row
-def pulse_gains(case: Case, row: Row) -> Array | None:
+def pulse_gains(case: Case, row: Track) -> Array | None:
     """Return which shares (3,) of a pulse about body x, y, z the row's filter shows; None without a replay.
 
     On the end of the log's longest rest, else on made samples. Real filters show 1.00, accelerometer-only ones 0.2 to
@@ -134,7 +134,7 @@ UNCORRECTED = "it is not corrected by gravity"
 
 
 @per_row
-def tilt_left(case: Case, row: Row) -> float | None:
+def tilt_left(case: Case, row: Track) -> float | None:
     """Return the share of a tilt in the gyro alone that is left 10 s later; None without a causal replay.
 
     A level, still vehicle for 20 s, then 20 deg/s about x for 0.5 s in the gyro alone: the accelerometer goes on to
@@ -155,7 +155,7 @@ def tilt_left(case: Case, row: Row) -> float | None:
     return left if np.isfinite(left) else None
 
 
-def why_uncorrected(case: Case, row: Row) -> str | None:
+def why_uncorrected(case: Case, row: Track) -> str | None:
     """Return that gravity does not correct a row, else None."""
     left = tilt_left(case, row)
     return UNCORRECTED if left is not None and left > MAX_LEFT else None
@@ -200,7 +200,7 @@ def _turns(case: Case, q: Array) -> Array:
 
 
 @per_row
-def why_not_following(case: Case, row: Row, axis: str) -> str | None:
+def why_not_following(case: Case, row: Track, axis: str) -> str | None:
     """Return why nothing shows that a row follows motion about roll, pitch or heading; None where something does.
 
     By its steps, else by regression, else by a pulse at rest. One gain of 0.8 to 1.2 is enough: acceleration bends
@@ -216,7 +216,7 @@ def why_not_following(case: Case, row: Row, axis: str) -> str | None:
     return f"does not follow motion: gain {', '.join(found)} ({LOW} to {HIGH} shows that it does)"
 
 
-def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
+def _gains(case: Case, row: Track, axis: int) -> Iterator[tuple[float, str]]:
     """Yield the gains of a row about one axis that are known, the best evidence first."""
     step = step_fits.fits(case, row, "all").get(steps.AXES[axis])
     if step is not None and len(step.events) >= step_solution.MIN_EVENTS:
@@ -229,7 +229,7 @@ def _gains(case: Case, row: Row, axis: int) -> Iterator[tuple[float, str]]:
         yield float(probed[axis]), "in a probe at rest"
 
 
-def unrank_frozen(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
+def unrank_frozen(case: Case, row: Track, axis: str, answer: Answer) -> Answer:
     """Return the answer, not ranked where nothing shows that the row follows motion about that axis."""
     if answer.value is not None and answer.ranked:
         why = why_not_following(case, row, axis)
@@ -238,7 +238,7 @@ def unrank_frozen(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
 
 
 @per_row
-def _regression(case: Case, row: Row) -> Array:
+def _regression(case: Case, row: Track) -> Array:
     if row.errors is None or len(row.errors.t) < 2:
         return np.full(4, np.nan)
     e = row.errors

@@ -19,7 +19,7 @@ from attlog.metrics.metric import (
 )
 from attlog.metrics.windows import imu_of, logged_unit, own_start
 from attlog.reference.heading_sources import GnssMotion, find_gnss_motion
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments import model
 
 GNSS_HEADING_NAME, GNSS_HEADING_UNIT = "gnss_heading_deg", "deg"
@@ -43,7 +43,7 @@ SHARED = "every row shares the errors of GNSS"
 T_95 = 1.96
 
 
-def why_no_motion(case: Case, row: Row, window: str) -> tuple[str, str] | None:
+def why_no_motion(case: Case, row: Track, window: str) -> tuple[str, str] | None:
     """Return code and reason where GNSS has no velocity, or the row no north of its own."""
     if _motion_of(case, row) is None:
         return "no_gnss", "the log holds no GNSS velocity with a 3D fix"
@@ -52,7 +52,7 @@ def why_no_motion(case: Case, row: Row, window: str) -> tuple[str, str] | None:
     return None
 
 
-def compute_gnss_heading(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the heading error of one row by GNSS acceleration."""
     turned = own_north(row) or 0.0
     whole, parts = _offsets(case, row, window)
@@ -78,7 +78,7 @@ def compute_gnss_heading(case: Case, row: Row, window: str) -> dict[str, Answer]
     return {GNSS_HEADING_NAME: answer}
 
 
-def _motion_of(case: Case, row: Row) -> GnssMotion | None:
+def _motion_of(case: Case, row: Track) -> GnssMotion | None:
     """Return the GNSS motion by the unit of a row, cached for logged units."""
     imu = imu_of(case, row)
     unit = None if imu is None else logged_unit(case, imu)
@@ -91,7 +91,7 @@ def _motion_by(case: Case, unit: int) -> GnssMotion | None:
 
 
 @per_row
-def _offsets(case: Case, row: Row, window: str) -> tuple[HeadingOffset, list[HeadingOffset]]:
+def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[HeadingOffset]]:
     """Return the heading error over the flight and of each 30 s."""
     motion = _motion_of(case, row)
     assert motion is not None
@@ -100,7 +100,7 @@ def _offsets(case: Case, row: Row, window: str) -> tuple[HeadingOffset, list[Hea
     return motion.offsets(row.t, row.q, segment, own_start(case, row), within)
 
 
-def own_north(row: Row) -> float | None:
+def own_north(row: Track) -> float | None:
     """Return the heading taken out of a row with one north of its own, deg; None for other rows."""
     if row.heading_offset_deg is None:
         return 0.0

@@ -20,7 +20,7 @@ from attlog.flight.model import Attitude
 from attlog.metrics.intervals import student
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, paragraph, per_row
 from attlog.metrics.statistics import UnitValues, make_ids
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments import resets
 
 Array = NDArray[np.float64]
@@ -111,7 +111,7 @@ class AidSamples:
 
 
 @per_row
-def _samples(case: Case, row: Row) -> dict[str, AidSamples]:
+def _samples(case: Case, row: Track) -> dict[str, AidSamples]:
     """Return the innovations of a re-run by group of aids, empty for other rows."""
     tables = rerun.innovations(row.aux)
     found = {}
@@ -125,7 +125,7 @@ def _samples(case: Case, row: Row) -> dict[str, AidSamples]:
     return found
 
 
-def compute_innovations(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_innovations(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the statistics of each aid that a re-run fused, and its resets; empty for other rows."""
     aids = _samples(case, row)
     answers: dict[str, Answer] = {}

@@ -15,7 +15,7 @@ from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution,
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
 from attlog.metrics.windows import why_no_errors
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ LAG_METRICS: tuple[Metric, ...] = tuple(
 UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 
 
-def input_delay(case: Case, row: Row) -> float:
+def input_delay(case: Case, row: Track) -> float:
     """Return the delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
 
     A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven what it left. An attitude computed
@@ -129,7 +129,7 @@ def lag_on_events(sums: NormalEquations, own: Ids, numbers: Ids, delay: float, c
     return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 
 
-def compute_lag(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_lag(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return lag, gain and distortion of one row in a window with steps."""
     found = evidence(case, row, window)
     answers: dict[str, Answer] = {}
@@ -138,7 +138,7 @@ def compute_lag(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in LAG_METRICS}
 
 
-def _of_axis(case: Case, row: Row, window: str, axis: str, seen: RowFits | None) -> dict[str, Answer]:
+def _of_axis(case: Case, row: Track, window: str, axis: str, seen: RowFits | None) -> dict[str, Answer]:
     names = {kind: metric_id(kind, axis) for kind in ("lag", "gain", "distortion")}
     found = None if seen is None else seen.fits.get(axis)
     if seen is None or found is None or len(found.events) < MIN_EVENTS:
@@ -181,7 +181,7 @@ def _of_axis(case: Case, row: Row, window: str, axis: str, seen: RowFits | None)
 
 
 def _lag_answer(
-    case: Case, row: Row, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
+    case: Case, row: Track, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
 ) -> Answer:
     delay = input_delay(case, row)
     common = common_s(case)
@@ -241,7 +241,7 @@ def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float,
     return None
 
 
-def sample_step(case: Case, row: Row) -> float:
+def sample_step(case: Case, row: Track) -> float:
     """Return the time between samples of the replayed IMU, else of the row, s."""
     imu = case.log.imu
     return _step(case, row.t if imu is None else case.log.imus[imu].gyro.t)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.gyro_bias import CommonBias, common_bias, no_common_bias
 from attlog.metrics.statistics import UnitValues
-from attlog.reference.model import HeadingReference, Reference, Row
+from attlog.reference.model import HeadingReference, Reference, Track
 from attlog.segments.model import WINDOWS, Segments
 
 Array = NDArray[np.float64]
@@ -177,11 +177,11 @@ class MetricGroup:
     name: str
     topic: str
     metrics: tuple[Metric, ...]
-    compute: Callable[[Case, Row, str], dict[str, Answer]]
+    compute: Callable[[Case, Track, str], dict[str, Answer]]
     windows: tuple[str, ...] = ()
-    needs: tuple[Callable[[Case, Row, str], tuple[str, str] | None], ...] = ()
+    needs: tuple[Callable[[Case, Track, str], tuple[str, str] | None], ...] = ()
 
-    def ask(self, case: Case, row: Row, window: str) -> dict[str, Answer]:
+    def ask(self, case: Case, row: Track, window: str) -> dict[str, Answer]:
         """Return the answers for one row and window by metric; empty where the group means nothing."""
         if self.windows and window not in self.windows and ":" not in window:
             return {}
@@ -210,7 +210,7 @@ class Case:
     log: FlightLog
     segments: Segments
     reference: Reference
-    rows: list[Row] = field(default_factory=list)
+    rows: list[Track] = field(default_factory=list)
     heading_references: dict[str, HeadingReference] = field(default_factory=dict)
     imus: dict[str, Imu] = field(default_factory=dict)
     gyro_bias: dict[int, CommonBias] = field(default_factory=dict)
@@ -218,8 +218,8 @@ class Case:
     settings: dict[str, Any] = field(default_factory=dict)
     timing: dict[str, float] = field(default_factory=dict)
     of_log: dict[Hashable, Any] = field(default_factory=dict, repr=False)
-    of_row: WeakKeyDictionary[Row, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
-    undecided: list[tuple[Row, Answer]] = field(default_factory=list, repr=False)
+    of_row: WeakKeyDictionary[Track, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
+    undecided: list[tuple[Track, Answer]] = field(default_factory=list, repr=False)
 
     def bias_of(self, imu: Imu) -> CommonBias:
         """Return what is subtracted from a unit's gyro; a unit with changed samples has its own bias at rest."""
@@ -233,7 +233,7 @@ class Case:
         taken = self.bias_of(imu)
         return imu.gyro.x if taken.taken == "none" else imu.gyro.x - taken.at(imu.gyro.t_best)
 
-    def looked_at_with(self, rows: list[Row]) -> Case:
+    def looked_at_with(self, rows: list[Track]) -> Case:
         """Return the case with the rows of one evaluation and a shared cache."""
         return replace(self, rows=rows, undecided=[])
 
@@ -251,7 +251,7 @@ class Case:
             timing=self.timing,
         )
 
-    def done_with(self, row: Row) -> None:
+    def done_with(self, row: Track) -> None:
         """Release the arrays of a row that was run: in a long log rows are larger than the log."""
         if row.kind != "onboard":
             self.of_row.pop(row, None)
@@ -273,11 +273,11 @@ def per_case(compute: Callable[Concatenate[Case, P], T]) -> Callable[Concatenate
     return cached
 
 
-def per_row(compute: Callable[Concatenate[Case, Row, P], T]) -> Callable[Concatenate[Case, Row, P], T]:
+def per_row(compute: Callable[Concatenate[Case, Track, P], T]) -> Callable[Concatenate[Case, Track, P], T]:
     """Cache a function of a case and one of its rows (and of values such as spans)."""
 
     @functools.wraps(compute)
-    def cached(case: Case, row: Row, /, *args: P.args, **kwargs: P.kwargs) -> T:
+    def cached(case: Case, row: Track, /, *args: P.args, **kwargs: P.kwargs) -> T:
         known = case.of_row.setdefault(row, {})
         return _remembered(known, _key(compute, args, kwargs), lambda: compute(case, row, *args, **kwargs))
 

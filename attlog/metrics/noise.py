@@ -20,7 +20,7 @@ from attlog.metrics.intervals import VariancePrior
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, paragraph, per_case, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, why_none
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -93,7 +93,7 @@ def unsettled(variances: Array) -> int:
     return max(0, len(variances) - MIN_LATER)
 
 
-def phase_variances(case: Case, row: Row, phase: str, window: str) -> PhaseVariances | None:
+def phase_variances(case: Case, row: Track, phase: str, window: str) -> PhaseVariances | None:
     """Return the windows of a row in a phase and their variances; None without a usable window."""
     found = [span_variances(case, row, phase, span) for span in phase_spans(case, phase, window)]
     parts = [part for part in found if part is not None]
@@ -105,7 +105,7 @@ def phase_variances(case: Case, row: Row, phase: str, window: str) -> PhaseVaria
 
 
 @per_row
-def span_variances(case: Case, row: Row, phase: str, span: Span) -> PhaseVariances | None:
+def span_variances(case: Case, row: Track, phase: str, span: Span) -> PhaseVariances | None:
     """Return the windows of one span, without those at rest in which the row settles; None without any."""
     laid = windows.span_windows(case, row, phase, span)
     inside = [samples for _, samples in laid]
@@ -120,7 +120,7 @@ def span_variances(case: Case, row: Row, phase: str, span: Span) -> PhaseVarianc
     return PhaseVariances(t0, np.array([v for _, v in kept]), seconds, t0[0] - row.start if skip else None)
 
 
-def residuals_at_rest(row: Row, inside: list[slice]) -> Iterator[Array]:
+def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Array]:
     """Yield the residuals (n, 3) in deg of windows at rest about their mean attitude and a line."""
     for _, at, edges in windows.sample_batches(inside):
         q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
@@ -224,7 +224,7 @@ def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wa
     return Summary(sigma, (bottom, top))
 
 
-def why_no_noise(case: Case, row: Row, window: str) -> tuple[str, str] | None:
+def why_no_noise(case: Case, row: Track, window: str) -> tuple[str, str] | None:
     """Return code and reason where a row has no noise in flight by definition."""
     phase = phase_of(case, window)
     if phase in ("rest", None):
@@ -235,7 +235,7 @@ def why_no_noise(case: Case, row: Row, window: str) -> tuple[str, str] | None:
     return ("not_applicable", "the log holds no gyro to compare with") if imu_of(case, row) is None else None
 
 
-def compute_noise(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_noise(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the noise of one row in the phase that a window means; empty for other windows."""
     phase = phase_of(case, window)
     if phase is None:
@@ -247,14 +247,14 @@ def compute_noise(case: Case, row: Row, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in NOISE_METRICS}
 
 
-def prior_of(row: Row, phase: str, axis: str) -> VariancePrior:
+def prior_of(row: Track, phase: str, axis: str) -> VariancePrior:
     """Return the prior scatter of a row's noise in a phase about one of NOISE_AXES."""
     if phase == "rest":
         return PRIORS["onboard at rest" if row.kind == "onboard" else "rest"]
     return PRIORS["one axis in cruise" if phase == "cruise" and axis != "tilt" else "moving"]
 
 
-def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: PhaseVariances) -> Answer:
+def _answer(case: Case, row: Track, window: str, phase: str, axis: str, found: PhaseVariances) -> Answer:
     hidden = _hidden(case, row, axis) if phase == "rest" else 0.0
     shown = math.isfinite(hidden)
     step = row.step_deg if phase == "rest" else 0.0
@@ -294,13 +294,13 @@ def _answer(case: Case, row: Row, window: str, phase: str, axis: str, found: Pha
         ranked=reason is None,
         detail=detail,
         floor=max(0.5 * step, hidden if shown else 0.0),
-        gyro_share=_gyro_share(case, row, phase, axis) if phase != "rest" else 0.0,
+        gyro_share=_row_noise_floor(case, row, phase, axis) if phase != "rest" else 0.0,
         units=UnitValues("log_variance", ids, values, on),
     )
     return _guarded(case, row, axis, answer)
 
 
-def _guarded(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
+def _guarded(case: Case, row: Track, axis: str, answer: Answer) -> Answer:
     """Return the answer, not ranked for rows that are frozen or that nothing corrects."""
     for about in ("roll", "pitch") if axis == "tilt" else (axis,):
         following.unrank_frozen(case, row, about, answer)
@@ -310,7 +310,7 @@ def _guarded(case: Case, row: Row, axis: str, answer: Answer) -> Answer:
     return answer
 
 
-def _hidden(case: Case, row: Row, axis: str) -> float:
+def _hidden(case: Case, row: Track, axis: str) -> float:
     """Return the noise that steps of the row's logged gyro can hide about an axis, deg; for tilt the larger."""
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None:
@@ -319,7 +319,7 @@ def _hidden(case: Case, row: Row, axis: str) -> float:
     return max(hidden[:2]) if axis == "tilt" else hidden[NOISE_AXES.index(axis)]
 
 
-def _gyro_share(case: Case, row: Row, phase: str, axis: str) -> float:
+def _row_noise_floor(case: Case, row: Track, phase: str, axis: str) -> float:
     """Return the noise of the row's gyro in a phase, deg; 0 of samples that were changed before the filter."""
     imu = imu_of(case, row)
     index = None if imu is None else next((k for k, unit in enumerate(case.log.imus) if unit.index == imu.index), None)

@@ -17,7 +17,7 @@ from attlog.core.errors import AttlogError
 from attlog.metrics import statistics
 from attlog.metrics.metric import Answer, Metric, Resolution
 from attlog.metrics.statistics import Ids, Kind, UnitValues
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 CODE = "too_uncertain"
 # A flight of usual length, and the steps that a pilot may be asked for. What would need more is too noisy.
@@ -103,12 +103,12 @@ class DuplicateSearch:
     rare, and cheaper than keeping all.
     """
 
-    def __init__(self, again: Callable[[Row], Row]) -> None:
+    def __init__(self, again: Callable[[Track], Track]) -> None:
         self._again = again
-        self._rows: list[Row] = []
+        self._rows: list[Track] = []
         self._groups: list[_Group] = []
 
-    def add(self, row: Row) -> None:
+    def add(self, row: Track) -> None:
         """Take an excerpt of a row; it may be released then."""
         if row.kind != "replay" or row.status == "failed":
             return
@@ -134,7 +134,7 @@ class DuplicateSearch:
             Duplicates([r.name for r in g.rows], "attitudes", differ=_differ(g.rows), apart_deg=g.apart_deg)
             for g in groups
         ]
-        declared: dict[tuple[str, int], list[Row]] = {}
+        declared: dict[tuple[str, int], list[Track]] = {}
         for row in self._rows:
             if row.equation:
                 declared.setdefault((row.equation, id(row.imu)), []).append(row)
@@ -144,7 +144,7 @@ class DuplicateSearch:
                 found.append(Duplicates([row.name for row in rows], "equation", source, _differ(rows)))
         return found
 
-    def _angle(self, group: _Group, row: Row, glance: _Excerpt) -> float:
+    def _angle(self, group: _Group, row: Track, glance: _Excerpt) -> float:
         """Return the largest angle in deg between a row and the first of a group; infinite if unknown."""
         first, seen = group.rows[0], group.glance
         if first.imu is not row.imu or seen.n != glance.n or not np.array_equal(seen.t, glance.t):
@@ -171,12 +171,12 @@ class _Excerpt:
 class _Group:
     """Rows equal to the first of them, its excerpt, and the largest angle found."""
 
-    rows: list[Row]
+    rows: list[Track]
     glance: _Excerpt
     apart_deg: float = 0.0
 
 
-def _excerpt(row: Row) -> _Excerpt:
+def _excerpt(row: Track) -> _Excerpt:
     few = np.linspace(0, len(row.t) - 1, min(GLANCES, len(row.t))).astype(int)
     return _Excerpt(len(row.t), row.t[few], row.q[few])
 
@@ -187,7 +187,7 @@ def _largest_deg(a: Array, b: Array) -> float:
     return largest if np.isfinite(largest) else np.inf
 
 
-def _differ(group: Sequence[Row]) -> dict[str, list[float | str]]:
+def _differ(group: Sequence[Track]) -> dict[str, list[float | str]]:
     """Return the parameters known to every row of a group whose values differ."""
     names = [name for name in group[0].parameters if all(name in row.parameters for row in group)]
     values = {name: [row.parameters[name] for row in group] for name in names}
@@ -253,7 +253,7 @@ class Ranking:
     ranked: Marks = field(default_factory=dict)
 
 
-def may_be_best(row: Row) -> bool:
+def may_be_best(row: Track) -> bool:
     """Return whether a row can be best: a sound replay, not the reference, scored on half of its time or more."""
     covered = row.coverage_pct is None or row.coverage_pct >= MIN_COVERAGE_PCT
     return row.kind == "replay" and not row.is_reference and row.status == "ok" and covered
@@ -366,7 +366,7 @@ def _in_order(
     return found
 
 
-def rank(table: Table, rows: Iterable[Row], metrics: Mapping[str, Metric]) -> Ranking:
+def rank(table: Table, rows: Iterable[Track], metrics: Mapping[str, Metric]) -> Ranking:
     """Compare all rows in all columns: the best, the worst, and those compared."""
     names = [row.name for row in rows if may_be_best(row) and row.name in table]
     found = Ranking()

@@ -11,10 +11,10 @@ from attlog.estimators.rerun import AIDS, innovations
 from attlog.flight.model import without_pauses
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup
 from attlog.metrics.trace import Trace, envelope
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
-# Name in ``Row.aux`` of the table (m, 3) with time, tilt and heading (deg) between re-run and onboard attitude.
+# Name in ``Track.aux`` of the table (m, 3) with time, tilt and heading (deg) between re-run and onboard attitude.
 DIFFERENCE = "onboard_difference"
 # Points of a line.
 MAX_POINTS = 4000
@@ -56,7 +56,7 @@ METRICS = (
 )
 
 
-def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return how closely a re-run follows in the window where they were taken; empty for other rows and windows."""
     found = row.reproduction
     if found is None or window != ("airborne" if found.airborne else "all"):
@@ -72,7 +72,7 @@ def compute(case: Case, row: Row, window: str) -> dict[str, Answer]:
 METRIC_GROUPS = (MetricGroup("reproduction", "Onboard filter run again", METRICS, compute),)
 
 
-def rerun_traces(case: Case, row: Row, logged: Mapping[str, Array]) -> list[Trace]:
+def rerun_traces(case: Case, row: Track, logged: Mapping[str, Array]) -> list[Trace]:
     """Return the lines of a re-run and, with the row ``onboard``, of what the filter ``logged`` of itself.
 
     ``logged``: tables by name with the log's time in the first column: ``sigma`` (tilt, heading in rad), innovations.

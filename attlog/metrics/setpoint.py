@@ -26,7 +26,7 @@ from attlog.metrics import intervals as interval
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_case
 from attlog.metrics.statistics import groups_of, root_mean_square
 from attlog.metrics.windows import within
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 # Times (n,) evenly spaced, set-point (n, 2) and attitude (n, 2) in deg: roll and pitch.
@@ -267,7 +267,7 @@ def _moved(case: Case, spans: list[Span]) -> ResponseEquations | None:
     return blocks_of(angles(_segments(case, spans)))
 
 
-def compute_setpoint(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_setpoint(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return how the vehicle follows its set-point; empty for rows other than ``onboard``."""
     if row.name != "onboard":
         return {}

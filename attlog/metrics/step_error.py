@@ -31,7 +31,7 @@ from attlog.metrics.step_fit import MIN_EVENTS, first_with, too_few, why_no_even
 from attlog.metrics.step_products import axis_of
 from attlog.metrics.step_turning import StepEvent, SummedTurning
 from attlog.metrics.windows import why_no_errors
-from attlog.reference.model import AttitudeErrors, Row
+from attlog.reference.model import AttitudeErrors, Track
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -67,7 +67,7 @@ class Curve:
         return self.t - self.event.onset
 
 
-def curves(case: Case, row: Row, window: str) -> list[Curve]:
+def curves(case: Case, row: Track, window: str) -> list[Curve]:
     """Return the events of a window that the row and the reference cover without a gap."""
     return _curves(case, row, step_fits.first_with(case, row, window))
 
@@ -87,11 +87,11 @@ class EventSamples:
 
 
 @per_row
-def _curves(case: Case, row: Row, window: str) -> list[Curve]:
+def _curves(case: Case, row: Track, window: str) -> list[Curve]:
     return event_curves(case, row, step_fits.events_in(case, row, window))
 
 
-def event_curves(case: Case, row: Row, events: list[StepEvent]) -> list[Curve]:
+def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]:
     """Return the error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis.
 
     All events at once: a row may have hundreds.
@@ -243,7 +243,7 @@ def errors_after(found: list[Curve], after: float) -> EventErrors:
 
 
 @per_row
-def _after(case: Case, row: Row, window: str, after: float) -> EventErrors:
+def _after(case: Case, row: Track, window: str, after: float) -> EventErrors:
     return errors_after(curves(case, row, window), after)
 
 
@@ -274,7 +274,7 @@ def error_on_events(errors: EventErrors, values: Array, least: float, sigma: flo
     return Summary(value, (max(low, least), high))
 
 
-def compute_step_error(case: Case, row: Row, window: str) -> dict[str, Answer]:
+def compute_step_error(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the errors of one row after the steps of a window."""
     found = curves(case, row, window)
     answers: dict[str, Answer] = {}

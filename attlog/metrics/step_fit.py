@@ -21,7 +21,7 @@ from attlog.metrics.step_products import EventBatches
 from attlog.metrics.step_sensors import RowSensors, seen_by
 from attlog.metrics.step_turning import AXES, SummedTurning, Timing
 from attlog.metrics.windows import why_never_airborne
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -253,7 +253,7 @@ def _sums(groups: EventBatches, delay: float, last: tuple[Array, float] | None) 
 MIN_REFERENCE_HZ = 5.0
 
 
-def fits(case: Case, row: Row, window: str) -> dict[str, Fit]:
+def fits(case: Case, row: Track, window: str) -> dict[str, Fit]:
     """Return the fits of a row over the events of a window: per axis and ``all``."""
     found = evidence(case, row, window)
     return {} if found is None else found.fits
@@ -267,24 +267,24 @@ class RowFits:
     events: list[steps.StepEvent]
 
 
-def evidence(case: Case, row: Row, window: str) -> RowFits | None:
+def evidence(case: Case, row: Track, window: str) -> RowFits | None:
     """Return the fits of a row in the events of a window; None without any that it covers."""
     return _evidence(case, row, first_with(case, row, window)) if events_in(case, row, window) else None
 
 
-def first_with(case: Case, row: Row, window: str) -> str:
+def first_with(case: Case, row: Track, window: str) -> str:
     """Return ``all`` where it holds the same events, else the window: fits are not computed again."""
     return "all" if events_in(case, row, window) == events_in(case, row, "all") else window
 
 
 @per_row
-def events_in(case: Case, row: Row, window: str) -> list[steps.StepEvent]:
+def events_in(case: Case, row: Track, window: str) -> list[steps.StepEvent]:
     """Return the events of a window for which this row is scored."""
     return steps.steps_in_window(case, scored_events(case, row), window)
 
 
 @per_row
-def _evidence(case: Case, row: Row, window: str) -> RowFits | None:
+def _evidence(case: Case, row: Track, window: str) -> RowFits | None:
     track = SummedTurning(row.t, row.q, row.segment, timing(case, row.t))
     seen = seen_by(case, row)
     sensors = None if seen is None else RowSensors(case, row, track, seen)
@@ -304,7 +304,7 @@ def reference_turning(case: Case) -> SummedTurning:
     return SummedTurning(case.reference.t, case.reference.q, case.reference.segment)
 
 
-def scored_events(case: Case, row: Row) -> list[steps.StepEvent]:
+def scored_events(case: Case, row: Track) -> list[steps.StepEvent]:
     """Return the events of the reference for which this row is scored (after a restart it settles first)."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:
@@ -314,7 +314,7 @@ def scored_events(case: Case, row: Row) -> list[steps.StepEvent]:
     return [e for e, i in zip(events, at, strict=True) if errors.scored[i]]
 
 
-def why_no_events(case: Case, row: Row, window: str) -> tuple[str, str] | None:
+def why_no_events(case: Case, row: Track, window: str) -> tuple[str, str] | None:
     """Return code and reason where a window has no events for a row, else None."""
     rate = case.reference.rate
     if rate < MIN_REFERENCE_HZ:

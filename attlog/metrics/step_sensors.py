@@ -29,7 +29,7 @@ from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_row
 from attlog.metrics.step_turning import EventIndex, SummedTurning, event_places
 from attlog.metrics.windows import imu_of, logged_unit
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments import model
 
 Array = NDArray[np.float64]
@@ -258,7 +258,7 @@ class SensorSamples:
     new: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
-def seen_by(case: Case, row: Row) -> SensorSamples | None:
+def seen_by(case: Case, row: Track) -> SensorSamples | None:
     """Return the samples of a row's filter; None without a unit and for fewer than two good samples."""
     imu = imu_of(case, row)
     if imu is None:
@@ -277,7 +277,7 @@ def samples_of(case: Case, imu: int, with_field: bool) -> SensorSamples | None:
 
 
 @per_row
-def _of_own_samples(case: Case, row: Row) -> SensorSamples | None:
+def _of_own_samples(case: Case, row: Track) -> SensorSamples | None:
     return None if row.imu is None else _samples(case, row.imu, row.uses_mag)
 
 
@@ -311,7 +311,7 @@ def _hold(found: SensorSamples, rate: Array, measured: Array) -> None:
 class RowSensors:
     """Vectors that the filter of a row saw around its events."""
 
-    def __init__(self, case: Case, row: Row, track: SummedTurning, seen: SensorSamples) -> None:
+    def __init__(self, case: Case, row: Track, track: SummedTurning, seen: SensorSamples) -> None:
         self.track, self.seen = track, seen
         self.slow = track.step > 1.5 * seen.step
         trim = case.reference.alignment.trim if row.kind == "replay" else None

@@ -25,7 +25,7 @@ from attlog.metrics.step_turning import StepEvent
 from attlog.metrics.trace import BUDGET, SampleBudget, Trace, envelope
 from attlog.metrics.windows import detrended, deviations, own_start, within
 from attlog.reference import alignment
-from attlog.reference.model import Reference, Row
+from attlog.reference.model import Reference, Track
 from attlog.segments import model
 
 Array = NDArray[np.float64]
@@ -45,7 +45,7 @@ class RestTraces:
     ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them.
     """
 
-    def __init__(self, case: Case, replays: int, onboard: Sequence[Row]) -> None:
+    def __init__(self, case: Case, replays: int, onboard: Sequence[Track]) -> None:
         self._case = case
         spans = case.segments.spans("rest")
         self._rest = max(spans, key=lambda s: s[1] - s[0]) if spans else None
@@ -54,7 +54,7 @@ class RestTraces:
         self._drawn: list[Trace] = []
         self._scatters: list[Scatter] = []
 
-    def add(self, row: Row) -> None:
+    def add(self, row: Track) -> None:
         """Draw a row at rest; it may be released then."""
         segment = self._segment(row)
         if segment is None:
@@ -67,7 +67,7 @@ class RestTraces:
         """Return all traces, the spreads in bins that are the same for all rows."""
         return [*self._drawn, *spreads(self._scatters)]
 
-    def _segment(self, row: Row) -> slice | None:
+    def _segment(self, row: Track) -> slice | None:
         """Return the row's longest segment in the rest; None where it is too short or not finite."""
         if self._rest is None:
             return None
@@ -135,7 +135,7 @@ SHARES = (0.1, 0.5, 0.9)
 MIN_EVENTS_DRAWN = 3
 
 
-def step_traces(case: Case, row: Row) -> list[Trace]:
+def step_traces(case: Case, row: Track) -> list[Trace]:
     """Return ``step`` of the representative event and ``steps`` over the events of each axis and of all."""
     if row.is_reference or case.reference.rate < step_fits.MIN_REFERENCE_HZ:
         return []
@@ -163,7 +163,7 @@ def representative(case: Case) -> StepEvent | None:
     return own[(len(own) - 1) // 2]
 
 
-def one_step(case: Case, row: Row, curve: Curve) -> Trace:
+def one_step(case: Case, row: Track, curve: Curve) -> Trace:
     """Return the turning of row, reference and set-point about the axis of one event since its onset."""
     columns = {"est": curve.row, "ref": curve.reference}
     wanted = step_curves.setpoint(case, curve)
@@ -180,7 +180,7 @@ def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
     return error, resampled_errors(curves, [c.reference for c in curves]) / stroke * 100.0
 
 
-def step_statistics(row: Row, error: Array, moved: Array, axis: str) -> Trace:
+def step_statistics(row: Track, error: Array, moved: Array, axis: str) -> Trace:
     """Return median and band of the row's error over events (events, times) in %; NaN where few reach."""
     enough = np.isfinite(error).sum(axis=0) >= MIN_EVENTS_DRAWN
     columns = {name: np.full(len(GRID_S), np.nan) for name in ("median", "low", "high", "ref")}
@@ -241,7 +241,7 @@ def demand_traces(case: Case) -> list[Trace]:
     return [Trace("demand", "", at, columns, ratio=len(t) / len(at))]
 
 
-def setpoint_traces(case: Case, row: Row) -> list[Trace]:
+def setpoint_traces(case: Case, row: Track) -> list[Trace]:
     """Return ``setpoint``: the vehicle's response to a unit step of its set-point, with the onboard row."""
     blocks = setpoint.moved(case, "all") if row.name == "onboard" else None
     if blocks is None or len(blocks.axis) < setpoint.MIN_BLOCKS:
@@ -257,7 +257,7 @@ def setpoint_traces(case: Case, row: Row) -> list[Trace]:
 # Arrays for the figures: what the numbers were computed from, row by row.
 
 
-def traces(case: Case, rows: Iterable[Row]) -> list[Trace]:
+def traces(case: Case, rows: Iterable[Track]) -> list[Trace]:
     """Return all traces of all rows, figure by figure within a row; see :class:`Trace`.
 
     A reference that is no row (truth, smoother) comes first, with its attitude alone; traces of all rows together and
@@ -276,14 +276,14 @@ class Drawing:
     ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them.
     """
 
-    def __init__(self, case: Case, replays: int, onboard: Sequence[Row]) -> None:
+    def __init__(self, case: Case, replays: int, onboard: Sequence[Track]) -> None:
         self.case = case
         alone = len(case.reference.t) if case.reference.kind in ("truth", "smoother") else 0
         self._angles = SampleBudget(replays, alone + sum(len(row.t) for row in onboard))
         self._errors = SampleBudget(replays, sum(len(row.errors.t) for row in onboard if row.errors is not None))
         self._rest = RestTraces(case, replays, onboard)
 
-    def first(self, rows: Iterable[Row]) -> list[Trace]:
+    def first(self, rows: Iterable[Track]) -> list[Trace]:
         """Return the traces of a reference that is none of the rows."""
         reference = self.case.reference
         if reference.kind not in ("truth", "smoother") or any(row.is_reference for row in rows):
@@ -294,7 +294,7 @@ class Drawing:
             *own_sigma(reference, keep),
         ]
 
-    def of_row(self, row: Row) -> list[Trace]:
+    def of_row(self, row: Track) -> list[Trace]:
         """Return the traces of one row, figure by figure."""
         case, replayed = self.case, row.kind != "onboard"
         angles = self._angles.keep(len(row.t), replayed)
@@ -339,7 +339,7 @@ def own_sigma(reference: Reference, keep: int) -> list[Trace]:
     ]
 
 
-def difference(case: Case, row: Row, keep: int) -> list[Trace]:
+def difference(case: Case, row: Track, keep: int) -> list[Trace]:
     """Return errors against the reference: total, signed heading, tilt, and differences in roll and pitch."""
     e = row.errors
     if e is None or len(e.t) == 0:
@@ -359,7 +359,7 @@ def _tilt(case: Case, q: Array) -> Array:
     return np.ascontiguousarray(rotation.to_euler(q)[:, :2])
 
 
-def drifts(case: Case, row: Row) -> list[Trace]:
+def drifts(case: Case, row: Track) -> list[Trace]:
     """Return heading block means with their line, for the longest rest and each heading reference in the air."""
     records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.usable_rests(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
@@ -377,7 +377,7 @@ def drifts(case: Case, row: Row) -> list[Trace]:
     return found
 
 
-def allan_curves(case: Case, row: Row) -> list[Trace]:
+def allan_curves(case: Case, row: Track) -> list[Trace]:
     """Return the Allan deviation of the averaged angle (deg) of the longest rest from 60 s on, by axis."""
     segment = allan.longest_rest(case, row, "all")
     if segment is None or row.t[segment.stop - 1] - row.t[segment.start] < allan.SHORTEST_S:
@@ -391,14 +391,14 @@ def allan_curves(case: Case, row: Row) -> list[Trace]:
     return found
 
 
-def bias(row: Row, keep: int) -> list[Trace]:
+def bias(row: Track, keep: int) -> list[Trace]:
     """Return the filter's own gyro bias estimate in deg/s."""
     if row.bias is None or len(row.t) == 0:
         return []
     return [_enveloped("bias", row.name, row.t, _broken(np.degrees(row.bias), row.segment), ("x", "y", "z"), keep)]
 
 
-def onboard_bias(case: Case, row: Row) -> list[Trace]:
+def onboard_bias(case: Case, row: Track) -> list[Trace]:
     """Return the gyro bias in deg/s that the onboard estimator logged, with the onboard row."""
     stream = case.log.estimator.gyro_bias
     if row.name != "onboard" or stream is None:

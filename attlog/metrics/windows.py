@@ -14,7 +14,7 @@ from attlog.core.spans import Span, clipped, complement, intersect
 from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_row, per_times
 from attlog.reference import alignment
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments import model, resets
 
 # Never pooled: the same filter is up to ten times as noisy in one as in another. In the order of the sentences.
@@ -39,7 +39,7 @@ def unsettled_spans(case: Case, phase: str) -> list[Span]:
     return found
 
 
-def own_start(case: Case, row: Row) -> float:
+def own_start(case: Case, row: Track) -> float:
     """Return when a row is settled after its own start, s; an onboard attitude after the resets that align it."""
     start = row.start
     if row.kind == "onboard":
@@ -74,7 +74,7 @@ def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
     return clipped(intersect(case.segments.spans(phase), allowed), case.segments.spans("all"))
 
 
-def rest_spans(case: Case, row: Row, window: str) -> list[Span]:
+def rest_spans(case: Case, row: Track, window: str) -> list[Span]:
     """Return rest inside a window, from when the row is settled."""
     return intersect(phase_spans(case, "rest", window), [(own_start(case, row), math.inf)])
 
@@ -103,7 +103,7 @@ def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
     )
 
 
-def why_no_errors(case: Case, row: Row, window: str = "") -> tuple[str, str] | None:
+def why_no_errors(case: Case, row: Track, window: str = "") -> tuple[str, str] | None:
     """Return code and reason where a row cannot be compared with the reference."""
     if case.reference.kind == "none" or len(case.reference.t) == 0:
         nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
@@ -115,7 +115,7 @@ def why_no_errors(case: Case, row: Row, window: str = "") -> tuple[str, str] | N
     return None
 
 
-def why_no_heading(case: Case, row: Row, window: str = "") -> tuple[str, str] | None:
+def why_no_heading(case: Case, row: Track, window: str = "") -> tuple[str, str] | None:
     """Return code and reason where a row's heading cannot be compared though its tilt can."""
     if row.heading_shared:
         return "not_applicable", f"{case.reference.heading.why}, so the reference has its heading from this row"
@@ -160,7 +160,7 @@ def covered_seconds(t: Array, segments: list[slice]) -> float:
 
 
 @per_row
-def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
+def row_segments(case: Case, row: Track) -> NDArray[np.int64]:
     """Return segments of a row (n,) between restarts, and for onboard rows between resets."""
     attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
     if attitude is None:
@@ -171,7 +171,7 @@ def row_segments(case: Case, row: Row) -> NDArray[np.int64]:
     return row.segment + np.cumsum(jumped)[kept]
 
 
-def imu_of(case: Case, row: Row) -> Imu | None:
+def imu_of(case: Case, row: Track) -> Imu | None:
     """Return the unit that a row was replayed from, of onboard rows the replayed one; None without any."""
     if row.imu is not None:
         return row.imu
@@ -262,13 +262,13 @@ def windows_of_times(case: Case, t: Array, phase: str, span: Span) -> list[tuple
     return [(window, filled_samples(t, window)) for window in lay_windows(span, phase)]
 
 
-def row_windows(case: Case, row: Row, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
+def row_windows(case: Case, row: Track, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
     """Return the usable windows of a row in a phase, span by span, with the row's samples."""
     found = [span_windows(case, row, phase, span) for span in phase_spans(case, phase, window)]
     return [group for group in found if group]
 
 
-def span_windows(case: Case, row: Row, phase: str, span: Span) -> list[tuple[Span, slice]]:
+def span_windows(case: Case, row: Track, phase: str, span: Span) -> list[tuple[Span, slice]]:
     """Return the usable windows of a row in one span with the row's samples."""
     start, segment = own_start(case, row), row_segments(case, row)
     laid = [(w, s) for w, s in windows_of_times(case, row.t, phase, span) if w[0] >= start - ROUND_S]

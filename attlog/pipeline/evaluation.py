@@ -44,7 +44,7 @@ from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages
 from attlog.pipeline.replay import Chosen
 from attlog.pipeline.summary import describe
-from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Row
+from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Track
 from attlog.result import TIMED_OUT, Duplicates, EstimatorRow, ReferenceSummary, Result
 from attlog.result import Trace as result_Trace
 from attlog.segments.model import Segments
@@ -90,7 +90,7 @@ def of_reference_and_filters(
     lines: Iterable[EstimatorRow],
     failed: Mapping[str, AttlogError],
     chosen: Mapping[str, Chosen],
-    rows: Iterable[Row],
+    rows: Iterable[Track],
 ) -> list[Problem]:
     """A reference that physics contradicts, filters that failed (``failed``: their errors) or are not compiled.
 
@@ -109,7 +109,7 @@ def of_reference_and_filters(
     return [*contradiction(ref), *broken, *_slow(chosen, rows)]
 
 
-def all_of(case: Case, result: Result, rows: Sequence[Row], known: Sequence[Problem]) -> list[Finding]:
+def all_of(case: Case, result: Result, rows: Sequence[Track], known: Sequence[Problem]) -> list[Finding]:
     """Every finding of a log and its analysis, worst first; ``known``: of reference and filters."""
     own = [*known, *_unmeasured(result.estimators), *_late_field(rows)]
     unanswered = guarded_part(
@@ -139,7 +139,7 @@ def _unmeasured(lines: Iterable[EstimatorRow]) -> list[Problem]:
     return [Problem("part_failed", "error", sentence) for sentence in sentences]
 
 
-def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Row]) -> list[Problem]:
+def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Track]) -> list[Problem]:
     """Plug-ins that ran in plain Python, or whose process was lost in a run by which a metric tries them."""
     ran = {row.name.partition("/imu")[0] for row in rows}
     text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
@@ -158,7 +158,7 @@ def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Row]) -> list[Problem]:
     return found
 
 
-def _late_field(rows: Iterable[Row]) -> list[Problem]:
+def _late_field(rows: Iterable[Track]) -> list[Problem]:
     """Time in which no filter could know its heading, because the magnetometer had not spoken yet."""
     waited = max((float(s.value or 0.0) for row in rows for s in row.steps if s.name == "late_field"), default=0.0)
     text = (
@@ -181,7 +181,7 @@ class Measurement:
         self,
         case: Case,
         chosen: Mapping[str, replay.Chosen],
-        onboard: list[Row],
+        onboard: list[Track],
         unusable: str,
         *,
         traces: bool,
@@ -194,7 +194,7 @@ class Measurement:
         self._drawing = metrics.Drawing(self.case, expected, onboard)
         self._drawn: list[Trace] = []
 
-        def again(row: Row) -> Row:
+        def again(row: Track) -> Track:
             return replay.again(case, chosen, row.name)
 
         self._likeness = DuplicateSearch(again)
@@ -202,7 +202,7 @@ class Measurement:
         check = reference.ReferenceCheck
         self._check = None if imu is None else check(case.log, imu, case.reference, again, choice)
 
-    def add(self, row: Row, line: EstimatorRow) -> None:
+    def add(self, row: Track, line: EstimatorRow) -> None:
         """Fill in a row's line of the table; a replayed row is empty afterwards."""
         case, log = self.case, self.case.log
         if row.reproduction is not None and self._traces:
@@ -472,7 +472,7 @@ def samples_of(log: FlightLog) -> int:
 
 
 @per_case
-def _onboard(case: Case) -> list[Row]:
+def _onboard(case: Case) -> list[Track]:
     make = partial(reference.onboard_rows, case.log, case.segments, case.reference)
     return guarded_part(case.log, "What the vehicle estimated", make, list)
 

@@ -34,6 +34,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
     log = flight_in(messages, boot=boot, system=system)
     listed, damage = _listed(messages.boot(log.boot), system), _damage(messages)
     del messages  # the log's bytes and its index go with it: what follows takes as much
+    log.estimator.inputs = None  # and so does what an onboard filter would read
     config, stage = Config(), Stages()
     with log_cache():
         case = evaluation.prepared(log, config, stage) if log.imu is not None else None

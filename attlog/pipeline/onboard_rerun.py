@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,13 @@ from attlog.core.errors import UsageError
 from attlog.estimators.ekf2.parameters import PREFIX
 from attlog.estimators.interface import Estimate
 from attlog.estimators.registry import FLOWN
+from attlog.estimators.rerun import Rerun
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.reproduction import DIFFERENCE, rerun_traces
 from attlog.metrics.trace import Trace
 from attlog.reference import alignment
-from attlog.reference.model import Reproduction, Row
+from attlog.reference.model import Reproduction, Track
 from attlog.result import EstimatorRow, ParameterValue
 
 Array = NDArray[np.float64]
@@ -52,12 +54,12 @@ def flown_filter(log: FlightLog) -> str:
 
 
 @per_case
-def inputs_of(case: Case, _: str) -> Any:
-    """What the onboard filter was given. UsageError where the log cannot tell."""
+def inputs_of(case: Case, unit: str) -> Any:
+    """What the onboard filter was given, of the core on an IMU where a log holds several. UsageError without it."""
     read = case.log.estimator.inputs
     if read is None:
-        raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
-    return read()
+        raise UsageError("An onboard filter is run again only on a log of PX4 that EKF2 flew, or ArduPilot and EKF3.")
+    return read(unit=int(unit)) if unit else read()
 
 
 @per_case
@@ -81,13 +83,10 @@ def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
     )
 
 
-def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Row, EstimatorRow]:
-    """Run EKF2 again with the values of ``spec`` over the log's own. UsageError where the log is too thin."""
-    from attlog.estimators.ekf2.run import rerun
-
-    inputs = inputs_of(case, "")
-    changes = {key.removeprefix(PREFIX): float(value) for key, value in spec.params.items()}
-    found = rerun(inputs, *_field(case.log), changes, gnss_hz=gnss_rate_of(case, ""))
+def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Track, EstimatorRow]:
+    """Run the onboard filter again with the values of ``spec`` over the log's own. UsageError for a thin log."""
+    changes = {key: float(value) for key, value in spec.params.items()}
+    found = run_again(case, imu, spec.estimator.name, changes)
     estimate = found.estimate(case.log.t0_us * 1e-6)
     row = reference.replayed(
         case.log,
@@ -110,6 +109,29 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
 
 
+def run_again(case: Case, imu: Imu, name: str, changes: Mapping[str, float]) -> Rerun:
+    """Run a firmware's filter again with parameters (full names) over the log's own.
+
+    UsageError where the log is of another firmware, or too thin.
+    """
+    inputs = inputs_of(case, str(imu.index) if case.log.firmware.name == "ArduPilot" else "")
+    if name == "ap_ekf3":
+        from attlog.estimators.ekf3 import parameters as ekf3
+        from attlog.estimators.ekf3.run import rerun as rerun_ekf3
+        from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs
+
+        if not isinstance(inputs, Ekf3Inputs):
+            raise UsageError("ap_ekf3 needs an ArduPilot log that EKF3 flew.")
+        return rerun_ekf3(inputs, {key.removeprefix(ekf3.PREFIX): value for key, value in changes.items()})
+    from attlog.estimators.ekf2.run import rerun as rerun_ekf2
+    from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
+
+    if not isinstance(inputs, Ekf2Inputs):
+        raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
+    short = {key.removeprefix(PREFIX): value for key, value in changes.items()}
+    return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""))
+
+
 def onboard_difference(case: Case, estimate: Estimate) -> Array:
     """Return time, tilt and signed heading (m, 3) in s and deg between a re-run and the onboard attitude.
 
@@ -125,7 +147,8 @@ def onboard_difference(case: Case, estimate: Estimate) -> Array:
         inside &= t < lanes.t[1]
     if np.count_nonzero(inside) < MIN_RECORDS:
         return np.zeros((0, 3))
-    error = rotation.earth_error(rotation.slerp(estimate.t, estimate.q, t[inside]), onboard.q[inside])
+    flown = alignment.untrim(onboard.q[inside], case.log.parameters.trim if onboard.has_trim else None)
+    error = rotation.earth_error(rotation.slerp(estimate.t, estimate.q, t[inside]), flown)
     return np.column_stack(
         [t[inside], np.degrees(rotation.tilt_angle(error)), np.degrees(rotation.heading_angle(error))]
     )
@@ -157,11 +180,13 @@ def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | N
     )
 
 
-def traces_of(case: Case, row: Row) -> list[Trace]:
+def traces_of(case: Case, row: Track) -> list[Trace]:
     """Return the lines of the figure that shows a re-run beside what the onboard filter logged of itself."""
     from attlog.estimators.ekf2.logged import logged_tables
+    from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
 
-    logged = logged_tables(inputs_of(case, ""))
+    inputs = inputs_of(case, "")
+    logged = logged_tables(inputs) if isinstance(inputs, Ekf2Inputs) else {}
     for table in logged.values():
         table[:, 0] -= case.log.t0_us * 1e-6
     return rerun_traces(case, row, logged)

@@ -22,7 +22,7 @@ from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Case, per_case
 from attlog.pipeline import inputs
 from attlog.reference import alignment
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.result import EstimatorRow, ParameterValue
 from attlog.segments import model
 from attlog.segments.model import Segments
@@ -45,7 +45,7 @@ class Runnable(Protocol):
     def row(self) -> estimators.EstimatorSpec:
         """The filter that runs."""
 
-    def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Row, EstimatorRow]:
+    def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Track, EstimatorRow]:
         """The row of one unit, and its line of the table; ``suffix`` follows its name. AttlogError if it fails."""
 
 
@@ -53,7 +53,7 @@ Chosen: TypeAlias = estimators.EstimatorSpec | Runnable | PluginError
 """What is to be run, or why it cannot be."""
 
 
-def run_rows(case: Case, specs: Sequence[str]) -> list[Row]:
+def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
     """The aligned attitudes of the named estimators only; the first failure is raised."""
     rows = []
     for suffix, imu in case.imus.items():
@@ -108,7 +108,7 @@ def smoother(
 
 def replays(
     case: Case, specs: Mapping[str, Chosen], failed: dict[str, AttlogError] | None = None
-) -> Iterator[tuple[Row | None, EstimatorRow]]:
+) -> Iterator[tuple[Track | None, EstimatorRow]]:
     """Each chosen estimator as a row; one that fails is a table row with status ``failed``.
 
     ``failed`` takes the errors by the rows' names.
@@ -130,7 +130,7 @@ def replays(
                 yield None, _failed(name + suffix, kind, error)
 
 
-def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Row:
+def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
     """A row of :func:`replays` once more, by its name, now that all of it is wanted. AttlogError as there."""
     imu, spec, suffix = next(
         (imu, spec, suffix) for suffix, imu in case.imus.items() for n, spec in specs.items() if n + suffix == name
@@ -190,7 +190,7 @@ def aids_of(case: Case, suffix: str) -> estimators.Aids:
 
 def _run(
     case: Case, imu: Imu, spec: estimators.EstimatorSpec | Runnable, suffix: str, whole: bool = True
-) -> tuple[Row, EstimatorRow]:
+) -> tuple[Track, EstimatorRow]:
     """One estimator over one IMU as the log has it, or as the runnable wants it; ``whole`` as :func:`replayed`."""
     STAGES.info("running %s", spec.name)
     if not isinstance(spec, estimators.EstimatorSpec):
@@ -216,7 +216,7 @@ def is_recorded(spec: estimators.EstimatorSpec) -> bool:
     return estimators.is_recorded(spec.estimator.origin)
 
 
-def recorded_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Row, EstimatorRow]:
+def recorded_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Track, EstimatorRow]:
     """Return an external attitude as a row. Errors as of :func:`attlog.external.attitude.read_attitude`."""
     values = spec.resolved()
     asked = {k: v for k, (v, _) in values.items()}
@@ -248,7 +248,7 @@ def replayed(
     aids: estimators.Aids,
     name: str,
     whole: bool = True,
-) -> tuple[Row, EstimatorRow]:
+) -> tuple[Track, EstimatorRow]:
     """Run one estimator over the samples of a unit and a magnetometer, and align what comes out.
 
     Not ``whole``: without what it tells beside attitude and bias, which no metric looks at, and which in a long log is
@@ -319,7 +319,7 @@ def _with_field(aids: estimators.Aids, estimator: estimators.Estimator, mag: Mag
     return replace(aids, mag=inputs.field_of(mag))
 
 
-def _add_common_bias(row: Row, taken: CommonBias) -> None:
+def _add_common_bias(row: Track, taken: CommonBias) -> None:
     """The row's bias as all that it takes off the logged gyro: what was subtracted for everybody, and its own."""
     row.estimates_bias = row.bias is not None and bool(np.any(row.bias))
     if row.bias is not None and not row.estimates_bias:
@@ -329,7 +329,7 @@ def _add_common_bias(row: Row, taken: CommonBias) -> None:
 
 
 def table_row(
-    row: Row,
+    row: Track,
     estimator: str = "",
     preset: str | None = None,
     parameters: dict[str, ParameterValue] | None = None,
@@ -369,7 +369,7 @@ def batch(
     settings: Sequence[Mapping[str, float | str]],
     told: estimators.LogFacts,
     aids: estimators.Aids,
-) -> list[Row]:
+) -> list[Track]:
     """The rows of one filter with many parameter sets, run side by side over the samples of a unit.
 
     Each as :func:`replayed` gives it alone; ``settings`` are laid over the parameters of ``spec``. UsageError for

@@ -1,10 +1,10 @@
-"""What attitudes are compared with, and how the comparison is made fair."""
+"""Reference attitude of a log, its alignment, and rows measured against it."""
 
 from attlog.reference.alignment import observed_declination_deg
 from attlog.reference.choice import choose
 from attlog.reference.heading_sources import heading_references
-from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, ReferenceOptions, Row
-from attlog.reference.reference_checks import ReferenceCheck, contradicted
+from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, ReferenceOptions, Track
+from attlog.reference.reference_checks import ReferenceCheck
 from attlog.reference.rows import onboard_rows, replayed, withhold
 from attlog.reference.smoother import (
     SMOOTHER,
@@ -26,10 +26,9 @@ __all__ = [
     "Reference",
     "ReferenceCheck",
     "ReferenceOptions",
-    "Row",
+    "Track",
     "caveat",
     "choose",
-    "contradicted",
     "expected_reference",
     "heading_references",
     "join_segments",

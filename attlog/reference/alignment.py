@@ -1,4 +1,4 @@
-"""Whose clock an attitude is compared on, and attitudes made fit for comparison."""
+"""Steps that align an attitude for a fair comparison: clock, trim, declination, floor, delay."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Clock = Literal["sample", "publication"]
 
 
 def attitude_times(attitude: Attitude, clock: Clock) -> Array:
-    """The times (n,) of an attitude: of measurement where the log tells them and ``clock`` is sample."""
+    """Return the times (n,) of an attitude: of measurement where logged and ``clock`` is sample."""
     return attitude.t if clock == "publication" or attitude.t_sample is None else attitude.t_sample
 
 
 def usable_samples(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Times (m,), unit quaternions (m, 4) and the mask (n,) of the samples they come from.
+    """Return times (m,), unit quaternions (m, 4) and the mask (n,) of the samples they come from.
 
     Left out are samples without a finite attitude and those whose time does not rise.
     """
@@ -40,7 +40,7 @@ def usable_samples(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDAr
 
 
 def clock_step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) -> AlignmentStep:
-    """What the clock is, and how much later than measured the attitude was published (``own``: made of the IMU)."""
+    """Return the clock of an attitude and how late it was published (``own``: made of the IMU)."""
     if own:
         text = "made at the IMU's stamps, without the delay of its filter"
         return AlignmentStep("clock", text, "sample", source=attitude.source, option="config: clock")
@@ -58,7 +58,7 @@ def clock_step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = Fal
 
 
 def apply_trim(q: Array, trim: Array) -> Array:
-    """Attitudes of the vehicle (n, 4) from those of its IMU: ``q_imu (x) exp(-trim)``."""
+    """Return attitudes of the vehicle (n, 4) from those of its IMU: ``q_imu (x) exp(-trim)``."""
     return rotation.multiply(q, rotation.from_rotvec(-trim))
 
 
@@ -68,10 +68,7 @@ def untrim(q: Array, trim: Array | None) -> Array:
 
 
 def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None, AlignmentStep]:
-    """The trim, a rotation vector (3,) in rad, to take out of replays for a comparison with this attitude, and why.
-
-    None for nothing.
-    """
+    """Return the trim, a rotation vector (3,) in rad, to take out of replays, and why; None for nothing."""
     if not attitude.has_trim:
         text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
         return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "config: trim")
@@ -92,7 +89,7 @@ def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array |
 
 
 def flight_place(log: FlightLog) -> tuple[float, float, float] | None:
-    """Median latitude (deg), longitude (deg), altitude (m) of the first receiver with a 3D fix, None without one."""
+    """Return median latitude and longitude (deg) and altitude (m) of the first receiver with a 3D fix."""
     for gnss in log.gnss:
         good = (gnss.fix >= 3) & np.isfinite(gnss.lat) & np.isfinite(gnss.lon)
         good &= (np.abs(gnss.lat) <= 90) & (np.abs(gnss.lon) <= 180) & ((gnss.lat != 0) | (gnss.lon != 0))
@@ -105,7 +102,7 @@ def flight_place(log: FlightLog) -> tuple[float, float, float] | None:
 
 
 def earth_field(log: FlightLog) -> earth.MagneticField | None:
-    """The earth's field at the flight's place and date; None without a place."""
+    """Return the earth's field at the flight's place and date; None without a place."""
     where = flight_place(log)
     if where is None:
         return None
@@ -114,7 +111,7 @@ def earth_field(log: FlightLog) -> earth.MagneticField | None:
 
 
 def declination_step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentStep]:
-    """The declination in deg (None if unknown), and the step with both the model's and the parameter's in the text."""
+    """Return the declination in deg (None if unknown) with that of the model and of the parameter."""
     if option not in ("auto", "model", "param"):
         try:
             given = float(option)
@@ -143,11 +140,10 @@ def declination_step(log: FlightLog, option: str | float) -> tuple[float | None,
 
 
 def observed_declination_deg(log: FlightLog, reference: Reference) -> float | None:
-    """Direction in deg in which the reference, turning the measured field to earth, sees magnetic north.
+    """Return the direction in deg in which the reference sees magnetic north.
 
-    The circular median over the log, outside unscored time. With truth as the
-    reference it is the field's own declination plus the magnetometer's faults.
-    None without magnetometer or reference.
+    The circular median over the log outside unscored time: for truth the field's own declination plus the
+    magnetometer's faults. None without magnetometer or reference.
     """
     if log.mag is None or len(reference.t) == 0:
         return None
@@ -174,10 +170,9 @@ FLOOR_SAMPLES = 20_000
 
 
 def logged_step_deg(q: Array) -> float:
-    """The step in deg of logged attitudes (n, 4): the smallest difference of roll or pitch that repeats.
+    """Return the step in deg of logged attitudes (n, 4): the smallest difference of roll or pitch.
 
-    Values printed or stored with a step differ by its multiples only; attitudes
-    without one resolve what float32 does.
+    Values printed or stored with a step differ by its multiples only; attitudes without one resolve what float32 does.
     """
     angles = np.degrees(rotation.to_euler(q[:FLOOR_SAMPLES])[:, :2])
     d = np.abs(np.diff(angles, axis=0)).ravel()
@@ -195,7 +190,7 @@ def logged_step_deg(q: Array) -> float:
 
 
 def timestamp_tick_s(t: Array) -> float:
-    """The step in s of the stamps (n,) where it shows: 1 ms where all intervals are whole ms and differ, else 0."""
+    """Return the step in s of stamps (n,): 1 ms where all intervals are whole ms and differ, else 0."""
     dt = np.diff(t[:FLOOR_SAMPLES])
     dt = dt[(dt > 0) & (dt < 1.0)]
     if len(dt) < 10:
@@ -207,10 +202,10 @@ def timestamp_tick_s(t: Array) -> float:
 
 
 def bridged_gap_deg(imu: Imu | None) -> float:
-    """Attitude error in deg that bridged gaps can have caused: a quarter of each gap times its change of rate.
+    """Return the attitude error in deg of bridged gaps: a quarter of each gap times its change of rate.
 
-    The filters integrate gaps with the mean rate of the neighbours; a rate that
-    went its own way in between is off by about that. Independent gaps add in square.
+    The filters integrate gaps with the mean rate of the neighbours; another rate in between is off by about that.
+    Independent gaps add in square.
     """
     if imu is None or len(imu.gyro.t) < 3:
         return 0.0
@@ -222,7 +217,7 @@ def bridged_gap_deg(imu: Imu | None) -> float:
 
 
 def floor_step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float, float, AlignmentStep]:
-    """Floor and logged step in deg of attitudes ``q`` (n, 4) at ``t`` (n,) s, and what the floor is made of."""
+    """Return floor and logged step in deg of attitudes ``q`` (n, 4) at ``t`` (n,) s, and the floor's parts."""
     own = known_step if known_step > 0 else logged_step_deg(q)
     tick = timestamp_tick_s(t)
     rate = 0.0
@@ -255,20 +250,18 @@ OUTLIER_RAD_S = np.radians(60.0)
 
 
 def filter_delay(imu: Imu) -> tuple[float, str]:
-    """Delay in s of the gyro's low-pass, and where it comes from; 0 where no filter ahead of the logger is known."""
+    """Return the delay in s of the gyro's low-pass and its source; 0 without a known filter."""
     if imu.gyro.delay > 0:
         return imu.gyro.delay, f"{imu.gyro.source}, {imu.filtered}"
     return 0.0, f"{imu.gyro.source}: no filter known"
 
 
 def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None:
-    """Delay of the gyro against the reference's own rotation and its standard error, both in s; None where the log
-    moves too little or too slowly.
+    """Return the gyro's delay against the reference and its standard error, s; None with little motion.
 
-    Least squares between the reference's rotation over an interval and the gyro's over
-    the same interval shifted by tau, offset per axis removed, where it turns faster
-    than 12 deg/s: 5 ms grid, then a parabola. An interval holds at least 8 IMU samples:
-    in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
+    Least squares between the reference's rotation over an interval and the gyro's over the same interval shifted by
+    tau, offset per axis removed, where it turns faster than 12 deg/s: 5 ms grid, then a parabola. An interval holds at
+    least 8 IMU samples: in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
     """
     turning = increments.gyro_increments(imu)
     t, gyro_t = reference.t, turning.t
@@ -323,7 +316,7 @@ def gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None:
 def delay_step(
     log: FlightLog, imu: Imu | None, reference: Reference, option: str | float
 ) -> tuple[float, AlignmentStep]:
-    """The input delay in s that is subtracted from lags of replayed rows; the step says what the rates show too."""
+    """Return the input delay in s that is subtracted from lags of replayed rows, and the measured one."""
     name, switch = "input_delay", "config: input_delay"
     if option == "off":
         text = "switched off: lags contain the sensor's filters"
@@ -366,7 +359,7 @@ def adopt_fit(reference: Reference, fit: TruthFit) -> None:
 
 
 def fit_steps(fit: TruthFit) -> list[AlignmentStep]:
-    """What was done to it, with value and sigma: clock, axes, noise."""
+    """Return the steps of an external truth with value and sigma: clock, axes, noise."""
     clock = f"added to its times, sigma {1e3 * fit.offset_sigma_s:.2g} ms; "
     clock += f"rates correlate by {fit.correlation:.3f} over {fit.seconds:.0f} s, {fit.n} samples"
     drift = f"sigma {fit.drift_sigma_ppm:.1f} ppm"
@@ -403,5 +396,5 @@ def _angles_text(angles: Angles) -> str:
 
 
 def _turn_deg(angles: Angles) -> float:
-    """The angle in deg of a turn by roll, pitch and yaw."""
+    """Return the angle in deg of a turn by roll, pitch and yaw."""
     return float(np.degrees(rotation.total_angle(rotation.from_euler(*np.radians(angles)))))

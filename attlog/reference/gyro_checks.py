@@ -1,10 +1,8 @@
-"""Is the logged gyro the one that turned? The onboard attitude and the earth's field turn as the vehicle does.
+"""Checks of the logged gyro against the onboard attitude, the magnetic field and itself.
 
-Every replay, the smoother's too, is made of the logged gyro. One in other units, with other
-axes, clipped or on another clock makes attitudes that are wrong and sure of themselves, which
-would then judge the onboard attitude. So before anything is made of the gyro, its turns are
-held against those of the onboard attitude (or truth); where they contradict each other, the
-direction of the magnetic field tells which of the two is right.
+Every replay is made of the logged gyro. One in other units or axes, clipped or on another clock makes attitudes that
+are wrong with a small sigma. Where its turns contradict those of the onboard attitude or truth, the direction of the
+magnetic field decides which of the two is right.
 """
 
 from __future__ import annotations
@@ -53,18 +51,18 @@ MIN_FIELD_CHANGE_DEG = 1.5
 
 @dataclass(frozen=True, slots=True)
 class GyroMismatch:
-    """Which of the two is wrong (``of``: gyro, attitude, empty for none), and the sentence why."""
+    """Which of gyro and attitude is wrong (``of``, empty for none), and the sentence why."""
 
     of: Literal["gyro", "attitude", ""] = ""
     why: str = ""
 
 
 def gyro_consistency(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: Mag | None) -> GyroMismatch:
-    """Whether gyro and attitude turn differently, and which of them may then not be used.
+    """Return whether gyro and attitude turn differently, and which of them may not be used then.
 
-    ``jumps`` (k,) are indices of the attitude's samples after resets. The magnetic field tells who is right.
-    Where it does not, the gyro is out if the attitude moves as it does in another scale, axis or sign:
-    nothing tells then which is right, and all that is replayed is made of the gyro.
+    ``jumps`` (k,) are indices of the attitude's samples after resets. Where the magnetic field does not decide, the
+    gyro is out if the attitude moves as it does in another scale, axis or sign: all that is replayed is made of the
+    gyro.
     """
     if len(attitude.t) < 3:
         return GyroMismatch()
@@ -108,9 +106,9 @@ def mean_rates(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[
 
 
 def rate_mismatch(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] = SLOPES) -> str:
-    """How the rates (n, 3) of an attitude differ from those of the gyro in kind; empty where they do not.
+    """Return how the rates (n, 3) of an attitude differ from the gyro's in kind; empty where they do not.
 
-    ``allowed``: the least and the most that the attitude may turn for one turn of the gyro.
+    ``allowed``: smallest and largest turn of the attitude for one turn of the gyro.
     """
     if len(by_gyro) < MIN_RATE_INTERVALS:
         return ""
@@ -133,14 +131,14 @@ def rate_mismatch(by_gyro: Array, by_attitude: Array, allowed: tuple[float, floa
 
 
 def center_rates(rates: Array) -> Array:
-    """Rates (n, 3) without their mean: the median of a flight with turns of one sense would move with the noise."""
+    """Return rates (n, 3) without their mean; a median would move with the noise of one-sided turns."""
     return np.asarray(rates - rates.mean(axis=0))
 
 
 def mounting_rotation(g: Array, a: Array) -> Array:
-    """The rotation (3, 3) that takes rates ``g`` (n, 3) nearest to ``a`` (Kabsch1976), if below MOUNTED_DEG.
+    """Return the rotation (3, 3) that takes rates ``g`` (n, 3) nearest to ``a`` (Kabsch1976), if small.
 
-    A sensor that sits askew in the vehicle turns as far as the vehicle does; gravity tells of it.
+    A sensor that is mounted askew turns as far as the vehicle does; gravity shows its angle.
     """
     turn = rotation.nearest_rotation(a.T @ g)
     near = np.degrees(np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))) < MAX_MOUNTING_DEG
@@ -148,12 +146,9 @@ def mounting_rotation(g: Array, a: Array) -> Array:
 
 
 def rates_correlate(by_gyro: Array, by_attitude: Array) -> bool:
-    """Whether some axis of the attitude moves as some axis of the gyro does, whatever its scale, axis and sign.
+    """Return whether some axis of the attitude moves as some axis of the gyro, whatever scale and sign.
 
-    Both are rates (n, 3) in rad/s over the same intervals, body axes.
-
-    Then both saw the same flight. Where the attitude does what the gyro never did, it is the
-    attitude that nothing supports.
+    Both are rates (n, 3) in rad/s over the same intervals, body axes. Then both saw the same flight.
     """
     g, a = center_rates(by_gyro), center_rates(by_attitude)
     size = np.sqrt(np.outer(np.sum(a * a, axis=0), np.sum(g * g, axis=0)))
@@ -164,10 +159,10 @@ def rates_correlate(by_gyro: Array, by_attitude: Array) -> bool:
 def field_follows(
     imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: Mag | None
 ) -> Literal["gyro", "attitude", ""]:
-    """With which of the two the magnetic field turns: ``gyro``, ``attitude``, empty where it does not tell.
+    """Return with which of the two the magnetic field turns: ``gyro``, ``attitude``, or neither.
 
-    What is left of the change of the field's direction over STEP_S after the turn is taken out.
-    ``jumps`` (k,): indices of the attitude after resets.
+    By what remains of the change of the field's direction over FIELD_STEP_S without the turn. ``jumps`` (k,): indices
+    of the attitude after resets.
     """
     if mag is None:
         return ""
@@ -194,7 +189,7 @@ def field_follows(
 
 
 def field_changes(mag: Mag) -> tuple[Array, Array, Array, Array]:
-    """Times (n,) s about STEP_S apart, from and to, and the direction (n, 3) of the field at both."""
+    """Return times (n,) s about FIELD_STEP_S apart, and the direction (n, 3) of the field at both."""
     good = rotation.finite_rows(mag.field.x)
     t, field = mag.field.t_best[good], mag.field.x[good]
     size = np.sqrt(np.sum(field**2, axis=1, keepdims=True))
@@ -210,11 +205,10 @@ def field_changes(mag: Mag) -> tuple[Array, Array, Array, Array]:
 
 
 def reversed_slowly(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
-    """Which axes that turn little are reversed, empty for none. ``g``, ``a``: rates (n, 3) of gyro and attitude.
+    """Return which slowly turning axes are reversed, empty for none, by rates (n, 3) of gyro and attitude.
 
-    What the attitude's axis has of the gyro's, the share of the other two (an askew mount) taken out of both, is then
-    the same turn with the other sign, in each half of the log. On 198 attitudes of real and simulated logs no axis
-    had a correlation below -0.3.
+    The attitude's axis, without the share of the other two (an askew mount), is then the same turn with the other sign,
+    in each half of the log. On 198 attitudes of real and simulated logs no axis had a correlation below -0.3.
     """
     found = []
     for k in np.flatnonzero(~moving & (np.degrees(g.std(axis=0)) >= MIN_SIGN_STD_DPS)).tolist():
@@ -236,7 +230,7 @@ def _correlation(x: Array, y: Array) -> float:
 
 
 def swapped_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
-    """Which axes seem swapped or reversed, empty if the identity fits.
+    """Return which axes seem swapped or reversed, empty if the identity fits.
 
     ``g``, ``a`` (n, 3): rates in rad/s of gyro and attitude, body axes; ``moving`` (3,): the axes that turned.
     """
@@ -271,10 +265,10 @@ MIN_EXPLAINED_RATIO = 9.0
 
 
 def compass_axes_error(log: FlightLog) -> str:
-    """Which axes of the compass are swapped or reversed, as a sentence; empty where they are right or nothing tells.
+    """Return which compass axes are swapped or reversed as a sentence; empty where none is known to be.
 
-    All 24 ways to name three axes (a sign of all three together does not show): one of them must leave a ninth of the
-    field's change (squared), and a third of what the logged axes leave.
+    Of all 24 ways to name three axes (a sign of all three together does not show) one must leave a ninth of the field's
+    change (squared), and a third of what the logged axes leave.
     """
     imu, mag = log.replay_imu, None if log.mag is None else log.mags[log.mag]
     if imu is None or mag is None:
@@ -308,12 +302,12 @@ def compass_axes_error(log: FlightLog) -> str:
 
 
 def _field_misfit(turned: Array, before: Array, after: Array) -> float:
-    """The mean square of what is left of the field's change (n, 3) after the turn (n, 3, 3)."""
+    """Return the mean square that turns (n, 3, 3) leave of the field's change (n, 3)."""
     return float(np.mean(np.sum((np.einsum("nji,nj->ni", turned, before) - after) ** 2, axis=1)))
 
 
 def _frames() -> list[Array]:
-    """The 24 signed permutations with the determinant 1, the identity first."""
+    """Return the 24 signed permutations with the determinant 1, the identity first."""
     eye = np.eye(3)
     every = [
         eye[list(order)] * np.array(signs)[:, None]
@@ -327,10 +321,7 @@ FRAMES = _frames()
 
 
 def _axes_text(axes: Array) -> str:
-    """Where the axes come from: ``y and x swapped`` is said as ``x = -y, y = -x, z = -z``, or its mirror image.
-
-    Of the two (all signs the other way round turn alike) the one with fewer signs.
-    """
+    """Return axes as ``x = -y, y = -x, z = -z``, or their mirror image with fewer signs."""
     mirrored = axes if np.sum(axes < 0) <= np.sum(axes > 0) else -axes
     said = []
     for k, row in enumerate(mirrored):
@@ -356,7 +347,7 @@ MAX_SPIKE_DEG_PER_MIN = 20.0
 
 @dataclass(frozen=True, slots=True)
 class GyroSpikes:
-    """How many samples jump, how far they turn together (deg/min), the first's time, and why that is wrong (or "")."""
+    """Samples that jump: count, turn together (deg/min), first time, and why that is wrong (or "")."""
 
     count: int = 0
     deg_per_min: float = 0.0
@@ -365,12 +356,12 @@ class GyroSpikes:
 
     @property
     def misleads(self) -> bool:
-        """Whether who integrates them is wrong by more than a filter can learn."""
+        """Whether a filter that integrates them is wrong by more than it can estimate."""
         return self.deg_per_min > MAX_SPIKE_DEG_PER_MIN
 
 
 def find_spikes(imu: Imu) -> GyroSpikes:
-    """The spikes of a gyro, counted where both neighbours are a usual interval away."""
+    """Return the spikes of a gyro whose neighbours are a usual interval away."""
     t, rate = model.select_rising(imu.gyro.t_best, imu.gyro.x)
     if len(t) < 100:
         return GyroSpikes()
@@ -396,7 +387,7 @@ def find_spikes(imu: Imu) -> GyroSpikes:
 
 
 def _near_impact(imu: Imu, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which times (n,) lie so near a blow on the accelerometer that both sensors felt the same."""
+    """Return which times (n,) are so near an accelerometer peak that both sensors felt an impact."""
     stamps = imu.acc.t_best
     blows = np.sort(stamps[(rotation.length(imu.acc.x) > IMPACT_M_S2) & np.isfinite(stamps)])
     if not len(blows):

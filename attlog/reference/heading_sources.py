@@ -1,4 +1,4 @@
-"""What GNSS and the IMU of a log say of the heading of an attitude in flight: the arrays for the evidence."""
+"""Headings by GNSS motion, compass, receivers and autopilot, and whether the onboard heading is wrong."""
 
 from __future__ import annotations
 
@@ -38,9 +38,10 @@ class GnssMotion:
     def offsets(
         self, t: Array, q: Array, segment: NDArray[np.int64], since: float = -np.inf, spans: list[Span] | None = None
     ) -> tuple[HeadingOffset, list[HeadingOffset]]:
-        """The heading error of attitudes (n, 4) at ``t`` (n,) over the flight, and of each 30 s.
+        """Return the heading error of attitudes (n, 4) at ``t`` (n,) over the flight, and of each 30 s.
 
-        ``segment`` (n,) changes where the attitude is not to be interpolated. ``since`` s it counts, within ``spans``.
+        ``segment`` (n,) changes where the attitude is not to be interpolated. Counted from ``since`` s, within
+        ``spans``.
         """
         q = q if t is self.t else interpolate(t, q, segment, self.t)[0]
         counted = intersect(self.spans, [(since, np.inf)])
@@ -49,10 +50,10 @@ class GnssMotion:
 
 
 def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None) -> GnssMotion | None:
-    """The motion that a log shows in flight, up to a blow; anywhere where it tells of no flight. None without GNSS.
+    """Return the motion of a log in flight, up to an impact; anywhere without known flight. None without GNSS.
 
-    ``imu`` is the unit that is taken, that which is replayed where it is None. None, too, where the replayed
-    accelerometer's axes are wrong: turned force shows every heading wrong.
+    ``imu``: the unit, by default the replayed one. None, too, where its accelerometer's axes are wrong: turned force
+    shows every heading wrong.
     """
     imu = imu or log.replay_imu
     receiver = next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
@@ -68,7 +69,7 @@ def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None)
 
 
 def _clipped(log: FlightLog, imu: Imu) -> list[Span]:
-    """When the accelerometer was at the end of its range: what it shows then is no force."""
+    """Return when the accelerometer was at the end of its range."""
     found: list[Span] = []
     for clipping in log.vibration.clippings:
         if clipping.sensor == "accelerometer" and clipping.unit in (None, imu.index):
@@ -95,7 +96,7 @@ class WrongHeading:
 def onboard_offsets(
     log: FlightLog, segments: Segments, motion: GnssMotion
 ) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """The heading error of the attitude that flew, over the flight and in each 30 s, from its own alignment on."""
+    """Return the heading error of the onboard attitude over the flight and in each 30 s, once aligned."""
     attitude = log.onboard_attitude
     assert attitude is not None
     t, q, _ = alignment.usable_samples(attitude, "sample")
@@ -104,7 +105,7 @@ def onboard_offsets(
 
 
 def find_wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> WrongHeading | None:
-    """When the heading is wrong: all the time, or in some of the 30 s; None where it nowhere is."""
+    """Return when the heading is wrong: throughout or in some of the 30 s; None for nowhere."""
     off = [part for part in parts if part.wrong]
     if whole.wrong and not any(part.told and not part.wrong for part in parts):
         return WrongHeading([(whole.t0, whole.t1)], whole)
@@ -115,7 +116,7 @@ def find_wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> Wron
 
 
 def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list[HeadingOffset]:
-    """Neighbours of wrong 30 s that are off as far, though less clearly: they accuse nobody, but say since when."""
+    """Return neighbours of wrong 30 s that are off as far, though less significantly."""
     found: list[HeadingOffset] = []
     queue = list(off)
     while queue:
@@ -132,7 +133,7 @@ def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list
 
 @cached_per_log
 def wrong_onboard_heading(log: FlightLog, segments: Segments) -> str:
-    """Why the onboard heading is wrong, as a part of a sentence; empty where it is not, or where GNSS does not tell."""
+    """Return why the onboard heading is wrong by GNSS, as a clause; empty where it is not."""
     motion = find_gnss_motion(log, segments)
     if motion is None or log.onboard_attitude is None:
         return ""
@@ -141,7 +142,7 @@ def wrong_onboard_heading(log: FlightLog, segments: Segments) -> str:
 
 
 def heading_error_words(found: HeadingOffset) -> str:
-    """``28 deg off by GNSS acceleration (± 4 deg)``."""
+    """Return ``28 deg off by GNSS acceleration (± 4 deg)``."""
     return f"{abs(found.offset_deg):.0f} deg off by GNSS acceleration (± {max(found.sigma_deg, 1.0):.0f} deg)"
 
 
@@ -159,10 +160,10 @@ MAX_YAW_SIGMAS = 2.0
 
 
 def heading_references(log: FlightLog, segments: Segments, reference: Reference) -> dict[str, HeadingReference]:
-    """Headings by name: onboard, truth, mag, gnss_yaw, yaw_estimator, course, as far as the log has them.
+    """Return headings by name: onboard, truth, mag, gnss_yaw, yaw_estimator, course, where logged.
 
-    Degrees on the log's clock; segments end at gaps and at resets of the heading reference. An
-    attitude that was refused as reference, or is in error, is no heading reference either.
+    Degrees on the log's clock; segments end at gaps and at resets of the heading reference. An attitude that was
+    refused as reference, or is in error, is no heading reference either.
     """
     found: dict[str, HeadingReference] = {}
     for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth_with_north)):
@@ -187,7 +188,7 @@ def heading_references(log: FlightLog, segments: Segments, reference: Reference)
 def _attitude_samples(
     log: FlightLog, segments: Segments, reference: Reference, name: str, attitude: Attitude
 ) -> tuple[Array, Array, Index]:
-    """Times, attitudes and segments of the onboard attitude or the truth; those of the reference are known already."""
+    """Return times, attitudes and segments of the onboard attitude or the truth."""
     if reference.kind == name and reference.name in ("", log.onboard):
         return reference.t, reference.q, reference.segment
     t, q, kept = alignment.usable_samples(attitude, reference.alignment.clock)
@@ -202,7 +203,7 @@ def _attitude_samples(
 
 
 def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
-    """Heading by the magnetometer, levelled with the reference's tilt (without reference: that of LEVELLED_BY)."""
+    """Return the heading by the magnetometer, levelled with the reference's tilt, else that of LEVELLED_BY."""
     if log.mag is None:
         return None
     field = log.mags[log.mag].field
@@ -234,17 +235,16 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
 
 
 def _levelling_attitude(imu: Imu, which: alignment.Clock) -> tuple[Array, Array]:
-    """Times and attitudes of an IMU alone; only their tilt means anything."""
+    """Return times and attitudes of an IMU alone, for their tilt."""
     t = imu.gyro.t_best if which == "sample" else imu.gyro.t
     found = estimators.estimate(LEVELLED_BY, t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
     return found.t, found.q
 
 
 def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:
-    """Headings (n,) rad low-passed by a centred mean over 1 s of their difference from ``turning``.
+    """Return headings (n,) rad low-passed by a centred mean over 1 s of their difference from ``turning``.
 
-    Averaging the difference and not the heading keeps turns as they were: the
-    magnetometer tells where north is, the levelling attitude how the nose moved.
+    Averaging the difference and not the heading keeps turns as they were.
     """
     off = np.exp(1j * (heading - turning))
     total = np.concatenate([[0], np.cumsum(off)])
@@ -256,7 +256,7 @@ def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:
 
 
 def _dual_antenna(log: FlightLog) -> HeadingReference | None:
-    """Heading by the first receiver with two antennas."""
+    """Return the heading of the first receiver with two antennas."""
     for gnss in log.gnss:
         heading = gnss.heading
         if heading is not None and len(heading.t) >= MIN_HEADINGS:
@@ -268,7 +268,7 @@ def _dual_antenna(log: FlightLog) -> HeadingReference | None:
 
 
 def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | None:
-    """Heading by the autopilot's own estimator of yaw from GNSS motion, where it calls it valid.
+    """Return the heading of the autopilot's own yaw estimator from GNSS motion, where valid.
 
     ArduPilot's is up to 110 deg off at a sigma of 4 in simulated flights: none where truth or smoother contradict it.
     """
@@ -291,7 +291,7 @@ def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | N
 
 
 def _course(log: FlightLog) -> HeadingReference | None:
-    """Course over ground of a fixed-wing aircraft above 5 m/s: the path's direction, not the nose's."""
+    """Return the course over ground of a fixed-wing aircraft above 5 m/s."""
     if not log.kind.fixed_wing:
         return None
     for gnss in log.gnss:
@@ -304,7 +304,7 @@ def _course(log: FlightLog) -> HeadingReference | None:
 
 
 def _moving(gnss: Gnss) -> tuple[Array, Array]:
-    """Times and horizontal velocities (m, 2) of a receiver with a 3D fix above 5 m/s."""
+    """Return times and horizontal velocities (m, 2) of a receiver with a 3D fix above 5 m/s."""
     t, velocity = model.select_rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned[:, :2])
     fast = np.hypot(velocity[:, 0], velocity[:, 1]) > COURSE_SPEED_M_S
     return t[fast], velocity[fast]

@@ -1,4 +1,4 @@
-"""What the rows of a comparison are: aligned attitudes, and their errors against the reference."""
+"""Types of a comparison: the aligned reference, attitude tracks, and their errors."""
 
 from __future__ import annotations
 
@@ -18,10 +18,9 @@ Array = NDArray[np.float64]
 class ReferenceOptions:
     """How to choose and align the reference.
 
-    ``reference``: auto, truth, smoother, onboard, onboard:NAME or none. ``clock``: sample (times
-    of measurement) or publication. ``declination``: auto, model, param or degrees.
-    ``trim``: take the vehicle's trim out of replays. ``input_delay``: auto, off or
-    ms. ``score_from``: seconds, None for 15 s after the first IMU sample.
+    ``reference``: auto, truth, smoother, onboard, onboard:NAME or none. ``clock``: sample (times of measurement) or
+    publication. ``declination``: auto, model, param or degrees. ``trim``: take the vehicle's trim out of replays.
+    ``input_delay``: auto, off or ms. ``score_from``: seconds, None for 15 s after the first IMU sample.
     """
 
     reference: str = "auto"
@@ -36,9 +35,8 @@ class ReferenceOptions:
 class AlignmentStep:
     """One decision between raw attitudes and a fair comparison, printed with value and source.
 
-    ``name``: clock, input_delay, resampling, declination, trim, heading_offset,
-    scoring_start, ... ``applied`` is False where the step was found unnecessary or
-    was switched off; ``option`` is the command-line switch that changes it.
+    ``name``: clock, input_delay, resampling, declination, trim, heading_offset, scoring_start, ... ``applied`` is False
+    where the step was unnecessary or switched off; ``option`` is the command-line switch that changes it.
     """
 
     name: str
@@ -52,12 +50,12 @@ class AlignmentStep:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceSamples:
-    """What the reference shows at the times of a row; rows that follow with the same times have the same arrays.
+    """The reference at the times of a row, kept for rows that follow with the same times.
 
     ``own`` are the reference's attitudes, ``of`` (n,) the row's times, ``number`` (n,) its segments between gaps,
-    ``faster`` whether it is. ``known`` (k,) tells where the reference has an attitude at the times of the slower one,
-    ``good`` (k,) where the row has one too; there ``t`` (m,), attitudes ``q`` (m, 4) and the reference's own samples
-    before them, ``where`` (m,).
+    ``faster`` whether it is. ``known`` (k,): the reference has an attitude at the times of the slower one, ``good``
+    (k,): the row has one too; there ``t`` (m,), attitudes ``q`` (m, 4) and indices ``where`` (m,) of the samples
+    before.
     """
 
     own: Array
@@ -73,7 +71,7 @@ class ReferenceSamples:
 
 @dataclass(frozen=True, slots=True)
 class SensorFault:
-    """What contradicts a sensor: a sentence without capital and full stop, its number, where, and how often."""
+    """Contradiction of a sensor: a clause, its number, where, and how often."""
 
     why: str
     value: float | None = None
@@ -95,7 +93,7 @@ class GyroJump:
 
 @dataclass(slots=True)
 class Alignment:
-    """What lies between a raw attitude and the reference, with the ``steps`` that say so.
+    """Alignment of a raw attitude to the reference, with its ``steps``.
 
     ``trim`` (3,) rad is removed from attitudes of the IMU before a comparison. ``input_delay_s`` is the delay of the
     logged gyro that is subtracted from lags. ``floor_deg`` is the smallest difference that the log resolves,
@@ -113,7 +111,7 @@ class Alignment:
 
 @dataclass(slots=True)
 class Scoring:
-    """The time that is scored: from ``start`` to ``end`` (an impact) s, without the ``unscored`` spans.
+    """Scored time: from ``start`` to ``end`` (an impact) s, without the ``unscored`` spans.
 
     ``refuted``: spans in which gravity at standstill contradicts a smoother.
     """
@@ -164,7 +162,7 @@ class Faults:
 
 @dataclass(slots=True)
 class Reference:
-    """The attitude to compare with. ``kind`` says what agreement with it proves.
+    """The attitude to compare with, by ``kind`` of evidence.
 
     ``q`` (n, 4) at ``t`` (n,) s; ``gap_segment`` (n,) numbers the segments between gaps, ``segment`` (n,) those between
     gaps and resets. ``name`` is that of an onboard attitude in the log. ``quality`` is what a smoother reports of
@@ -196,10 +194,10 @@ class Reference:
 
 @dataclass(slots=True)
 class AttitudeErrors:
-    """A row against the reference, at the slower one's own times (the reference is never upsampled).
+    """A track against the reference, at the slower one's own times (the reference is never upsampled).
 
-    All (n,) in degrees; ``heading`` is signed. ``gap_segment`` and ``segment`` as in
-    :class:`Reference`. ``scored`` marks the samples after the scoring start.
+    All (n,) in degrees; ``heading`` is signed. ``gap_segment`` and ``segment`` as in :class:`Reference`. ``scored``
+    marks the samples after the scoring start.
     """
 
     t: Array
@@ -234,17 +232,14 @@ class Reproduction:
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
-class Row:
-    """One line of the comparison: a replayed estimate or an onboard attitude, aligned. A row equals only itself.
+class Track:
+    """An aligned attitude over time, one row of the comparison: a replayed estimate or an onboard attitude.
 
-    ``name`` as everywhere in the result (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``
-    are at the row's own times with trim, declination and heading offset applied.
-    ``segment`` (n,) counts restarts. ``start`` is the time of its first attitude.
-    ``estimator`` is what :func:`attlog.estimators.get` knows the filter by: a name or
-    a user's file; of onboard rows the attitude's name in the log. ``knows_north`` tells
-    whether its heading means anything without the offset.
-    ``kind``: ``replay`` of a filter, ``onboard``, or ``rerun`` of the filter that flew, which is never ranked.
-    ``ns_per_update`` is None for onboard rows. ``status``: ok, diverged,
+    Equal only to itself. ``name`` as in the result (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q`` are
+    at its own times with trim, declination and heading offset applied. ``segment`` (n,) counts restarts. ``start`` is
+    the time of its first attitude. ``estimator`` is the key of :func:`attlog.estimators.get`: a name or a user's file;
+    of onboard tracks the attitude's name in the log. ``kind``: ``replay`` of a filter, ``onboard``, or ``rerun`` of the
+    filter that flew, which is never ranked. ``ns_per_update`` is None for onboard tracks. ``status``: ok, diverged,
     not_converged, failed; ``reason`` the sentence for it.
     """
 
@@ -290,11 +285,11 @@ class Row:
 
     @property
     def knows_north(self) -> bool:
-        """Whether compass or GNSS motion told its heading."""
+        """Whether compass or GNSS motion gives it a heading of its own."""
         return self.uses_mag or self.north_by_gnss
 
     def release(self) -> None:
-        """Drop everything that has a value for each sample; what is said of the row as a whole stays."""
+        """Drop all arrays with a value for each sample."""
         self.t, self.q, self.segment = np.zeros(0), np.zeros((0, 4)), np.zeros(0, np.int64)
         self.bias = self.errors = None
         self.aux = {}
@@ -302,7 +297,7 @@ class Row:
 
 @dataclass(slots=True)
 class HeadingReference:
-    """A heading somebody else tells: degrees (n,) at ``t``; ``segment`` (n,) counts segments without gap or reset."""
+    """Heading from another source: degrees (n,) at ``t``; ``segment`` (n,) between gaps and resets."""
 
     name: str
     t: Array

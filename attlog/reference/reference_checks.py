@@ -1,4 +1,4 @@
-"""Does the accelerometer in quiet time contradict a reference? Then agreement with it means nothing."""
+"""Checks of a reference against gravity at quiet times, at standstill, and against filters that agree."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from attlog.core.spans import Span
 from attlog.estimators.evidence import still_windows, tilt_residual, within
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.reference import alignment, scoring, sensor_faults, smoother
-from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.reference.model import AlignmentStep, Reference, Track
 from attlog.reference.scoring import interpolate
 from attlog.segments import Segments, model
 
@@ -36,7 +36,7 @@ QUIET_WORDS = {"rest": "at rest", "idle": "on the ground with motors on", "hover
 
 @dataclass(frozen=True, slots=True)
 class QuietSegment:
-    """A quiet segment: tilt in deg between the reference's down and the mean force, and the force's size in m/s^2."""
+    """Tilt in deg between the reference's down and the mean force of a quiet segment, and its size in m/s^2."""
 
     kind: str
     t0: float
@@ -46,10 +46,10 @@ class QuietSegment:
 
 
 def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[str, list[AlignmentStep]]:
-    """A sentence if gravity contradicts the reference, and the alignment step that tells the tilt.
+    """Return a sentence if gravity contradicts the reference, and the alignment step with the tilt.
 
-    The median tilt at rest, else idling, else in hover, where the mean specific force is
-    gravity's too; and single quiet segments anywhere, where the accelerometer shows its size.
+    The median tilt at rest, else idling, else in hover, where the mean specific force is gravity's too; and single
+    quiet segments anywhere, where the accelerometer shows the size of gravity.
     """
     if imu is None:
         return "", []
@@ -74,7 +74,7 @@ def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> 
 
 
 def _intermittent_fault(reference: Reference, quiet: list[QuietSegment]) -> str:
-    """The sentence where the reference is wrong in some of the quiet time while the accelerometer shows gravity."""
+    """Return the sentence of a reference that is wrong in some of the quiet time."""
     begin = float(reference.t[0]) + ALIGNED_S
     sound = [q for q in quiet if q.t0 >= begin and abs(q.force - GRAVITY_M_S2) <= GRAVITY_TOLERANCE_M_S2]
     wrong = [q for q in sound if q.tilt > MAX_GRAVITY_TILT_DEG]
@@ -92,7 +92,7 @@ def _intermittent_fault(reference: Reference, quiet: list[QuietSegment]) -> str:
 def _quiet_segment(
     reference: Reference, t: Array, force: Array, kind: str, t0: float, t1: float
 ) -> QuietSegment | None:
-    """The mean specific force over a segment, turned to earth by the reference; None without both."""
+    """Return the mean specific force over a segment in earth axes by the reference; None without both."""
     inside = spans.between(t, t0, t1)
     q = alignment.untrim(reference.q, reference.alignment.trim)
     mean = earth_force(t[inside], force[inside], reference.t, q, reference.segment, MAX_FORCE_SAMPLES)
@@ -118,7 +118,7 @@ MIN_REFUSED_SHARE, MIN_REFUSED_SHARE_OF_ALL = 0.5, 0.2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticTilt:
-    """Angles (k,) in deg to gravity over still ``windows`` (k, 2) s: of the reference and of the ``onboard`` attitude.
+    """Angles (k,) in deg to gravity over still ``windows`` (k, 2) s, of reference and ``onboard`` attitude.
 
     ``sigma`` (k,) deg is the reference's own of its tilt. NaN where an attitude is not known.
     """
@@ -129,7 +129,7 @@ class StaticTilt:
     sigma: Array
 
     def medians(self, span: Span) -> tuple[float, float] | None:
-        """The median of reference and onboard over windows within a span, else over those at its ends; None without."""
+        """Return the medians of reference and onboard in a span, else at its ends; None without windows."""
         known = np.isfinite(self.reference) & np.isfinite(self.onboard)
         begin, end = self.windows.T
         inside = known & (begin >= span[0]) & (end <= span[1])
@@ -140,7 +140,7 @@ class StaticTilt:
         return float(np.median(self.reference[inside])), float(np.median(self.onboard[inside]))
 
     def supports_onboard(self, span: Span) -> bool:
-        """Whether gravity, as far as the vehicle stands still in or beside a span, speaks for the onboard."""
+        """Return whether gravity at standstill in or beside a span supports the onboard attitude."""
         found = self.medians(span)
         return found is not None and not (found[1] > SOUND_TILT_DEG and found[1] > found[0])
 
@@ -163,7 +163,7 @@ class StaticTilt:
 
 
 def static_tilt(log: FlightLog, reference: Reference, attitude: Attitude | None) -> StaticTilt | None:
-    """What gravity says of a reference and of a logged attitude; None where the vehicle is never still."""
+    """Return the tilt of a reference and a logged attitude at standstill; None where the vehicle always moves."""
     imu = log.replay_imu
     if imu is None or not len(windows := unit_still_windows(imu)):
         return None
@@ -183,10 +183,10 @@ def static_tilt(log: FlightLog, reference: Reference, attitude: Attitude | None)
 
 
 def static_tilt_refusal(found: StaticTilt, reference: Reference, name: str) -> tuple[str, list[Span]]:
-    """Why gravity refuses a reference throughout (empty where it does not), and the spans in which it does.
+    """Return why gravity refuses a reference throughout (or ""), and the spans in which it does.
 
-    What was estimated from one gap to the next is refused as a whole where it is refused in most of its still time and
-    in a fifth of all. ``name`` is the onboard attitude's.
+    A part between gaps is refused as a whole where it is refused in most of its still time and in a fifth of all.
+    ``name`` is the onboard attitude's.
     """
     bad = found.contradicting()
     if not bad:
@@ -213,14 +213,14 @@ def static_tilt_refusal(found: StaticTilt, reference: Reference, name: str) -> t
 
 @cached_per_log
 def unit_still_windows(imu: Imu) -> Array:
-    """The still windows (k, 2) s of a unit."""
+    """Return the still windows (k, 2) s of a unit."""
     n = min(len(imu.acc.t_best), len(imu.acc.x), len(imu.gyro.x))
     t, x = model.select_rising(imu.acc.t_best[:n], np.column_stack([imu.gyro.x[:n], imu.acc.x[:n]]))
     return still_windows(t, x[:, :3], x[:, 3:])
 
 
 def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.int64]) -> Array:
-    """Angle (k,) in deg between gravity and an attitude (n, 4) at ``t`` (n,), of the IMU, over still windows."""
+    """Return the angle (k,) in deg between gravity and an attitude (n, 4) of the IMU over still windows."""
     at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
     use = within(windows, at)
     at, force = at[use], force[use]
@@ -235,7 +235,6 @@ def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.
 # turned to earth axes less the change of velocity it must be gravity. Without GNSS a smoother shares
 # the model of ``mekf`` and what that gets wrong: where only these two stand together, it is no reference.
 
-G = 9.80665
 # So many different filters must agree, and they must be most of those that ran.
 MIN_FILTERS = 3
 # Median distance of filters from their common down, and the least distance of the reference, also in these units.
@@ -249,15 +248,14 @@ DOWN = np.array([0.0, 0.0, 1.0])
 
 
 class ReferenceCheck:
-    """What rows that pass one by one say of a reference: each one's down at the reference's times, and no more.
+    """Check of a reference by rows that pass one by one, of which their down at its times is kept.
 
-    ``again`` gives the whole of a row that has passed, which is run once more: only where filters speak against the
-    reference. Nothing is asked of a reference that was chosen by hand (``choice``), of filters that share a gyro which
-    did not turn so, because they agree in what is wrong, and of a force in wrong axes, which does not say who is right.
+    ``again`` runs a row once more: only where filters contradict the reference. A reference chosen by hand (``choice``)
+    is not checked, nor by filters that share a faulty gyro or by a force in wrong axes.
     """
 
     def __init__(
-        self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Row], Row], choice: str = "auto"
+        self, log: FlightLog, imu: Imu, reference: Reference, again: Callable[[Track], Track], choice: str = "auto"
     ) -> None:
         self._log, self._imu, self._reference, self._again = log, imu, reference, again
         use = np.flatnonzero(scoring.scored_mask(reference, reference.t))
@@ -265,42 +263,32 @@ class ReferenceCheck:
         sound = not reference.faults.gyro and sensor_faults.FRAME not in reference.faults.sensors
         checked = choice == "auto" and sound and reference.kind in ("onboard", "smoother")
         self._asked = checked and len(self._use) >= 10
-        self._heard: dict[str, tuple[Row, Array]] = {}
+        self._heard: dict[str, tuple[Track, Array]] = {}
 
-    def add(self, row: Row) -> None:
-        """Take what a row says; of several rows of a filter the last one counts."""
+    def add(self, row: Track) -> None:
+        """Take a row; of several rows of a filter the last one counts."""
         own = row.imu is None or row.imu.index == self._imu.index
         if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != smoother.SMOOTHER:
             self._heard[row.estimator] = row, _down(row.t, row.q, row.segment, self._reference.t[self._use])
 
     def contradicted(self) -> tuple[str, AlignmentStep] | None:
-        """Why an onboard attitude or a smoother is refused, and the numbers; None where filters and force agree."""
+        """Return why a reference is refused, and the numbers; None where filters and force agree."""
         if len(self._heard) < MIN_FILTERS:
             return None
         filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])
         return _refuted_by_force(self._log, self._imu, self._reference, filters, downs, self._use, self._again)
 
 
-def contradicted(
-    log: FlightLog, imu: Imu, reference: Reference, rows: Sequence[Row]
-) -> tuple[str, AlignmentStep] | None:
-    """What :class:`ReferenceCheck` find in rows that are all at hand."""
-    check = ReferenceCheck(log, imu, reference, lambda row: row)
-    for row in rows:
-        check.add(row)
-    return check.contradicted()
-
-
 def _refuted_by_force(
     log: FlightLog,
     imu: Imu,
     reference: Reference,
-    filters: Sequence[Row],
+    filters: Sequence[Track],
     downs: Array,
     use: NDArray[np.int64],
-    again: Callable[[Row], Row],
+    again: Callable[[Track], Track],
 ) -> tuple[str, AlignmentStep] | None:
-    """The verdict over filters by their ``downs`` (k, m, 3) at samples ``use`` (m,) of the reference."""
+    """Return the verdict over filters by their ``downs`` (k, m, 3) at samples ``use`` (m,)."""
     t = reference.t[use]
     shared = np.isfinite(downs).all(axis=2).sum(axis=0) >= MIN_FILTERS
     if shared.sum() < 10:
@@ -331,7 +319,7 @@ def _refuted_by_force(
     by_reference = _mean_force(imu, reference, reference.alignment.trim, t0, t1)
     if by_filter is None or by_reference is None:
         return None
-    gravity = np.array([0.0, 0.0, -G]) + _acceleration(log, t0, t1)
+    gravity = np.array([0.0, 0.0, -GRAVITY_M_S2]) + _acceleration(log, t0, t1)
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > MAX_FORCE_RESIDUAL_M_S2 or wrong < MIN_FORCE_FAULT_M_S2:
         return None
@@ -346,13 +334,13 @@ def _refuted_by_force(
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:
-    """Time in s that samples (n,) cover without breaks."""
+    """Return the time in s that samples (n,) cover without breaks."""
     dt = np.diff(t)
     return float(dt[np.diff(segment) == 0].sum())
 
 
 def _down(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> Array:
-    """Earth's down in body axes (n, 3) at times, NaN where the row has no attitude."""
+    """Return earth's down in body axes (n, 3) at times, NaN where the row has no attitude."""
     turned, _ = interpolate(t, q, segment, at)
     found: Array = np.full((len(at), 3), np.nan)
     good = rotation.finite_rows(turned)
@@ -361,12 +349,12 @@ def _down(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> Array:
 
 
 def _angle(a: Array, b: Array) -> Array:
-    """Angles in deg between unit vectors (..., 3)."""
+    """Return angles in deg between unit vectors (..., 3)."""
     angle: Array = np.degrees(np.arccos(np.clip(np.sum(a * b, axis=-1), -1.0, 1.0)))
     return angle
 
 
-def _mean_force(imu: Imu, attitude: Reference | Row, trim: Array | None, t0: float, t1: float) -> Array | None:
+def _mean_force(imu: Imu, attitude: Reference | Track, trim: Array | None, t0: float, t1: float) -> Array | None:
     """Return the mean specific force (3,) in earth axes by an attitude over [t0, t1] s."""
     at = imu.acc.t_best
     inside = (at >= t0) & (at <= t1) & rotation.finite_rows(imu.acc.x)
@@ -375,7 +363,7 @@ def _mean_force(imu: Imu, attitude: Reference | Row, trim: Array | None, t0: flo
 
 
 def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:
-    """Mean acceleration (3,) m/s^2 NED by GNSS between the ends of [t0, t1] s; zero where the log does not tell."""
+    """Return the mean acceleration (3,) m/s^2 NED by GNSS over [t0, t1] s; zero where unknown."""
     for gnss in log.gnss:
         good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned)
         if good.sum() > 3 and gnss.t[good][0] <= t0 + 1.0 and gnss.t[good][-1] >= t1 - 1.0:

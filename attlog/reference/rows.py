@@ -1,4 +1,4 @@
-"""Rows of the comparison: replayed and onboard attitudes, aligned and measured against the reference."""
+"""Tracks of the comparison: replayed and onboard attitudes, aligned and measured against the reference."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from attlog.core.spans import Span
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog
 from attlog.reference import alignment, scoring, smoother
-from attlog.reference.model import AlignmentStep, Reference, Row
+from attlog.reference.model import AlignmentStep, Reference, Track
 from attlog.reference.scoring import attitude_errors
 from attlog.segments import Segments, model, resets
 
@@ -36,15 +36,15 @@ def replayed(
     parameters: dict[str, Any] | None = None,
     uses_mag: bool = False,
     north_by_gnss: bool = False,
-) -> Row:
-    """An estimate as a row: trim once, heading offset where its heading means nothing, errors and status."""
+) -> Track:
+    """Return an estimate as a track: trim removed, heading offset, errors and status."""
     t = np.asarray(estimate.t, np.float64)
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
     # Where a late field sets the heading the attitude jumps, as it does at a restart.
     late = estimate.no_heading
     if late:
         segment = segment + np.searchsorted([t1 for _, t1 in late], t, side="right")
-    row = Row(
+    row = Track(
         name,
         kind,
         t,
@@ -76,11 +76,11 @@ def replayed(
     return _measure(row, segments, reference, free_heading, [] if free_heading and not north_by_gnss else late)
 
 
-def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Row]:
-    """All onboard attitudes as rows: ``onboard`` the one that was used, others ``onboard:NAME``.
+def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Track]:
+    """Return all onboard attitudes as tracks: ``onboard`` the one in use, others ``onboard:NAME``.
 
-    The reference itself is among them, marked, without errors; a message that was brought as truth is not. One that
-    lends its heading to the reference is judged by its tilt alone.
+    The reference itself is among them, marked, without errors; a message used as external truth is not. One that lends
+    its heading to the reference is judged by its tilt alone.
     """
     rows = []
     for name, attitude in log.attitudes.items():
@@ -88,7 +88,7 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
         if len(t) < 2 or (reference.fit is not None and name == reference.fit.name):
             continue
         title = "onboard" if name == log.onboard else f"onboard:{name}"
-        row = Row(title, "onboard", t, q, model.number_segments(t), uses_mag=True, estimator=name)
+        row = Track(title, "onboard", t, q, model.number_segments(t), uses_mag=True, estimator=name)
         row.step_deg = attitude.step_deg if attitude.step_deg > 0 else alignment.logged_step_deg(q)
         row.is_reference = reference.kind == "onboard" and reference.name == name
         if reference.alignment.trim is not None and not attitude.has_trim:
@@ -113,9 +113,9 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
 
 
 def _measure(
-    row: Row, segments: Segments, reference: Reference, free_heading: bool, unknown: Sequence[Span] = ()
-) -> Row:
-    """Fill in errors, heading offset, convergence, coverage and status of a row; ``unknown`` times are not scored."""
+    row: Track, segments: Segments, reference: Reference, free_heading: bool, unknown: Sequence[Span] = ()
+) -> Track:
+    """Fill in errors, heading offset, convergence, coverage and status; ``unknown`` times are not scored."""
     good = rotation.finite_rows(row.q)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     row.start = first if row.kind != "onboard" else max(first, row.start)
@@ -140,8 +140,8 @@ def _measure(
     return row
 
 
-def _judge(row: Row, segments: Segments, reference: Reference) -> None:
-    """Status, convergence and coverage by the errors."""
+def _judge(row: Track, segments: Segments, reference: Reference) -> None:
+    """Set status, convergence and coverage by the errors."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:
         row.coverage_pct = 0.0
@@ -166,18 +166,17 @@ def _judge(row: Row, segments: Segments, reference: Reference) -> None:
         row.reason = f"had not settled {seen:.0f} s after its start"
 
 
-def withhold(row: Row, why: str) -> None:
-    """Where a sensor is beyond use (``why``, empty where it is not) no filter may be called good or bad."""
+def withhold(row: Track, why: str) -> None:
+    """Mark a replay as not judged where a sensor is unusable (``why``, empty where none is)."""
     if why and row.kind == "replay" and row.status in ("ok", "not_converged", "diverged"):
         row.status, row.reason = "not_judged", why
 
 
-def _remove_heading_offset(row: Row, segments: Segments, reference: Reference) -> None:
-    """Turn a row so that its heading starts with the reference's, and tell it in its steps.
+def _remove_heading_offset(row: Track, segments: Segments, reference: Reference) -> None:
+    """Turn a track so that its heading starts with the reference's, and report it in its steps.
 
-    The mean difference over the scored part of the first long rest of each segment (else
-    its first 10 s of scoring) is taken out of ``q`` and the errors. Where the reference itself
-    jumps, the errors go on as if it had not: its reset is no drift of this row.
+    The mean difference over the scored part of the first long rest of each segment (else its first 10 s of scoring) is
+    taken out of ``q`` and the errors. Where the reference itself jumps, the errors go on as if it had not.
     """
     errors = row.errors
     assert errors is not None
@@ -203,7 +202,7 @@ def _remove_heading_offset(row: Row, segments: Segments, reference: Reference) -
 
 
 def _first_mean(t: Array, along: Array, scored: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
-    """Mean of the unwrapped heading error (n,) rad over a segment's first long rest, else its first 10 s of scoring."""
+    """Return the mean heading error (n,) rad over a segment's first long rest, else its first 10 s of scoring."""
     counted = scored if scored.any() else np.ones(len(t), bool)
     for rest in segments.of("rest.long"):
         inside = spans.between(t, rest.t0, rest.t1)

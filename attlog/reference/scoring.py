@@ -1,4 +1,4 @@
-"""What of a log is scored: the start, restarts, the end, coverage, convergence, divergence."""
+"""Scored time, errors against the reference, coverage, convergence and divergence."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ ALIGNED_DEG, ALIGNED_WITHIN_S = 5.0, 60.0
 
 
 def unscored_seconds(seconds: float) -> float:
-    """How much of a record of this length is left out before scoring, in s."""
+    """Return how much of a record of this length is left out before scoring, in s."""
     return START_S if seconds >= SHORT_S else max(seconds, 0.0) / 3.0
 
 
 def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[Span]]:
-    """First scored time, and the segments after restarts that are not scored, of IMU times (n,)."""
+    """Return the first scored time, and the unscored spans after restarts, of IMU times (n,)."""
     if len(t) == 0:
         return score_from or 0.0, []
     restarts = model.restart_times(t)
@@ -46,7 +46,7 @@ def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[
 
 
 def scored_mask(reference: Reference, t: Array) -> NDArray[np.bool_]:
-    """Which rising times (n,) count in comparisons with the reference."""
+    """Return which rising times (n,) count in comparisons with the reference."""
     inside = (t >= reference.scoring.start) & (t <= reference.scoring.end)
     for first, last in np.searchsorted(t, reference.scoring.unscored or np.zeros((0, 2))).tolist():
         inside[first:last] = False
@@ -56,11 +56,10 @@ def scored_mask(reference: Reference, t: Array) -> NDArray[np.bool_]:
 def coverage_pct(
     t: Array, number: NDArray[np.int64], counted: NDArray[np.bool_], reference: Reference, segments: Segments
 ) -> float | None:
-    """Share in percent of flight and rest after the scoring start that was scored; None where there is neither.
+    """Return the percentage of flight and rest that was scored; None where there is neither.
 
-    ``t`` (n,) are a row's times, ``number`` (n,) their segments between gaps, ``counted`` (n,) what is scored.
-    Each counted sample covers the time to the next one of its segment. The first seconds
-    after a restart are not scored and so count as missing.
+    ``t`` (n,) are a row's times, ``number`` (n,) their segments between gaps, ``counted`` (n,) what is scored. Each
+    counted sample covers the time to the next one of its segment. Seconds after a restart count as missing.
     """
     wanted = spans.merge([*segments.spans("airborne"), *segments.spans("rest")])
     wanted = spans.intersect(
@@ -76,16 +75,15 @@ def coverage_pct(
 
 
 def diverged_at(errors: AttitudeErrors) -> float | None:
-    """The time from which the scored tilt error stays above 30 deg for 2 s; None if it never does."""
+    """Return the time from which the scored tilt error stays above 30 deg for 2 s; None if never."""
     return _stays_beyond(errors, errors.tilt > DIVERGED_DEG, DIVERGED_S)
 
 
 def lost_heading_at(errors: AttitudeErrors) -> float | None:
-    """The time from which the scored heading error stays beyond 45 deg for 10 s; None if it never does.
+    """Return the time from which the scored heading error stays beyond 45 deg for 10 s; None if never.
 
-    Or the first time that it is, where it is for more than half of the scored time: a heading that runs round, or
-    a record of some seconds, is no better for never staying so long. Resets of the reference apart: beyond as it
-    is, and beyond as it would be if the reference had not jumped.
+    Or the first time that it is, where it is for more than half of the scored time, as in a heading that runs round or
+    a short record. The error counts both as it is and as if the reference had not jumped at its resets.
     """
     if not (np.abs(errors.heading) > DIVERGED_HEADING_DEG).any():
         return None
@@ -107,7 +105,7 @@ def _stays_beyond(errors: AttitudeErrors, bad: NDArray[np.bool_], seconds: float
 
 
 def reset_steps(errors: AttitudeErrors, along: Array) -> Array:
-    """The jump (n,) in rad of the heading error at each reset of the reference between gaps, 0 elsewhere.
+    """Return the jump (n,) in rad of the heading error at each reset of the reference, 0 elsewhere.
 
     ``along`` (n,) rad is the heading error unwrapped.
     """
@@ -123,7 +121,7 @@ def reset_steps(errors: AttitudeErrors, along: Array) -> Array:
 
 
 def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments) -> float | None:
-    """When an onboard attitude was aligned: the last jump of 5 deg within its first 60 s and before any flight.
+    """Return when an onboard attitude was aligned: its last early jump of 5 deg before any flight.
 
     ``resets`` (k,) are indices of its resets. None where it needed none.
     """
@@ -137,22 +135,21 @@ def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments
 
 
 def convergence_observable(errors: AttitudeErrors) -> bool:
-    """Whether there are 5 s without a break long enough to end an estimate: else nothing tells that a row converged."""
+    """Return whether 5 s pass without a break long enough to end an estimate."""
     whole = model.segment_slices(np.ones(len(errors.t), bool), _unbroken(errors))
     return any(np.ptp(errors.t[part]) >= CONVERGED_S for part in whole)
 
 
 def _unbroken(errors: AttitudeErrors) -> NDArray[np.int64]:
-    """Segments (n,) between breaks at which filters restart: an error goes on across shorter ones."""
+    """Return segments (n,) between breaks at which filters restart."""
     return model.number_segments(errors.t, max(timestamps.MAX_BRIDGED_GAP_S, timestamps.gap_limit_of_times(errors.t)))
 
 
 def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> float | None:
-    """Seconds from ``start`` until the row had converged; None if that took over 60 s or cannot be seen.
+    """Return the seconds from ``start`` until convergence; None if over 60 s or not observable.
 
-    The first time from which, for 5 s, the tilt error is at most 2 deg above the
-    median of all scored ones (and the heading error 5 deg above its median).
-    One-sided: a filter that starts right and is pushed off later has converged at 0 s.
+    The first time from which, for 5 s, the tilt error is at most 2 deg above the median of all scored ones (and the
+    heading error 5 deg above its median). One-sided: a filter that is pushed off later has converged at 0 s.
     """
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
     if not convergence_observable(errors):
@@ -180,21 +177,18 @@ SAME_RATE = 1.05
 
 
 def interpolate(t: Array, q: Array, segment: Index, at: Array) -> tuple[Array, Index]:
-    """Attitudes (m, 4) at times ``at`` and the segment each lies in; NaN and -1 where that would cross a segment's end.
+    """Return attitudes (m, 4) at times ``at`` and their segments; NaN and -1 across a segment's end.
 
-    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Along the shortest arc, so
-    between two samples of one segment only: never across a gap or a reset.
+    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Along the shortest arc between two samples of one segment.
     """
     out, before = rotation.slerp_in_segments(t, q, segment, at)
     return out, np.where(before >= 0, segment[before], -1) if len(t) else before
 
 
 def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference) -> AttitudeErrors:
-    """Errors of the attitudes (n, 4) at ``t`` against the reference.
+    """Return errors of the attitudes (n, 4) at ``t`` against the reference, at the slower one's times.
 
-    At the reference's times where the row is faster, at the row's where it is not:
-    a slow reference is never drawn out to a fast row's times. Times at which either
-    would have to be guessed across a gap, restart or reset are left out.
+    Times at which either would be interpolated across a gap, restart or reset are left out.
     """
     before = reference.samples
     if before is not None and before.of is t and before.own is reference.q:
@@ -216,7 +210,7 @@ def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference)
 def _shared_samples(
     reference: Reference, t: Array, number: Index, faster: bool, has: NDArray[np.bool_]
 ) -> ReferenceSamples:
-    """The reference at the times (k,) of the slower one, where a row at ``t`` (n,) ``has`` (k,) an attitude."""
+    """Return the reference at the times (k,) of the slower one, where a row ``has`` (k,) an attitude."""
     if faster:
         at, q, where = reference.t, reference.q, np.arange(len(reference.t))
     else:
@@ -231,7 +225,7 @@ def _shared_samples(
 def attitude_errors(
     t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
 ) -> AttitudeErrors:
-    """The errors between attitudes (n, 4), body to earth, at common times ``t`` (n,) s (docs/metrics.md).
+    """Return the errors between attitudes (n, 4), body to earth, at common times ``t`` (n,) s.
 
     ``gap_segment``, ``segment`` and ``scored`` (n,) are kept beside them; errors are angles (n,) in deg.
     """

@@ -1,8 +1,8 @@
-"""Whose down is it where accelerometer and attitude disagree? The earth's field dips below level by a known angle.
+"""Faults of accelerometer, compass and gyro that would mislead a smoother.
 
-A smoother made of an accelerometer in a frame of its own is sure of a down that is none. The field
-is measured by a third sensor: where it dips as it must below the level of the onboard attitude,
-and not below that of the accelerometer, the accelerometer is the one that is wrong.
+A smoother with a compass of mirrored axes, a gyro with spikes or a late accelerometer has a small sigma and an attitude
+that is degrees off. The dip of the earth's field decides between accelerometer and attitude: the field is measured by a
+third sensor.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ DOWN = np.array([0.0, 0.0, 1.0])
 
 
 def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None) -> str:
-    """Why the accelerometer's down is none; empty where nothing tells, or it is right."""
+    """Return why the accelerometer's axes are wrong; empty where they are not known to be."""
     if seen is None or attitude is None:
         return ""
     off = abs(seen.by_force - seen.on_earth), abs(seen.by_attitude - seen.on_earth)
@@ -47,8 +47,10 @@ def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None
 
 
 def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, source: str) -> str:
-    """Why the compass does not show the earth's field: it dips otherwise below the level of the accelerometer and below
-    that of the onboard attitude, which agree; empty where nothing tells, or it is right."""
+    """Return why the compass does not show the earth's field; empty where it is not known not to.
+
+    It dips otherwise below the levels of accelerometer and onboard attitude, which agree.
+    """
     if seen is None or attitude is None or abs(seen.by_force - seen.by_attitude) > MAX_DIP_ERROR_DEG:
         return ""
     if abs(seen.by_force - seen.on_earth) < MIN_DIP_FAULT_DEG:
@@ -62,13 +64,13 @@ def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, sour
 
 
 def _dip_text(angle: float) -> str:
-    """``points 60 deg below``: a dip in words, the sign in its last one."""
+    """Return a dip in words: ``points 60 deg below``."""
     return f"points {abs(angle):.0f} deg {'above' if angle < -0.5 else 'below'}"
 
 
 @dataclass(frozen=True, slots=True)
 class DipAngles:
-    """How far (deg) the field points below the levels of the accelerometer and of an attitude, and on earth."""
+    """Angles (deg) of the field below the levels of the accelerometer and of an attitude, and on earth."""
 
     by_force: float
     by_attitude: float
@@ -76,7 +78,7 @@ class DipAngles:
 
 
 def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> DipAngles | None:
-    """The median dips over the quiet segments of the first kind that the log has; None where nothing tells."""
+    """Return the median dips over the quiet segments of the first kind in the log; None without any."""
     imu, model = log.replay_imu, alignment.earth_field(log)
     if imu is None or attitude is None or log.mag is None or model is None:
         return None
@@ -100,7 +102,7 @@ def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) 
 
 
 def _span_mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:
-    """The mean (3,) of the samples in a span; None for too few or none with a direction."""
+    """Return the mean (3,) of the samples in a span; None for too few or a zero mean."""
     inside = spans.between(t, t0, t1)
     if inside.stop - inside.start < MIN_DIP_RECORDS:
         return None
@@ -109,7 +111,7 @@ def _span_mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:
 
 
 def _dip_deg(down: Array, field: Array) -> float:
-    """The angle of a field below the level of a down, deg."""
+    """Return the angle of a field below the level of a down, deg."""
     size = math.sqrt(float(down @ down) * float(field @ field))
     return math.degrees(math.asin(max(-1.0, min(1.0, float(down @ field) / size)))) if size > 0 else math.nan
 
@@ -136,7 +138,7 @@ FIX_3D = 3
 
 
 def accelerometer_delay(log: FlightLog) -> float | None:
-    """How late the accelerometer is, s; None where it is on time, or nothing tells."""
+    """Return how late the accelerometer is, s; None where it is on time or unknown."""
     imu, attitude, gnss = log.replay_imu, log.onboard_attitude, next(iter(log.gnss), None)
     if imu is None or attitude is None or gnss is None:
         return None
@@ -178,7 +180,7 @@ def accelerometer_delay(log: FlightLog) -> float | None:
 
 
 def _mean_force(t: Array, force: Array) -> tuple[Array, Array]:
-    """Means (n, 3) of the specific force over STEP_S and their middles; NaN where there is none."""
+    """Return means (n, 3) of the specific force over FORCE_STEP_S and their middles; NaN where there is none."""
     known = rotation.finite_rows(force)
     t, force = t[known], force[known]
     if len(t) < 2:
@@ -193,7 +195,7 @@ def _mean_force(t: Array, force: Array) -> tuple[Array, Array]:
 
 
 def _velocity_pairs(t: Array, grid: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices of fixes that are OVER_S apart, within the forces."""
+    """Return indices of fixes that are VELOCITY_SPAN_S apart, within the forces."""
     last = np.searchsorted(t, t + VELOCITY_SPAN_S)
     first = np.flatnonzero(last < len(t))
     last = last[first]
@@ -204,7 +206,7 @@ def _velocity_pairs(t: Array, grid: Array) -> tuple[NDArray[np.int64], NDArray[n
 def _delay_misfit(
     q: Array, force: Array, shift: int, receiver_s: float, spans: tuple[Array, Array], change: Array
 ) -> tuple[float, float]:
-    """What a force that is ``shift`` steps late leaves (mean square) of the changes (n, 2), and their correlation."""
+    """Return the mean square that a delayed force leaves of velocity changes (n, 2), and their correlation."""
     moved = np.full_like(force, np.nan)
     if shift >= 0:
         moved[: len(force) - shift] = force[shift:]
@@ -236,7 +238,7 @@ GYRO, COMPASS, LATE, FRAME = "gyro spikes", "compass axes", "accelerometer delay
 
 
 def find_sensor_faults(log: FlightLog, segments: Segments) -> dict[str, SensorFault]:
-    """The faults of the sensors that would be replayed, by name; empty where physics contradicts none."""
+    """Return the faults of the sensors to replay, by name; empty where physics contradicts none."""
     attitude = log.onboard_attitude
     source = "" if log.mag is None else log.mags[log.mag].field.source
     seen = guarded_part(log, "The dip of the field", lambda: _log_dips(log, segments), lambda: None)
@@ -251,7 +253,7 @@ def find_sensor_faults(log: FlightLog, segments: Segments) -> dict[str, SensorFa
 
 
 def wrong_frame(log: FlightLog, segments: Segments) -> str:
-    """Why the force of the replayed accelerometer is in wrong axes; empty where the field does not say so."""
+    """Return why the replayed accelerometer's axes are wrong by the field's dip; empty where they are not."""
     return accelerometer_contradicted(_log_dips(log, segments), log.onboard_attitude)
 
 

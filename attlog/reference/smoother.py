@@ -1,7 +1,7 @@
-"""May what a smoother found be the reference, and whose north has its heading?
+"""Whether a smoother may be the reference, whose north it has, and what agreement with a reference proves.
 
-A smoother looks at the whole log from both sides and says how wrong it may be (one sigma). It is
-a reference where its own checks pass and that is little: it then judges the onboard attitude too.
+A smoother uses the whole log from both sides and reports its sigma. It is a reference where its own checks pass and the
+sigma is small.
 """
 
 from __future__ import annotations
@@ -54,9 +54,9 @@ HEADING_MEAN_S = 2.0
 
 
 def smoothable(log: FlightLog, segments: Segments) -> list[Span]:
-    """Where a smoother can be run, each for itself: between gaps, up to an impact, without any loss of control.
+    """Return spans in which a smoother can be run: between gaps, up to an impact, without loss of control.
 
-    What happens in a tumble it would spread over the time before and after; short segments show it nothing.
+    A tumble would spread over the time before and after; short segments show a smoother nothing.
     """
     imu = log.replay_imu
     t = np.zeros(0) if imu is None else imu.gyro.t_best[np.isfinite(imu.gyro.t_best)]
@@ -72,7 +72,7 @@ def smoothable(log: FlightLog, segments: Segments) -> list[Span]:
 
 
 def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
-    """Why the smoother is not run over a log unless it is asked for; empty where it is."""
+    """Return why the smoother is not run over a log by default; empty where it is."""
     if log.replay_imu is None:
         return "no IMU is replayed"
     force = rotation.length(log.replay_imu.acc.x)
@@ -88,7 +88,7 @@ def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
 
 
 def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) -> str:
-    """What an analysis will compare with, before any smoother ran; ``chosen`` is the reference without one."""
+    """Return what an analysis will compare with; ``chosen`` is the reference without a smoother."""
     otherwise = {"truth": "the logged truth", "onboard": f"the onboard attitude ({chosen.source})"}.get(
         chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.faults.reference else "nothing"
     )
@@ -104,7 +104,7 @@ def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) ->
 
 
 def reason_unusable(estimate: Estimate) -> str:
-    """Why a smoother that failed its own checks is no reference; empty where it passed."""
+    """Return why a smoother that failed its own checks is no reference; empty where it passed."""
     if len(estimate.t) < 2:
         return "no sample of the log can be used"
     if not has_sigma(estimate):
@@ -122,11 +122,11 @@ def reason_unusable(estimate: Estimate) -> str:
 
 
 def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
-    """One estimate of those of the segments (in order) that pass their own checks; all of them with ``whatever``.
+    """Join the estimates of segments (in order) that pass their own checks; all of them with ``whatever``.
 
-    A segment without a heading is left out where the others hold most of the time: their headings would not be compared
-    for its sake. It says of itself what its longest segment says, and that its heading rests on the compass alone where
-    that of any segment does. UsageError where less than half of the time is left.
+    A segment without a heading is left out where the others cover most of the time: their headings would not be
+    compared for its sake. ``quality`` is that of the longest segment; its heading is from the compass alone where that
+    of any segment is. UsageError where less than half of the time is left.
     """
     why = {k: reason_unusable(one) for k, one in enumerate(found)}
     length = [float(one.t[-1] - one.t[0]) if len(one.t) else 0.0 for one in found]
@@ -156,12 +156,12 @@ def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estim
 
 
 def has_sigma(estimate: Estimate) -> bool:
-    """Whether it says how sure it is of tilt and heading."""
+    """Return whether it reports its sigma of tilt and heading."""
     return len(estimate.t) > 1 and {"sigma_tilt", "sigma_heading"} <= estimate.aux.keys()
 
 
 def gyro_jumps(estimate: Estimate) -> tuple[GyroJump, ...] | None:
-    """The largest jump of the gyro's bias that a smoother found; None where it looks for none."""
+    """Return the largest jump of the gyro's bias that a smoother found; None where it looks for none."""
     if "gyro_jumps" not in estimate.quality:
         return None
     if "gyro_jump_s" not in estimate.quality:
@@ -178,7 +178,7 @@ def _number(estimate: Estimate, name: str) -> float:
 
 
 def aided_by(estimate: Estimate) -> str:
-    """What helped it beside gyro and accelerometer, in words: ``GNSS, barometer and magnetometer``."""
+    """Return the aids beside gyro and accelerometer in words: ``GNSS, barometer and magnetometer``."""
     words = {"gnss": "GNSS", "baro": "barometer", "mag": "magnetometer", "rest": "rest"}
     names = [words.get(w, w) for w in _aids(estimate)]
     return " and ".join(x for x in (", ".join(names[:-1]), *names[-1:]) if x) or "gravity alone"
@@ -189,7 +189,7 @@ def _aids(estimate: Estimate) -> list[str]:
 
 
 def thin(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Array]:
-    """Times (n,) s, attitudes (n, 4), segments between restarts (n,), sigmas (n,) deg of tilt and heading."""
+    """Return times (n,) s, attitudes (n, 4), segments (n,) between restarts, sigmas (n,) deg of tilt and heading."""
     t = np.asarray(estimate.t, np.float64)
     step = max(1, int(1.01 * model.sample_rate(t) / MAX_REFERENCE_HZ))
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
@@ -202,9 +202,9 @@ def thin(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Ar
 
 
 def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None = None) -> float:
-    """How wrong a reference may be itself (deg, one sigma, RMS over its scored or these samples (n,)).
+    """Return the sigma of a reference in deg (RMS over its scored or these samples (n,)).
 
-    ``angle``: tilt, heading or total. 0 for a reference that does not tell, NaN without samples.
+    ``angle``: tilt, heading or total. 0 where it is unknown, NaN without samples.
     """
     if reference.sigma is None:
         return 0.0
@@ -216,28 +216,28 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
 
 
 def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
-    """Tilt, and heading with its sign, of attitudes (n, 4) at ``t`` against a reference, deg; NaN where it has none."""
+    """Return tilt and signed heading of attitudes (n, 4) at ``t`` against a reference, deg, or NaN."""
     own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
     e = rotation.earth_error(q, own)
     return np.degrees(rotation.tilt_angle(e)), np.degrees(rotation.heading_angle(e))
 
 
 def unsure_of_tilt(reference: Reference) -> str:
-    """Why a smoother gives way to a sound onboard attitude; empty where it is sure enough of its tilt."""
+    """Return why a smoother gives way to a sound onboard attitude; empty where its tilt sigma is small."""
     own = sigma_deg(reference, "tilt")
     return "" if own <= MAX_SIGMA_DEG else f"own tilt sigma {own:.1f} deg; up to {MAX_SIGMA_DEG:.0f} deg is a reference"
 
 
 def sure_of_heading(reference: Reference) -> bool:
-    """Whether headings can be compared with a smoother's own."""
+    """Return whether headings can be compared with a smoother's own."""
     return sigma_deg(reference, "heading") <= MAX_SIGMA_DEG
 
 
 def with_true_heading(reference: Reference, heading: Stream) -> Reference:
-    """The smoother with a heading (n, 1) rad that the user brought, whatever its own is.
+    """Return the smoother with an external heading (n, 1) rad, whatever its own is.
 
-    Turned about the vertical by the running mean of the difference; how far single headings lie from that mean is its
-    sigma. UsageError where they share no time.
+    Turned about the vertical by the running mean of the difference; the scatter about that mean is its sigma.
+    UsageError where they share no time.
     """
     t = heading.t_best
     own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
@@ -273,11 +273,11 @@ def _with_step(reference: Reference, step: AlignmentStep) -> Alignment:
 
 
 def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:
-    """The smoother with the heading of the onboard attitude, with nobody's where there is none to go by.
+    """Return the smoother with the heading of the onboard attitude, or without a heading to compare.
 
-    Turned about the vertical by the running mean of the difference, which leaves tilt and steps the
-    smoother's own. Segments end at the resets of the onboard attitude, scoring begins with its alignment.
-    A smoother that is sure of its heading keeps it.
+    Turned about the vertical by the running mean of the difference, which leaves tilt and steps the smoother's own.
+    Segments end at the resets of the onboard attitude, scoring begins with its alignment. A smoother with a small
+    heading sigma keeps its own.
     """
     if sure_of_heading(reference):
         return reference
@@ -309,7 +309,7 @@ def with_heading_of(reference: Reference, onboard: Reference | None) -> Referenc
 
 
 def _running_mean(t: Array, x: Array) -> Array:
-    """The running mean (n,) of ``x`` over TURNED_S around each of its times."""
+    """Return the running mean (n,) of ``x`` over HEADING_MEAN_S around each of its times."""
     low = np.searchsorted(t, t - 0.5 * HEADING_MEAN_S)
     high = np.searchsorted(t, t + 0.5 * HEADING_MEAN_S, "right")
     total = np.concatenate([[0.0], np.cumsum(x)])
@@ -321,7 +321,7 @@ def _running_mean(t: Array, x: Array) -> Array:
 
 
 def meaning(ref: Reference) -> str:
-    """One or two sentences for people."""
+    """Return what agreement with a reference proves, in one or two sentences."""
     if ref.kind == "smoother":
         return _smoother_meaning(ref)
     if ref.fit is not None:
@@ -334,7 +334,7 @@ def meaning(ref: Reference) -> str:
 
 
 def own_sigma_deg(ref: Reference, angle: str) -> float | None:
-    """How wrong a reference says its ``angle`` may be, RMS in deg; None for one that does not tell, or borrows it."""
+    """Return the sigma of an ``angle`` of a reference, RMS in deg; None where unknown or borrowed."""
     if ref.sigma is None or (angle == "heading" and ref.heading.by not in ("own", "relative")):
         return None
     own = sigma_deg(ref, angle)
@@ -342,9 +342,9 @@ def own_sigma_deg(ref: Reference, angle: str) -> float | None:
 
 
 def caveat(ref: Reference) -> str:
-    """What a ranking by it has to say beside it: clauses without capital and full stop, with semicolons; may be empty.
+    """Return clauses with semicolons that a ranking by a reference needs beside it; may be empty.
 
-    Whether it is in doubt or would have been refused, what its heading rests on, and why no better one was taken.
+    Doubts, the origin of its heading, and why no better reference was taken.
     """
     parts = [_doubt(ref)]
     if ref.kind == "smoother":
@@ -358,7 +358,7 @@ def caveat(ref: Reference) -> str:
 
 
 def _doubt(ref: Reference) -> str:
-    """Why a reference that was taken all the same is in doubt."""
+    """Return why a reference that was taken all the same is in doubt."""
     why = ref.faults.doubt
     if not why and ref.kind == "smoother" and unsure_of_tilt(ref):
         why = f"its tilt sigma is above {MAX_SIGMA_DEG:.0f} deg"
@@ -366,12 +366,12 @@ def _doubt(ref: Reference) -> str:
 
 
 def _short(why: str) -> str:
-    """The first part of a reason."""
+    """Return the first part of a reason."""
     return why.partition(";")[0].partition(", ")[0]
 
 
 def _heading_caveat(ref: Reference) -> str:
-    """What its own heading rests on, empty where compass and motion agree; why no heading is compared."""
+    """Return the single source of its heading, or why no heading is compared."""
     if ref.heading.by == "nobody":
         why = str(ref.quality.get("heading_why", "")) if ref.quality.get("heading_from") == "nobody" else ""
         return f"no heading is compared: {_short(why or ref.heading.why)}"
@@ -380,7 +380,7 @@ def _heading_caveat(ref: Reference) -> str:
 
 
 def heading_words(quality: Mapping[str, float | str]) -> str:
-    """What a smoothed heading rests on, as a clause; empty of an estimate that does not tell."""
+    """Return the origin of a smoothed heading as a clause; empty where unknown."""
     found = str(quality.get("heading_from", ""))
     words = {
         "both": "compass and motion agree on the heading",

@@ -18,16 +18,7 @@ from attlog.core import spans
 from attlog.core.spans import Span
 from attlog.flight.model import FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments.flight_signs import (
-    MAX_AGE_S,
-    MAX_HAND_M_S,
-    STEP_S,
-    Grid,
-    hold_last,
-    inside_spans,
-    seconds_to_nearest,
-    true_runs,
-)
+from attlog.segments.flight_signs import MAX_AGE_S, MAX_HAND_M_S, STEP_S, Grid, hold_last, seconds_to_nearest, true_runs
 
 # --- heights -----------------------------------------------------------------------------------------------------
 
@@ -225,8 +216,8 @@ def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spa
     """Return the flights in a grid; ``armed``: None where unknown, ``known_spans``: time logged without pauses."""
     t = grid.t
     power, source = _drive_power(log, t)
-    may = grid.known & inside_spans(t, known_spans)
-    may &= inside_spans(t, armed) if armed is not None else True
+    may = grid.known & spans.inside(t, known_spans)
+    may &= spans.inside(t, armed) if armed is not None else True
     if power is None:
         driven = may.copy() if armed is not None else np.zeros(len(t), bool)  # arming lifts nothing by itself
         power, source, usual, lifting = driven.astype(np.float64), "arming", 1.0, np.zeros(len(t), bool)

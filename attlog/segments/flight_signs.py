@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation, spans
-from attlog.core.spans import Span
+from attlog.core import rotation
 from attlog.flight.model import FlightLog, Imu, Stream
 
 Array = NDArray[np.float64]
@@ -130,7 +129,7 @@ def _fill_signs(grid: Grid, part: slice, rate: Array) -> None:
     """Fill the signs of an unbroken part, from its force and its rate (n, 3) deg/s without the gyro's offset."""
     raw, down = grid.force[part], grid.down[part]
     force, turned = _mean(raw, MEAN_S), rotation.length(_mean(rate, MEAN_S))
-    signs = [_deviation(rotation.length(force), SPREAD_S) / STILL_FORCE_M_S2]
+    signs = [np.sqrt(_variance(rotation.length(force), SPREAD_S)) / STILL_FORCE_M_S2]
     signs += [np.sqrt(_mean(turned**2, SPREAD_S)) / STILL_RATE_DPS]
     tilted = np.degrees(np.sqrt(np.sum(_variance(down, SPREAD_S), axis=1))) / STILL_TILT_DEG
     logs = np.log(np.clip([*signs, tilted], 1e-2, 1e3))
@@ -221,10 +220,6 @@ def _variance(x: Array, seconds: float) -> Array:
     return found
 
 
-def _deviation(x: Array, seconds: float) -> Array:
-    return np.sqrt(_variance(x, seconds))
-
-
 def true_runs(mask: Mask) -> Iterator[tuple[int, int]]:
     """Return index ranges [a, b) of neighbouring true samples."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
@@ -238,8 +233,3 @@ def hold_last(t: Array, stream: Stream, nothing: float = 0.0) -> Array:
     i = np.clip(np.searchsorted(stream.t, t, side="right") - 1, 0, len(stream.t) - 1)
     fresh = (t - stream.t[i] <= max(MAX_AGE_S, 5.0 * usual)) & np.isfinite(x[i])
     return np.where(fresh, x[i], nothing)
-
-
-def inside_spans(t: Array, wanted: list[Span]) -> Mask:
-    """Mark the grid's times ``t`` (n,) s inside spans."""
-    return spans.inside(t, wanted)

@@ -1,7 +1,4 @@
-"""How far the gyro turned between given instants: the yardstick for jumps and delays of an attitude.
-
-The two loops are compiled; their twins in numpy serve where little data is looked at.
-"""
+"""Rotation of the gyro between given instants, to check jumps and delays of an attitude."""
 
 from __future__ import annotations
 
@@ -27,11 +24,10 @@ LOOKED_UP = 1 << 12
 
 
 class GyroIncrements:
-    """The gyro's rotation as prefix sums, so that any interval costs the same.
+    """Prefix sums of the gyro's rotation, so that any interval costs the same.
 
-    ``t`` (n,) s rising and ``rate`` (n, 3) rad/s. Sum of the angle increments with the
-    second-order coning term ``1/2 sum alpha x d alpha`` (Savage 1998, equation 17),
-    exact enough for intervals that turn below some 30 deg.
+    ``t`` (n,) s rising and ``rate`` (n, 3) rad/s. Sum of the angle increments with the second-order coning term ``1/2
+    sum alpha x d alpha`` (Savage 1998, equation 17), exact enough for intervals that turn below some 30 deg.
     """
 
     def __init__(self, t: Array, rate: Array, sampling: Literal["interval", "instant"] = "instant") -> None:
@@ -43,7 +39,7 @@ class GyroIncrements:
 
     @cached_property
     def segment(self) -> NDArray[np.int64]:
-        """The number (n,) of the segment between gaps that each sample belongs to."""
+        """Segment number (n,) of each sample between gaps."""
         return model.number_segments(self.t)
 
     def known(self, start: Array, end: Array) -> NDArray[np.bool_]:
@@ -60,7 +56,7 @@ class GyroIncrements:
         return np.asarray((first >= 0) & (last <= end_of_log) & same)
 
     def between(self, start: Array, end: Array) -> Array:
-        """Rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); outside ``t`` the gyro stands still."""
+        """Return rotation vectors (m, 3) in rad from ``start`` (m,) to ``end`` (m,); none outside ``t``."""
         if len(self.t) < 2:
             return np.zeros((len(start), 3))
         out, (start, end) = np.empty((len(start), 3)), (np.ascontiguousarray(x, np.float64) for x in (start, end))
@@ -100,7 +96,7 @@ def sum_gyro(out: Out2, t: F1, rate: F2, interval: int) -> None:
 
 
 def sum_at(sums: Array, column: int, i: int, share: float) -> float:
-    """A sum (n, 6) so far beyond sample i."""
+    """Return a sum of (n, 6) at a ``share`` of the interval after sample i."""
     return float(sums[i, column] + share * (sums[i + 1, column] - sums[i, column]))
 
 

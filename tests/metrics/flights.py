@@ -13,19 +13,19 @@ from attlog.core import rotation
 from attlog.flight.model import Firmware, FlightLog
 from attlog.metrics.metric import Answer, Case, MetricGroup
 from attlog.metrics.step_turning import SummedTurning
-from attlog.reference.model import AttitudeErrors, Reference, Row, Scoring
+from attlog.reference.model import AttitudeErrors, Reference, Scoring, Track
 from attlog.segments.model import Segment, Segments
 
 Array = NDArray[np.float64]
 
 
-def row(t: Array, q: Array, name: str = "filter", **fields: object) -> Row:
+def row(t: Array, q: Array, name: str = "filter", **fields: object) -> Track:
     """A replayed row at ``t`` in one run."""
-    return Row(name, "replay", t, q, np.zeros(len(t), np.int64), uses_mag=True, **fields)  # type: ignore[arg-type]
+    return Track(name, "replay", t, q, np.zeros(len(t), np.int64), uses_mag=True, **fields)  # type: ignore[arg-type]
 
 
 def case(
-    rows: list[Row],
+    rows: list[Track],
     segments: list[Segment],
     reference: tuple[Array, Array] | None = None,
     kind: str = "truth",
@@ -51,7 +51,7 @@ def case(
     return Case(log, Segments(segments), ref, rows)
 
 
-def errors(r: Row, ref: Reference) -> AttitudeErrors:
+def errors(r: Track, ref: Reference) -> AttitudeErrors:
     """Errors of a row at the reference's times."""
     inside = (ref.t >= r.t[0]) & (ref.t <= r.t[-1])
     t, q_ref = ref.t[inside], ref.q[inside]
@@ -151,6 +151,6 @@ def aided(t: Array, q: Array, f: Array, kp: float, m: Array | None = None) -> Ar
     return np.roll(np.array(out), 1, axis=1)
 
 
-def ask(groups: tuple[MetricGroup, ...], case: Case, row: Row, window: str) -> dict[str, Answer]:
+def ask(groups: tuple[MetricGroup, ...], case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the answers of several groups in one."""
     return {name: answer for q in groups for name, answer in q.ask(case, row, window).items()}

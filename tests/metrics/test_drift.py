@@ -14,7 +14,7 @@ from attlog.metrics import drift as drift_air
 from attlog.metrics import drift as drift_rest
 from attlog.metrics import intervals as interval
 from attlog.metrics.windows import DRIFT_AIR_S, DRIFT_REST_S
-from attlog.reference.model import HeadingReference, ReferenceSigma, Row
+from attlog.reference.model import HeadingReference, ReferenceSigma, Track
 from attlog.segments.model import Segment
 from tests.metrics import flights
 from tests.metrics.test_corpus import trial_of
@@ -306,7 +306,7 @@ def test_a_reset_of_the_onboard_attitude_at_rest_is_no_drift():
     t = np.arange(0.0, 60.0, 0.02)
     heading = np.where(t < 32.3, 0.0, np.radians(15.0))
     q = rotation.from_euler(0 * t, 0 * t, heading)
-    onboard = Row("onboard", "onboard", t, q, np.zeros(len(t), np.int64), uses_mag=True, estimator="ATT")
+    onboard = Track("onboard", "onboard", t, q, np.zeros(len(t), np.int64), uses_mag=True, estimator="ATT")
     rest = Segment("rest.long", 0.0, 60.0)
     cut = flights.case([onboard], [rest, Segment("reset", 32.28, 32.3)])
     cut.log.attitudes["ATT"] = Attitude(t, q, "ATT")

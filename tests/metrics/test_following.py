@@ -10,7 +10,7 @@ from attlog.core import rotation
 from attlog.flight.model import Imu, Mag, Stream
 from attlog.metrics import compute, following
 from attlog.metrics.metric import Case
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments.model import Segment
 from tests.metrics import flights
 
@@ -36,7 +36,7 @@ STILL_T = np.arange(0.0, 60.0, 0.01)
 FIELD_T = np.arange(0.003, 60.0, 0.1)
 
 
-def resting(rest: tuple[float, float]) -> tuple[Case, Row]:
+def resting(rest: tuple[float, float]) -> tuple[Case, Track]:
     """A log at rest from and to these times; its samples tell their own time."""
     row = flights.row(STILL_T, np.tile([1.0, 0.0, 0.0, 0.0], (len(STILL_T), 1)))
     case = flights.case([row], [Segment("continuous", 0, 60), Segment("rest.long", *rest)])

@@ -21,7 +21,7 @@ from attlog.metrics.gyro_bias import no_common_bias
 from attlog.metrics.innovations import AID_GROUPS
 from attlog.metrics.metric import CODES, Answer, Case, per_case, per_row, per_times
 from attlog.metrics.traces import traces
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.segments.model import WINDOWS, Segment
 from tests.conftest import ROOT
 from tests.metrics import flights
@@ -33,7 +33,7 @@ def calls() -> list[str]:
     return []
 
 
-def row(name: str) -> Row:
+def row(name: str) -> Track:
     t = np.arange(0.0, 1.0, 0.1)
     return flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), name)
 
@@ -57,7 +57,7 @@ def test_rows_of_one_name_are_different_rows(calls: list[str]) -> None:
     """Two evaluations of one case may both hold a row ``mahony``."""
 
     @per_row
-    def first(case: Case, row: Row, segment: slice) -> float:
+    def first(case: Case, row: Track, segment: slice) -> float:
         calls.append(row.name)
         return float(row.t[segment][0])
 
@@ -86,7 +86,7 @@ def test_what_was_found_for_a_row_goes_with_the_row() -> None:
     """A sweep evaluates thousands of rows on one case."""
 
     @per_row
-    def size(case: Case, row: Row) -> int:
+    def size(case: Case, row: Track) -> int:
         return len(row.t)
 
     case, own = flights.case([], []), row("mahony")

@@ -19,7 +19,7 @@ from attlog.metrics.metric import Case
 from attlog.pipeline import evaluation, preparation, replay
 from attlog.pipeline.evaluation import of_reference_and_filters
 from attlog.pipeline.preparation import Stages
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.result import Answer, EstimatorRow, Result
 
 LOG = Path(__file__).parents[2] / "sample_logs" / "copter_steps_stabilize.bin"
@@ -129,7 +129,7 @@ def test_nothing_of_a_row_is_left_when_the_next_one_comes(monkeypatch: pytest.Mo
 def test_a_row_that_has_passed_is_run_again_where_another_is_equal(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     again, asked = replay.again, list[str]()
 
-    def asking(case: Case, chosen: Any, name: str) -> Row:
+    def asking(case: Case, chosen: Any, name: str) -> Track:
         asked.append(name)
         return again(case, chosen, name)
 

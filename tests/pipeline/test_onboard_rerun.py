@@ -16,7 +16,7 @@ from attlog.estimators import DEFAULT, parse
 from attlog.metrics.metric import Case
 from attlog.pipeline.onboard_rerun import rerun_row
 from attlog.pipeline.replay import run_rows
-from attlog.reference.model import Row
+from attlog.reference.model import Track
 from attlog.result import EstimatorRow, Result
 from attlog.words.flight import rerun_sentences
 from tests.conftest import SAMPLES
@@ -29,7 +29,7 @@ def case() -> Case:
     return attlog.prepare(SAMPLES / "px4_steps.ulg", {"estimators": [RUN]})
 
 
-def rerun(case: Case, spec: str) -> Row:
+def rerun(case: Case, spec: str) -> Track:
     """The row of a re-run."""
     return rerun_row(case, next(iter(case.imus.values())), parse(spec), spec)[0]
 

@@ -16,7 +16,7 @@ from attlog.flight.ardupilot import reader
 from attlog.flight.imu import low_pass_delay
 from attlog.flight.model import Attitude, Firmware, FlightLog, TimeLine
 from attlog.flight.px4.reader import DECLINATION_PARAMETERS
-from attlog.reference import Reference, ReferenceOptions, Row, choose, replayed
+from attlog.reference import Reference, ReferenceCheck, ReferenceOptions, Track, choose, replayed
 from attlog.reference.model import Alignment, Faults, HeadingOrigin, ReferenceSigma, Scoring
 from attlog.segments import Segments
 from tests.segments.flights import imu_log
@@ -93,7 +93,7 @@ def estimate(t: Array | None = None, heading_deg: float | Array = 0.0, tilt_deg:
 
 def compared(
     log: FlightLog, e: Estimate, options: ReferenceOptions | None = None, **more
-) -> tuple[Row, Reference, Segments]:
+) -> tuple[Track, Reference, Segments]:
     """The row of an estimate, with what it was compared to. It uses a magnetometer unless said."""
     found = segments.build(log)
     reference = choose(log, found, options or ReferenceOptions(declination=0.0))
@@ -122,3 +122,11 @@ def grouped(**flat: Any) -> dict[str, Any]:
         if mine:
             found[group] = kinds[group](**mine)
     return found | flat
+
+
+def contradicted(log: FlightLog, imu: Any, reference: Reference, rows: list[Track]) -> Any:
+    """Return the verdict of a check over rows that are all at hand."""
+    check = ReferenceCheck(log, imu, reference, lambda row: row)
+    for row in rows:
+        check.add(row)
+    return check.contradicted()

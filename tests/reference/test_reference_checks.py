@@ -16,10 +16,9 @@ from attlog.reference import (
     Reference,
     ReferenceCheck,
     ReferenceOptions,
-    Row,
+    Track,
     alignment,
     choose,
-    contradicted,
     onboard_check,
     reference_checks,
 )
@@ -34,7 +33,7 @@ from attlog.reference.reference_checks import (
 )
 from attlog.reference.reference_checks import static_tilt as residuals_of
 from attlog.segments import Segment, Segments
-from tests.reference.flights import attitude_at
+from tests.reference.flights import attitude_at, contradicted
 from tests.reference.flights import flight as flights_flight
 
 REFERENCE: Any = SimpleNamespace(t=np.array([0.0, 100.0]), source="ATT")
@@ -176,12 +175,12 @@ def flight(onboard: np.ndarray, force: np.ndarray | None = None) -> FlightLog:
     return log
 
 
-def rows(*attitudes: np.ndarray) -> list[Row]:
+def rows(*attitudes: np.ndarray) -> list[Track]:
     zero = np.zeros(len(T), np.int64)
-    return [Row(f"f{i}", "replay", T, q, zero, True, estimator=f"f{i}") for i, q in enumerate(attitudes)]
+    return [Track(f"f{i}", "replay", T, q, zero, True, estimator=f"f{i}") for i, q in enumerate(attitudes)]
 
 
-def refusal(log: FlightLog, filters: list[Row]) -> str:
+def refusal(log: FlightLog, filters: list[Track]) -> str:
     phases = segments.Segments([Segment("continuous", 0.0, 60.0)])
     found = contradicted(log, log.imus[0], choose(log, phases, ReferenceOptions()), filters)
     return "" if found is None else found[0]
@@ -197,7 +196,7 @@ def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_ag
     whole = {row.name: row for row in rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0))}
     asked = []
 
-    def again(row: Row) -> Row:
+    def again(row: Track) -> Track:
         asked.append(row.name)
         return whole[row.name]
 
@@ -281,8 +280,8 @@ def test_an_attitude_that_leans_to_both_sides_in_turn_is_not_refuted_by_a_mean_f
     assert refusal(flight(tilted(TURN, 25.0)), rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0)))
 
 
-def named(q: dict[str, np.ndarray]) -> list[Row]:
-    return [Row(name, "replay", T, x, np.zeros(len(T), np.int64), True, estimator=name) for name, x in q.items()]
+def named(q: dict[str, np.ndarray]) -> list[Track]:
+    return [Track(name, "replay", T, x, np.zeros(len(T), np.int64), True, estimator=name) for name, x in q.items()]
 
 
 def test_the_mean_force_of_a_vehicle_whose_imu_sits_tilted_is_gravity() -> None:

@@ -23,7 +23,6 @@ from attlog.reference import (
     ReferenceOptions,
     caveat,
     choose,
-    contradicted,
     expected_reference,
     heading_references,
     meaning,
@@ -35,7 +34,7 @@ from attlog.reference import (
 )
 from attlog.reference.model import SensorFault
 from attlog.segments.model import Segment, Segments
-from tests.reference.flights import RATE, SECONDS, ardupilot, attitude_at, estimate, flight, sampled
+from tests.reference.flights import RATE, SECONDS, ardupilot, attitude_at, contradicted, estimate, flight, sampled
 
 
 def made(tilt: float = 0.1, heading: float = 0.2, off: Estimate | None = None, **quality: float | str) -> Estimate:

@@ -49,6 +49,7 @@ DEFAULTS = (
 OTHERS = (
     "attlog.estimators.ekf2.loop",
     "attlog.estimators.ekf2.run",
+    "attlog.estimators.ekf3.loop",
     "attlog.estimators.filters.inertial.backward",
     "attlog.estimators.filters.inertial.recursion",
     "attlog.simulate.controller",

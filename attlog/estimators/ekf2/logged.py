@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.estimators.ekf2.parameters import era_of
-from attlog.estimators.ekf2.start import attitude_variances
 from attlog.estimators.ekf2.state import ERA_D
-from attlog.estimators.rerun import INNOVATION
+from attlog.estimators.rerun import INNOVATION, attitude_variances
 
 if TYPE_CHECKING:
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs

@@ -20,13 +20,11 @@ from attlog.estimators.ekf2.state import (
     ACC_ENV,
     ACC_N,
     ALIGNED,
-    BA,
     BAD_HGT,
     BAD_VEL,
     BARO_COUNT,
     BARO_OFF,
     BARO_VAR,
-    BG,
     ERA_B,
     ERA_C,
     ERA_D,
@@ -44,10 +42,6 @@ from attlog.estimators.ekf2.state import (
     GYRO_ENV,
     MAG_MODE,
     MAG_SINCE,
-    NEVER,
-    OBS_BARO,
-    OBS_GNSS_HEIGHT,
-    POS,
     REST_N,
     REST_X,
     REST_Y,
@@ -58,26 +52,35 @@ from attlog.estimators.ekf2.state import (
     T_GNSS,
     T_HEADING,
     T_ZERO,
-    TH,
     TILT,
-    VEL,
     YAW,
     YAW_RATE,
-    Filter,
-    G,
     Known,
     Parameters,
     cold_start,
+    gravity_start,
+    limit_states,
+    process_noise,
+)
+from attlog.estimators.error_state import (
+    BA,
+    BG,
+    NEVER,
+    OBS_BARO,
+    OBS_GNSS_HEIGHT,
+    POS,
+    TH,
+    VEL,
+    Filter,
+    G,
+    correct_output,
     forget_rows,
     fuse_direct,
-    gravity_start,
     heading_of,
     innovation_variance,
-    limit_states,
     predict_covariance,
-    predict_state,
-    process_noise,
     rotation,
+    strapdown,
     turn_body,
     update,
 )
@@ -192,7 +195,7 @@ def run_filter(
             force[i] -= x[13 + i]
         process_noise(f, par, known, dt, int(s.steps[j, 8]), t)
         predict_covariance(f, dt)
-        predict_state(f, known, dt)
+        strapdown(f, known.latitude, dt, True)
         limit_states(f, par, known)
         # horizontal acceleration and yaw rate, low-passed with 1 s
         an = r[0, 0] * force[0] + r[0, 1] * force[1] + r[0, 2] * force[2]
@@ -322,16 +325,7 @@ def run_filter(
         limit_states(f, par, known)
         # correct the output: the delayed output attitude is pulled to the filter's
         if ring_ready:
-            b0, b1, b2, b3 = ring[j % length, 0], ring[j % length, 1], ring[j % length, 2], ring[j % length, 3]
-            e0 = x[0] * b0 + x[1] * b1 + x[2] * b2 + x[3] * b3
-            sign = 1.0 if e0 >= 0.0 else -1.0
-            ev1 = x[0] * b1 - x[1] * b0 - x[2] * b3 + x[3] * b2
-            ev2 = x[0] * b2 + x[1] * b3 - x[2] * b0 - x[3] * b1
-            ev3 = x[0] * b3 - x[1] * b2 + x[2] * b1 - x[3] * b0
-            share = 0.5 * known.imu_period / max(t_now - t, known.imu_period)
-            correction[0] = -2.0 * sign * ev1 * share
-            correction[1] = -2.0 * sign * ev2 * share
-            correction[2] = -2.0 * sign * ev3 * share
+            correct_output(f, j % length, 0.5 * known.imu_period / max(t_now - t, known.imu_period))
             # a heading reset turned the whole ring: the newest output follows it
             for i in range(4):
                 o[i] = ring[k % length, i]

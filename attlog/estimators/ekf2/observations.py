@@ -12,7 +12,6 @@ from attlog.estimators.ekf2.state import (
     ALIGNED,
     BAD_HGT,
     BAD_VEL,
-    BG,
     CONSISTENT,
     ERA_B,
     ERA_C,
@@ -32,16 +31,6 @@ from attlog.estimators.ekf2.state import (
     MAG_MODE,
     MAG_OFF,
     MAG_SINCE,
-    MB,
-    MI,
-    N_ERR,
-    OBS_AIRSPEED,
-    OBS_BARO,
-    OBS_HEADING,
-    OBS_POS_N,
-    OBS_SIDESLIP,
-    OBS_VEL_N,
-    POS,
     T_ALIGNED,
     T_BAD_ACC,
     T_GNSS,
@@ -53,24 +42,42 @@ from attlog.estimators.ekf2.state import (
     T_START_GNSS,
     T_VEL,
     T_VEL_REFUSED,
-    TH,
     TILT,
-    VEL,
-    WIND,
     WIND_ON,
     YAW,
     YAW_RATE,
-    Filter,
     Known,
     Parameters,
+)
+from attlog.estimators.error_state import (
+    BG,
+    MB,
+    MI,
+    N_ERR,
+    OBS_AIRSPEED,
+    OBS_BARO,
+    OBS_HEADING,
+    OBS_POS_N,
+    OBS_SIDESLIP,
+    OBS_VEL_N,
+    POS,
+    TH,
+    VEL,
+    WIND,
+    Filter,
+    airspeed_row,
+    declination_row,
     field_heading,
+    field_row,
     forget_rows,
     fuse_direct,
     heading_of,
+    heading_row,
     innovation_variance,
     record,
     rotation,
     set_mask,
+    sideslip_row,
     turn_heading,
     update,
     wrap,
@@ -78,22 +85,9 @@ from attlog.estimators.ekf2.state import (
 
 
 def fuse_axis(f: Filter, m: F1, axis: int, noise: float) -> tuple[float, float]:
-    """Prepare one axis of the field: H of the present state; return (innovation, variance)."""
-    x, c, r, h_index, h_value = f.x, f.c, f.r, f.h_index, f.h_value
-    # h = (R' mI + mB)_i; dh/dtheta = row i of R' [mI]x, dh/dmI = row i of R', dh/dmB = 1
-    a, b, c = x[16], x[17], x[18]
-    r0, r1, r2 = r[0, axis], r[1, axis], r[2, axis]
-    h_index[0], h_index[1], h_index[2] = TH, TH + 1, TH + 2
-    h_value[0] = r1 * c - r2 * b
-    h_value[1] = r2 * a - r0 * c
-    h_value[2] = r0 * b - r1 * a
-    for k in range(3):
-        h_index[3 + k] = MI + k
-    h_value[3], h_value[4], h_value[5] = r0, r1, r2
-    h_index[6] = MB + axis
-    h_value[6] = 1.0
-    s = innovation_variance(f, 7, noise)
-    return r0 * a + r1 * b + r2 * c + x[19 + axis] - m[axis], s
+    """Prepare one axis of the field with the present state; return (innovation, variance)."""
+    predicted = field_row(f, axis)
+    return predicted - m[axis], innovation_variance(f, 7, noise)
 
 
 def fuse_field(f: Filter, par: Parameters, m: F1, t: float, mask: Out1, ratio_n: float) -> bool:
@@ -121,14 +115,10 @@ def fuse_field(f: Filter, par: Parameters, m: F1, t: float, mask: Out1, ratio_n:
 
 def fuse_declination(f: Filter, declination: float, sigma: float, mask: Out1) -> None:
     """Fuse the direction of the earth field's horizontal part."""
-    x, h_index, h_value = f.x, f.h_index, f.h_value
-    n2 = x[16] ** 2 + x[17] ** 2
-    if n2 < 1e-6:
+    if f.x[16] ** 2 + f.x[17] ** 2 < 1e-6:
         return
-    h_index[0], h_index[1] = MI, MI + 1
-    h_value[0], h_value[1] = -x[17] / n2, x[16] / n2
+    e = wrap(declination_row(f) - declination)
     s = innovation_variance(f, 2, sigma * sigma)
-    e = wrap(math.atan2(x[17], x[16]) - declination)
     e = min(max(e, -0.5), 0.5)
     update(f, s, e, mask)
 
@@ -137,17 +127,8 @@ def fuse_heading(
     f: Filter, heading: float, noise: float, gate: float, clip: bool, mask: Out1, t: float, ratio_n: float, keep: bool
 ) -> bool:
     """Fuse a heading in rad; True where it passed. ``clip``: a refused innovation is clipped to the gate instead."""
-    r, h_index, h_value = f.r, f.h_index, f.h_value
-    h_index[0], h_index[1], h_index[2] = TH, TH + 1, TH + 2
-    if abs(r[2, 0]) < abs(r[2, 1]) or abs(r[2, 0]) < 0.9:
-        n = r[0, 0] ** 2 + r[1, 0] ** 2
-        h_value[0], h_value[1] = -r[0, 0] * r[2, 0] / n, -r[1, 0] * r[2, 0] / n
-        predicted = math.atan2(r[1, 0], r[0, 0])
-    else:
-        n = r[0, 1] ** 2 + r[1, 1] ** 2
-        h_value[0], h_value[1] = -r[0, 1] * r[2, 1] / n, -r[1, 1] * r[2, 1] / n
-        predicted = math.atan2(-r[0, 1], r[1, 1])
-    h_value[2] = 1.0
+    r = f.r
+    predicted = heading_row(f, abs(r[2, 0]) < abs(r[2, 1]) or abs(r[2, 0]) < 0.9)
     s = innovation_variance(f, 3, noise)
     e = wrap(predicted - heading)
     ratio = e * e / (gate * gate * s)
@@ -483,7 +464,7 @@ def fuse_height(
 
 def fuse_wind(f: Filter, par: Parameters, tas: float, t: float) -> None:
     """Fuse true airspeed (and sideslip where asked); starts the wind at the first use."""
-    x, P, c, r, h_index, h_value, mask = f.x, f.P, f.c, f.r, f.h_index, f.h_value, f.mask
+    x, P, c, mask = f.x, f.P, f.c, f.mask
     vx, vy, vz = x[4] - x[22], x[5] - x[23], x[6]
     speed = math.sqrt(vx * vx + vy * vy + vz * vz)
     if tas > 0.0:
@@ -495,11 +476,7 @@ def fuse_wind(f: Filter, par: Parameters, tas: float, t: float) -> None:
             c[WIND_ON] = 1.0
             return
         if speed > 1.0:
-            for k in range(3):
-                h_index[k] = VEL + k
-            h_value[0], h_value[1], h_value[2] = vx / speed, vy / speed, vz / speed
-            h_index[3], h_index[4] = WIND, WIND + 1
-            h_value[3], h_value[4] = -vx / speed, -vy / speed
+            airspeed_row(f)
             noise = max(par.eas_noise, 0.1) ** 2
             s = innovation_variance(f, 5, noise)
             e = speed - tas
@@ -510,29 +487,10 @@ def fuse_wind(f: Filter, par: Parameters, tas: float, t: float) -> None:
         return
     if c[WIND_ON] == 0.0 or speed < 1.0:
         return
-    bx = r[0, 0] * vx + r[1, 0] * vy + r[2, 0] * vz
-    by = r[0, 1] * vx + r[1, 1] * vy + r[2, 1] * vz
-    if abs(bx) < 1.0:
+    e = sideslip_row(f, 1.0)
+    if e == 1e3:
         return
-    # beta = by / bx; d(body velocity)/dtheta = R' [v]x
-    for k in range(3):
-        h_index[k] = TH + k
-        h_index[3 + k] = VEL + k
-    for k in range(3):
-        r0x, r1x, r2x = r[0, 0], r[1, 0], r[2, 0]
-        r0y, r1y, r2y = r[0, 1], r[1, 1], r[2, 1]
-        if k == 0:
-            dx, dy = r1x * vz - r2x * vy, r1y * vz - r2y * vy
-        elif k == 1:
-            dx, dy = r2x * vx - r0x * vz, r2y * vx - r0y * vz
-        else:
-            dx, dy = r0x * vy - r1x * vx, r0y * vy - r1y * vx
-        h_value[k] = (dy * bx - by * dx) / (bx * bx)
-        h_value[3 + k] = (r[k, 1] * bx - by * r[k, 0]) / (bx * bx)
-    h_index[6], h_index[7] = WIND, WIND + 1
-    h_value[6], h_value[7] = -h_value[3], -h_value[4]
     s = innovation_variance(f, 8, par.beta_noise**2)
-    e = by / bx
     ratio = e * e / (par.beta_gate**2 * s)
     record(f, OBS_SIDESLIP, t, e, s, ratio)
     if ratio <= 1.0:

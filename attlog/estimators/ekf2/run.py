@@ -15,8 +15,8 @@ from attlog.estimators.ekf2 import state as s
 from attlog.estimators.ekf2.loop import Samples, run_filter
 from attlog.estimators.ekf2.parameters import era_of, settings_of
 from attlog.estimators.ekf2.start import alignment_times, warm_start
-from attlog.estimators.ekf2.state import rotation, turn_body
-from attlog.estimators.rerun import Rerun, innovation_tables
+from attlog.estimators.error_state import NEVER, new_filter, rotation, turn_body
+from attlog.estimators.rerun import Rerun, held, innovation_tables, local_ned, side_by_side
 
 if TYPE_CHECKING:
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs, ImuIncrements
@@ -32,8 +32,6 @@ DEFAULT_GNSS_HZ = 5.0
 THINNED_SHARE = 0.75
 # A longer pause of the field is not bridged.
 MAX_FIELD_PAUSE_S = 3.0
-# The earth's radius of PX4's map projection.
-EARTH_RADIUS_M = 6371000.0
 
 
 def rerun(
@@ -57,17 +55,17 @@ def rerun(
     fill_flags(steps, inputs, era)
     start = None if cold else warm_start(inputs, era, step_s)
     bias = start.x[10:13] if start else np.zeros(3)
-    gnss, gnss_logged_hz = gnss_rows(inputs, setting["GPS_DELAY"], step_s)
+    gnss, gnss_logged_hz = gnssside_by_side(inputs, setting["GPS_DELAY"], step_s)
     gnss_hz = gnss_hz or receiver_rate(inputs.gnss, gnss_logged_hz)
     aligned = alignment_times(inputs)
     samples = Samples(
-        _rows(inputs.imu.dt, inputs.imu.gyro),
+        side_by_side(inputs.imu.dt, inputs.imu.gyro),
         steps,
-        field_rows(inputs, setting, era, bias, step_s),
+        fieldside_by_side(inputs, setting, era, bias, step_s),
         gnss,
-        baro_rows(inputs, setting["BARO_DELAY"], step_s),
-        airspeed_rows(inputs, setting["ASP_DELAY"], step_s),
-        _rows(inputs.gsf["t"], np.nan_to_num(inputs.gsf["yaw"]), np.nan_to_num(inputs.gsf["var"])),
+        baroside_by_side(inputs, setting["BARO_DELAY"], step_s),
+        airspeedside_by_side(inputs, setting["ASP_DELAY"], step_s),
+        side_by_side(inputs.gsf["t"], np.nan_to_num(inputs.gsf["yaw"]), np.nan_to_num(inputs.gsf["var"])),
         np.zeros(0) if aligned is None else aligned,
     )
     known = known_facts(inputs, setting, era, model, latitude_deg, step_s)
@@ -79,7 +77,7 @@ def rerun(
     par = s.Parameters(*(setting[name.upper()] for name in s.Parameters._fields))
     par = par._replace(mag_decl=math.radians(par.mag_decl))
     observations = 6 * len(samples.mag) + 8 * len(gnss) + 2 * len(samples.baro) + 2 * len(samples.airspeed)
-    f = s.new_filter(int(known.length), observations + 100)
+    f = new_filter(int(known.length), observations + 100, len(s.CONTROL))
     first, begin = 0, float(t_step[0])
     if start is not None:
         begin, first = start.t, max(int(np.searchsorted(t_step, start.t)), 0)
@@ -189,7 +187,7 @@ def begin_timers(c: Array, begin: float) -> None:
     ):
         c[i] = begin
     for i in (s.T_ALIGNED, s.T_OBSERVABLE, s.T_BAD_ACC):
-        c[i] = s.NEVER
+        c[i] = NEVER
 
 
 def steps_of(imu: ImuIncrements, predict_s: float) -> Array:
@@ -256,7 +254,7 @@ def rest_by_imu(imu: ImuIncrements, landed: Array) -> Array:
     return ((imu.t - moved > 1.0) & (landed > 0)).astype(np.float64)
 
 
-def field_rows(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias: Array, step_s: float) -> Array:
+def fieldside_by_side(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias: Array, step_s: float) -> Array:
     """Return the field's rows of :class:`Samples`, averaged or interpolated to the onboard rate."""
     t, x = inputs.mag["t"], inputs.mag["x"]
     late = float(np.median(inputs.mag["t_arrival"] - t)) if len(t) else 0.0
@@ -270,7 +268,7 @@ def field_rows(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias:
         t, x = averaged(t, x, 1.0 / onboard_hz)
     elif len(t) > 2 and logged_hz < THINNED_SHARE * onboard_hz:
         t, x = interpolated_field(inputs.imu, t, x, onboard_hz, bias)
-    return _rows(due(t, setting["MAG_DELAY"], step_s), t + late, x, np.ones(len(t)))
+    return side_by_side(due(t, setting["MAG_DELAY"], step_s), t + late, x, np.ones(len(t)))
 
 
 def averaged(t: Array, x: Array, dt: float) -> tuple[Array, Array]:
@@ -301,7 +299,7 @@ def integrate(gyro: F2, dt: F1, bias: F1, q: Out1, r: jit.Out3) -> None:
         rotation(q, r[i])
 
 
-def gnss_rows(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Array, float]:
+def gnssside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Array, float]:
     """Return GNSS rows of :class:`Samples`, positions about the first 3D fix, and their logged rate in Hz."""
     g = inputs.gnss
     good = g["fix"] >= 3
@@ -310,26 +308,26 @@ def gnss_rows(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Array
     i = int(np.argmax(good))
     north, east = local_ned(g["lat"], g["lon"], g["lat"][i], g["lon"][i])
     columns = [north, east, g["alt"][i] - g["alt"], g["vn"], g["ve"], g["vd"]]
-    rows = _rows(
+    rows = side_by_side(
         due(g["t"], delay_ms, step_s), g["t"], *columns, g["eph"], g["epv"], g["sacc"], g["fix"], g["satellites"]
     )
     rows = rows[np.isfinite(rows).all(axis=1)]
     return rows, rate_of(rows[:, 1], DEFAULT_GNSS_HZ)
 
 
-def baro_rows(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
+def baroside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     """Return the barometer's rows of :class:`Samples`."""
     b = inputs.baro
     if not len(b["t"]):
         return np.zeros((0, 3))
-    rows = _rows(due(b["t_sample"], delay_ms, step_s), b["t"], -b["alt"])
+    rows = side_by_side(due(b["t_sample"], delay_ms, step_s), b["t"], -b["alt"])
     return rows[np.isfinite(rows).all(axis=1)]
 
 
-def airspeed_rows(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
+def airspeedside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     """Return rows of true airspeed of :class:`Samples`."""
     a = inputs.airspeed
-    rows = _rows(due(a["t"], delay_ms, step_s), a["t"], a["tas"])
+    rows = side_by_side(due(a["t"], delay_ms, step_s), a["t"], a["tas"])
     return rows[np.isfinite(rows).all(axis=1)]
 
 
@@ -350,23 +348,3 @@ def due(t: Array, delay_ms: float, step_s: float) -> Array:
 def rate_of(t: Array, otherwise: float) -> float:
     """Return the rate in Hz by the median interval, ``otherwise`` for fewer than three samples."""
     return 1.0 / float(np.median(np.diff(t))) if len(t) > 2 and np.median(np.diff(t)) > 0 else otherwise
-
-
-def held(t: Array, value: Array, at: Array, before: float) -> Array:
-    """Return the last value at or before each time; the first one earlier, ``before`` for an empty stream."""
-    if not len(t):
-        return np.full(len(at), before)
-    return value[np.maximum(np.searchsorted(t, at, side="right") - 1, 0)]
-
-
-def local_ned(lat: Array, lon: Array, lat0: float, lon0: float) -> tuple[Array, Array]:
-    """Return north and east in m about a point: azimuthal equidistant projection."""
-    a, b, a0 = np.radians(lat), np.radians(lon - lon0), math.radians(lat0)
-    c = np.arccos(np.clip(np.sin(a0) * np.sin(a) + np.cos(a0) * np.cos(a) * np.cos(b), -1.0, 1.0))
-    k = EARTH_RADIUS_M * np.where(c > 1e-12, c / np.maximum(np.sin(c), 1e-300), 1.0)
-    return k * (np.cos(a0) * np.sin(a) - np.sin(a0) * np.cos(a) * np.cos(b)), k * np.cos(a) * np.sin(b)
-
-
-def _rows(*columns: Array) -> Array:
-    """Columns side by side as one contiguous array."""
-    return np.ascontiguousarray(np.column_stack(columns), np.float64)

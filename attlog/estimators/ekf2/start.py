@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.estimators.ekf2 import state as s
+from attlog.estimators.error_state import N_ERR, N_STATE
+from attlog.estimators.rerun import attitude_variances
 
 if TYPE_CHECKING:
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
@@ -38,16 +40,16 @@ def warm_start(inputs: Ekf2Inputs, era: int, step_s: float) -> WarmStart | None:
     if logged is None:
         return None
     t, states, variances = float(logged.t[0]), logged.states[0], logged.covariances[0].copy()
-    x, P, c = np.zeros(s.N_STATE), np.zeros((s.N_ERR, s.N_ERR)), np.zeros(len(s.CONTROL))
-    x[:] = states[: s.N_STATE]
+    x, P, c = np.zeros(N_STATE), np.zeros((N_ERR, N_ERR)), np.zeros(len(s.CONTROL))
+    x[:] = states[:N_STATE]
     x[:4] /= np.linalg.norm(x[:4])
     if era <= s.ERA_C:
         x[10:16] /= step_s
         variances[10:16] /= step_s**2
     if era == s.ERA_D:
-        np.fill_diagonal(P, np.maximum(variances[: s.N_ERR], 0.0))
+        np.fill_diagonal(P, np.maximum(variances[:N_ERR], 0.0))
     else:
-        np.fill_diagonal(P, np.maximum(variances[1 : s.N_ERR + 1], 0.0))
+        np.fill_diagonal(P, np.maximum(variances[1 : N_ERR + 1], 0.0))
         tilt, yaw = attitude_variances(x[:4], variances[:4])
         P[0, 0] = P[1, 1] = tilt
         P[2, 2] = yaw
@@ -56,19 +58,6 @@ def warm_start(inputs: Ekf2Inputs, era: int, step_s: float) -> WarmStart | None:
     set_modes(c, inputs, t, era)
     c[s.FALSE_N], c[s.FALSE_E] = x[7], x[8]
     return WarmStart(t, x, P, c)
-
-
-def attitude_variances(q: Array, variances: Array) -> tuple[float, float]:
-    """Fit tilt and yaw variance (rad^2) to the four variances of a quaternion: diag(P_q) = E^2 (s, s, s_D) / 4."""
-    w, x, y, z = q
-    E = np.array([[-x, -y, -z], [w, z, -y], [-z, w, x], [y, -x, w]]) ** 2 / 4.0
-    columns, wanted = np.column_stack([E[:, 0] + E[:, 1], E[:, 2]]), np.maximum(variances, 0.0)
-    tilt, yaw = np.linalg.lstsq(columns, wanted, rcond=None)[0]
-    if tilt < 0.0:
-        tilt, yaw = 0.0, columns[:, 1] @ wanted / (columns[:, 1] @ columns[:, 1])
-    elif yaw < 0.0:
-        tilt, yaw = columns[:, 0] @ wanted / (columns[:, 0] @ columns[:, 0]), 0.0
-    return float(tilt), float(yaw)
 
 
 def set_modes(c: Array, inputs: Ekf2Inputs, t: float, era: int) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from attlog.flight import parameters
 from attlog.flight.advice import VehicleSettings
 from attlog.flight.ardupilot import estimator, sensors, vehicle
+from attlog.flight.ardupilot.ekf3_inputs import read_inputs
 from attlog.flight.ardupilot.imu import DataflashBuilder, imu_candidates, primary_core, unit_of_core
 from attlog.flight.builder import Part
 from attlog.flight.compass import choose_mag
@@ -92,6 +93,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.vehicle = "unknown"
     log.simulated = "SIM" in messages.names() or any(n.startswith("SIM_") for n in builder.values)
     builder.read_parts(STREAMS)
+    log.estimator.inputs = partial(read_inputs, builder)
     return log
 
 
