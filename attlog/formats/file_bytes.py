@@ -21,8 +21,6 @@ from attlog.formats.table import Damage
 
 Kinds = NDArray[np.unsignedinteger[Any]]
 
-# Kinds of 16 bits are sorted in linear time.
-MAX_SORTED_KINDS = 1 << 16
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_WBITS = 16 + zlib.MAX_WBITS  # zlib's code for "with a gzip header and its checksum"
 _PACKED_BLOCK, _UNPACKED_BLOCK = 1 << 16, 1 << 20  # bytes read and returned at a time
@@ -127,14 +125,8 @@ def cut_at_nul(text: NDArray[np.bytes_]) -> NDArray[np.bytes_]:
 
 
 def decode_texts(column: NDArray[np.bytes_]) -> list[str]:
-    """Decode a column (n,) of strings; plain ASCII, the usual case, at once."""
-    listed: list[bytes] = column.tolist()
-    joined = b"\n".join(listed)
-    if joined.isascii() and b"\0" not in joined:
-        plain = joined.decode("ascii").split("\n")
-        if len(plain) == len(listed):
-            return plain
-    return [decode_text(raw) for raw in listed]
+    """Decode a column (n,) of strings."""
+    return [decode_text(raw) for raw in column.tolist()]
 
 
 def decode_text(raw: bytes) -> str:

@@ -77,18 +77,12 @@ FMT_FORMAT = MessageFormat(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Lengt
 
 def parse_fmt_record(raw: bytes, offset: int) -> MessageFormat | None:
     """Return the format in an FMT record, None if invalid."""
-    found = _parse_fmt_record(raw)
-    return None if found is None else MessageFormat(*found[:-1], offset)
-
-
-@lru_cache(1 << 10)
-def _parse_fmt_record(raw: bytes) -> MessageFormat | None:
     name, letters, columns = _printable_text(raw[5:9]), _printable_text(raw[9:25]), _printable_text(raw[25:89])
     if not name or letters is None or columns is None or raw[4] < HEADER_BYTES:
         return None
     if raw[3] == FMT_TYPE:
         return None if raw[4] != FMT_LENGTH else FMT_FORMAT
-    return MessageFormat(raw[3], raw[4], name, letters, column_names(columns.split(",")) if columns else (), 0)
+    return MessageFormat(raw[3], raw[4], name, letters, column_names(columns.split(",")) if columns else (), offset)
 
 
 def _printable_text(raw: bytes) -> str | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from functools import cache, cached_property, lru_cache, partial
+from functools import cache, cached_property, partial
 from itertools import pairwise, repeat
 from math import isfinite
 from typing import Any
@@ -18,7 +18,6 @@ from attlog.core.timestamps import Offsets, Timeline, false_times, merge_timelin
 from attlog.formats.dataflash.layout import HEADER_BYTES, LETTER_DTYPES, LETTER_SCALES, MessageFormat
 from attlog.formats.dataflash.walk import RecordIndex
 from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, gather, offsets_by_kind
-from attlog.formats.file_bytes import decode_texts as decoded
 from attlog.formats.table import DamageLog, Field, Messages, ParamChange, Table, Text
 
 # By layout: unit ids, and a function that returns the unit of every column.
@@ -133,15 +132,10 @@ def split_by_number(number: NDArray[np.integer[Any]]) -> list[tuple[int, NDArray
 
 def instance_column(fmt: MessageFormat, unit_ids: str) -> str | None:
     """Return the column that numbers the instance, None without one."""
-    return _instance_column(fmt.letters, fmt.columns, unit_ids)
-
-
-@lru_cache(1 << 10)
-def _instance_column(letters: str, columns: tuple[str, ...], unit_ids: str) -> str | None:
-    for letter, column, unit in zip(letters, columns, unit_ids, strict=False):
+    for letter, column, unit in zip(fmt.letters, fmt.columns, unit_ids, strict=False):
         if unit == "#" and LETTER_DTYPES[letter].kind in "iu" and column:
             return column
-    for letter, column in zip(letters, columns, strict=False):
+    for letter, column in zip(fmt.letters, fmt.columns, strict=False):
         if letter in "bB" and column in INSTANCE_COLUMNS:
             return column
     return None
@@ -305,8 +299,8 @@ def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
     result: Units = {}
     rows = zip(
         described["FmtType"].tolist(),
-        decoded(described["UnitIds"]),
-        decoded(described["MultIds"]),
+        decode_texts(described["UnitIds"]),
+        decode_texts(described["MultIds"]),
         described.offsets.tolist(),
         strict=True,
     )
@@ -345,12 +339,7 @@ def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: floa
 
 def time_column(fmt: MessageFormat) -> tuple[str, int] | None:
     """Return a format's clock column and its unit in us, or None."""
-    return _time_column(fmt.columns, fmt.letters)
-
-
-@lru_cache(1 << 10)
-def _time_column(columns: tuple[str, ...], kinds: str) -> tuple[str, int] | None:
-    letters = dict(zip(columns, kinds, strict=False))
+    letters = dict(zip(fmt.columns, fmt.letters, strict=False))
     if letters.get("TimeUS") in ("Q", "q"):
         return "TimeUS", 1
     # in GPS records of 3.1 and 3.2 TimeMS is the time of the GPS week, T the boot clock

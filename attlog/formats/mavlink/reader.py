@@ -17,15 +17,7 @@ from numpy.typing import NDArray
 from attlog.core.errors import LogUnusable
 from attlog.core.limits import MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 from attlog.core.timestamps import Offsets, Timeline, merge_timelines, times_before
-from attlog.formats.file_bytes import (
-    MAX_SORTED_KINDS,
-    RecordColumns,
-    decode_text,
-    decode_texts,
-    gather,
-    offsets_by_kind,
-    read_file_bytes,
-)
+from attlog.formats.file_bytes import RecordColumns, decode_text, decode_texts, gather, offsets_by_kind, read_file_bytes
 from attlog.formats.mavlink.layout import MAVLINK_2, STAMP_BYTES, STAMP_COLUMN, message_catalogue, message_layout
 from attlog.formats.mavlink.walk import Packets, index_packets
 from attlog.formats.table import Boot, Field, Messages, ParamChange, Table, Text, boots_of_timeline
@@ -94,27 +86,15 @@ def read_mavlink(path: str | Path, system: int | None = None, *, data: NDArray[n
 
 def _build_tables(data: NDArray[np.uint8], packets: Packets) -> dict[tuple[str, int], Table]:
     """Return the tables by message name and sender, in file order."""
-    numbers, number = _ranks(packets.ids)
-    senders, sender = _ranks(packets.senders)
-    keys: NDArray[np.unsignedinteger[Any]] = number.astype(np.uint32) * np.uint32(len(senders)) + sender
-    if len(numbers) * len(senders) <= MAX_SORTED_KINDS:
-        keys = keys.astype(np.uint16)
     tables: dict[tuple[str, int], Table] = {}
-    for k, offsets in offsets_by_kind([(packets.offsets, keys)]):
-        instance = int(senders[k % len(senders)])
-        name, fields, record = message_layout(int(numbers[k // len(senders)]))
+    keys = packets.ids.astype(np.uint64) << np.uint64(16) | packets.senders
+    for key, offsets in offsets_by_kind([(packets.offsets, keys)]):
+        instance = key & 0xFFFF
+        name, fields, record = message_layout(key >> 16)
         if packets.stamped:
             fields = {STAMP_COLUMN: Field(STAMP_COLUMN, np.dtype(np.int64), "us"), **fields}
         tables[name, instance] = Table(name, instance, fields, offsets, _PayloadDecoder(data, record), packets.losses)
     return dict(sorted(tables.items(), key=lambda item: int(item[1].offsets[0])))
-
-
-def _ranks(values: NDArray[np.integer[Any]]) -> tuple[NDArray[np.int64], NDArray[np.uint16]]:
-    """Return the different values, ascending, and the rank of each value."""
-    present = np.bincount(values).nonzero()[0]
-    place = np.zeros(int(present[-1]) + 1, np.uint16)
-    place[present] = np.arange(len(present))
-    return present, place[values]
 
 
 class _PayloadDecoder:

@@ -20,10 +20,6 @@ from attlog.formats.table import DamageLog, Field, ParamChange, Table, Text
 from attlog.formats.ulog.layout import TopicLayout, decode_ulog_text, info_value, parameter_value, split_key
 from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes
 
-# Bytes of parameters parsed together.
-MAX_RUN_BYTES = 1 << 16
-PARAMETER_KIND, DEFAULT_KIND = b"PQ"
-_INT, _FLOAT = struct.Struct("<i").unpack_from, struct.Struct("<f").unpack_from
 # Start times from here on do not fit the clocks of a flight.
 MAX_START_US = 2**63
 
@@ -115,39 +111,6 @@ class Content:
         changed = self.in_data and not is_default
         t_us = (self._time_before(position) or self._start_us) if changed else None
         self.params.append(ParamChange(name, value, t_us, is_default, position))
-
-    def take_parameters(self, raw: memoryview, position: int, stop: int) -> int:
-        """Take in successive parameters; return the last one's position.
-
-        The last is not taken in. Each is as strict as :func:`attlog.formats.ulog.layout.is_record` demands and is
-        followed by one. Most definitions of a log are parameters, and one by one they cost more than all its data.
-        """
-        chunk = bytes(raw[position : min(position + MAX_RUN_BYTES, stop)])
-        before = (self._time_before(position) or self._start_us) if self.in_data else None
-        found: list[ParamChange] = []
-        at, length, whole = 0, len(chunk), 0
-        while at + 12 < length:
-            is_default = chunk[at + 2] == DEFAULT_KIND
-            if chunk[at + 2] != PARAMETER_KIND and not is_default:
-                break
-            key = at + 4 if is_default else at + 3
-            end, behind_name = at + 3 + (chunk[at] | chunk[at + 1] << 8), key + 1 + chunk[key]
-            if not 6 < chunk[key] < 64 or end != behind_name + 4 or end > length or (is_default and chunk[at + 3] > 15):
-                break
-            if chunk.startswith(b"int32_t ", key + 1):
-                name, (value,) = chunk[key + 9 : behind_name], _INT(chunk, behind_name)
-            elif chunk.startswith(b"float ", key + 1):
-                name, (value,) = chunk[key + 7 : behind_name], _FLOAT(chunk, behind_name)
-            else:
-                break
-            t_us = None if is_default else before
-            found.append(ParamChange(name.decode("utf-8", "replace"), value, t_us, is_default, position + at))
-            whole, at = at, end
-        room = max(MAX_PARAM_CHANGES - len(self.params), 0)
-        taken = [change for change in found[:-1] if change.name]
-        self.params += taken[:room]
-        self._left_out["parameters"] += len(taken[room:])
-        return position + whole
 
     def _take_text(self, kind: int, payload: bytes, position: int) -> None:
         self.in_data = True

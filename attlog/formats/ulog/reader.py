@@ -169,9 +169,6 @@ class _Reader:
             if raw[position] == SYNC_MARK[0] and raw[position : position + len(SYNC_MARK)] == SYNC_MARK:
                 position += len(SYNC_MARK)
                 continue
-            if position + DATA_HEADER_BYTES < stop and raw[position + 2] in b"PQ":
-                with self.losses.around("Parameters", "a run of them", position):
-                    position = self.content.take_parameters(raw, position, stop)
             following = self._record(position, stop)
             position = self._resume(position, stop) if following is None else following
         return position

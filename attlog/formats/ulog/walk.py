@@ -35,8 +35,6 @@ KNOWN_KINDS[list(b"ABCDFILMOPQRS")] = True
 DATA_HEADER_BYTES = 5
 # Bytes compared at once after the sizes changed, four times as many each time: sizes change often at the beginning.
 FIRST_BLOCK_BYTES, MAX_BLOCK_BYTES = 1 << 12, 1 << 20
-# Records that are walked one by one before a block is compared.
-RECORDS_BEFORE_BLOCK = 8
 # Records sorted by id together; bounds the memory of sorting.
 MAX_SORTED_RECORDS = 1 << 17
 # Valid records in a row from which reading goes on behind damage.
@@ -91,14 +89,10 @@ class DataChain:
         """Drop the block."""
         self._begin = self._end = 0
         self._block = FIRST_BLOCK_BYTES
-        self._knows_few = False
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
         """Return starts and ids of unbroken records from ``position`` on. Within one block and before ``stop``."""
         if not self._begin <= position < self._end:
-            if not self._knows_few:
-                self._knows_few = True
-                return self._few(position, stop)
             self._look(position)
         first = int(self._starts.searchsorted(position))
         if first == len(self._starts) or self._starts[first] != position:
@@ -107,20 +101,6 @@ class DataChain:
         if self._ends[last - 1] > stop:
             last = first + int(self._ends[first:last].searchsorted(stop, side="right"))
         return self._starts[first:last].astype(self._width), self._ids[first:last]
-
-    def _few(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Return the first records after the sizes changed, one by one."""
-        raw = self._data.data
-        starts: list[int] = []
-        ids: list[int] = []
-        while len(starts) < RECORDS_BEFORE_BLOCK and position + DATA_HEADER_BYTES <= stop and raw[position + 2] == DATA:
-            size, identifier = raw[position] | raw[position + 1] << 8, identifier_at(raw, position)
-            if not self._sizes.fits(identifier, size) or position + 3 + size > stop:
-                break
-            starts.append(position)
-            ids.append(identifier)
-            position += 3 + size
-        return np.array(starts, self._width), np.array(ids, np.uint16)
 
     def _look(self, position: int) -> None:
         """Find possible data records in the next block, and chain breaks."""
