@@ -142,6 +142,11 @@ class Parameter:
         return f"from {self.low:g} to {self.high:g} {self.unit}".rstrip()
 
 
+def choice(name: str, values: tuple[str, ...], meaning: str, source: str, default: str = "") -> Parameter:
+    """Return a switch; its default is the first of its values."""
+    return Parameter(name, default or values[0], "", 0, 1, meaning, source, values)
+
+
 @dataclass(frozen=True, slots=True)
 class LogInfo:
     """What is known about a flight, in numbers; None where the log does not tell it.
@@ -175,26 +180,15 @@ class LogFacts:
     given: Mapping[str, float] = field(default_factory=dict)
 
 
-INIT = Parameter(
+INIT = choice(
     "init",
-    "average",
-    "",
-    0,
-    1,
+    ("average", "first", "identity"),
     "start attitude: accelerometer and magnetometer averaged, at rest over 0.5 s, in motion over 3 s in axes that the "
     "gyro holds still; or the first good sample; or q = (1, 0, 0, 0): level, nose to magnetic north",
     "attlog; in motion a single sample is 37 deg off in the mean; identity is Fan section 4",
-    ("average", "first", "identity"),
 )
-DECLINATION = Parameter(
-    "declination",
-    0.0,
-    "deg",
-    -180,
-    180,
-    "angle from true to magnetic north, positive east: turns the estimated heading from magnetic to true north",
-    "attlog; 0 keeps magnetic north",
-)
+TO_TRUE_NORTH = "angle from true to magnetic north, positive east: turns the estimated heading to true north"
+DECLINATION = Parameter("declination", 0.0, "deg", -180, 180, TO_TRUE_NORTH, "attlog; 0 keeps magnetic north")
 # Parameters that the shared loop handles for every filter; the kernel does not see them.
 COMMON = (INIT, DECLINATION)
 
@@ -376,33 +370,13 @@ def _short(value: object) -> str:
 # average to gravity and directions do not. The heading form keeps a disturbed field out of roll and pitch. The
 # first-order step is that of Lyu 8-10, Fan 3 and Xu 6-10. The papers do not say what ki is per.
 
-ACC_FORM = Parameter(
-    "acc_form",
-    "vector",
-    "",
-    0,
-    1,
-    "gravity error from f/|f|, or from f/g, in which accelerations cancel",
-    "attlog; BROAD tilt 4.2 -> 2.5 deg",
-    ("direction", "vector"),
+CANCEL = "gravity error from f/|f|, or from f/g, in which accelerations cancel"
+ACC_FORM = choice("acc_form", ("direction", "vector"), CANCEL, "attlog; BROAD tilt 4.2 -> 2.5 deg", "vector")
+MAG_FORM = choice(
+    "mag_form", ("heading", "vector"), "the field corrects heading alone, or all axes", "attlog; spares the tilt"
 )
-MAG_FORM = Parameter(
-    "mag_form",
-    "heading",
-    "",
-    0,
-    1,
-    "whether the field corrects the heading alone, or all axes",
-    "attlog; keeps it out of the tilt",
-    ("heading", "vector"),
-)
-FORMS = ("exact", "first_order")
-INTEGRATOR = Parameter(
-    "integrator", "exact", "", 0, 1, "attitude step, exponential map or the papers'", "attlog", FORMS
-)
-KI_PER = Parameter(
-    "ki_per", "second", "", 0, 1, "whether ki is per second or per sample", "attlog", ("second", "sample")
-)
+INTEGRATOR = choice("integrator", ("exact", "first_order"), "attitude step, exponential map or the papers'", "attlog")
+KI_PER = choice("ki_per", ("second", "sample"), "whether ki is per second or per sample", "attlog")
 MAG_GAIN = Parameter("mag_gain", 1.0, "1", 0, 10, "weight of the heading error; 0 leaves heading to the gyro", "attlog")
 # What the papers' presets share: unit vectors and the first-order step.
 AS_PRINTED = {"acc_form": "direction", "integrator": "first_order"}

@@ -25,7 +25,6 @@ import inspect
 import os
 import re
 import stat
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -43,6 +42,7 @@ from attlog.estimators.interface import (
     Parameter,
     VectorsAt,
     broken,
+    choice,
 )
 
 if TYPE_CHECKING:
@@ -56,57 +56,17 @@ if TYPE_CHECKING:
 
 RECORDED_SUFFIX = ".csv"
 FRAMES = ("auto", "ned-frd", "enu-flu", "ned-flu", "enu-frd", "frd-ned", "flu-enu")
+CLOCK = "added to its times to be on the log's clock; 0: found among the clocks of the log"
+DELAY = "known delay of its sensors, subtracted from its lag instead of the logged IMU's"
+AXES = "earth-body axes of its rotation, body-earth of its inverse; auto: as gyro and gravity agree"
 RECORDED_PARAMETERS = (
-    Parameter(
-        "offset",
-        0.0,
-        "s",
-        -1e10,
-        1e10,
-        "added to its times to be on the log's clock, 0 the first IMU sample; "
-        "0: found among the clocks that the log knows",
-        "the user",
+    Parameter("offset", 0.0, "s", -1e10, 1e10, CLOCK, "the user"),
+    Parameter("delay", 0.0, "ms", -1000, 1000, DELAY, "the user"),
+    choice("frame", FRAMES, AXES, "the user"),
+    choice(
+        "angles", ("auto", "deg", "rad"), "unit of Euler angles; auto: by the column's name or the gyro", "the user"
     ),
-    Parameter(
-        "delay",
-        0.0,
-        "ms",
-        -1000,
-        1000,
-        "known delay of the sensors it was computed from, subtracted from its lag; the logged IMU's is not its own",
-        "the user",
-    ),
-    Parameter(
-        "frame",
-        "auto",
-        "",
-        0,
-        1,
-        "earth-body axes of its rotation from body to earth, or body-earth of its "
-        "inverse; auto: what gyro and gravity agree with",
-        "the user",
-        FRAMES,
-    ),
-    Parameter(
-        "angles",
-        "auto",
-        "",
-        0,
-        1,
-        "unit of Euler angles; auto: by the column's name, else by the gyro",
-        "the user",
-        ("auto", "deg", "rad"),
-    ),
-    Parameter(
-        "north",
-        "yes",
-        "",
-        0,
-        1,
-        "no: its heading has no north of its own, its offset is taken out",
-        "the user",
-        ("yes", "no"),
-    ),
+    choice("north", ("yes", "no"), "no: its heading has no north, its offset is taken out", "the user"),
 )
 
 
@@ -154,15 +114,6 @@ BUILT_IN = (
 MAHONY_FAMILY = dict.fromkeys(
     ("complementary", "variable_integral", "mahony_passive", "mahony_dcm", "mahony_adaptive"), "mahony"
 )
-
-# Modules that a filter of an earlier version may import, by their names then and now.
-OLD_MODULES = {
-    "base": "interface",
-    "engine": "vectors",
-    "engine.samples": "samples",
-    "engine.start": "start",
-    "engine.vectors": "vectors",
-}
 
 # Filters of the firmwares, run again on what they were given on board; they need the flight, not only its samples.
 FLOWN = ("px4_ekf2", "ap_ekf3")
@@ -219,8 +170,6 @@ def from_file(path: Path) -> Estimator:
     if spec is None or spec.loader is None:
         raise PluginError(f"{path}: cannot be loaded as a Python file")
     module = importlib.util.module_from_spec(spec)
-    for old, new in OLD_MODULES.items():
-        sys.modules[f"attlog.estimators.{old}"] = importlib.import_module(f"attlog.estimators.{new}")
     try:
         spec.loader.exec_module(module)
     except (Exception, SystemExit) as error:

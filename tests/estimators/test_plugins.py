@@ -243,13 +243,6 @@ def test_a_file_that_writes_to_what_it_is_given_spoils_no_times(tmp_path: Path) 
     np.testing.assert_array_equal(estimators.estimate(str(path), T, GYR, ACC).t, T)
 
 
-def test_a_filter_of_an_earlier_version_finds_the_modules_that_it_imports(tmp_path: Path) -> None:
-    path = tmp_path / "old.py"
-    old = "from attlog.estimators.base import Parameter\nfrom attlog.estimators.engine.start import start_attitude\n"
-    path.write_text(STEPPING.replace("import ", f"{old}from attlog.estimators.engine.vectors import turn\nimport ", 1))
-    assert estimators.estimate(str(path), T, GYR, ACC).q.shape == (len(T), 4)
-
-
 @pytest.mark.parametrize("code", few(BROKEN, 1))
 def test_what_a_file_breaks_is_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str], code: str) -> None:
     path = tmp_path / "breaks.py"

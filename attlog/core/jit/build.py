@@ -51,7 +51,6 @@ OTHERS = (
     "attlog.estimators.ekf2.run",
     "attlog.estimators.ekf3.loop",
     "attlog.estimators.filters.inertial.backward",
-    "attlog.estimators.filters.inertial.recursion",
     "attlog.simulate.controller",
     "attlog.simulate.environment",
     "attlog.simulate.imu",

@@ -6,7 +6,7 @@
     yaw   = atan2(-(m_y cos(roll) - m_z sin(roll)),
                   m_x cos(pitch) + m_y sin(pitch) sin(roll) + m_z sin(pitch) cos(roll))
 
-Never drifts, but takes every acceleration for a tilt and every vibration for a rotation.
+It never drifts, but takes every acceleration for a tilt and every vibration for a rotation.
 
 Source: Fan "method 1", equations 5, 12 and 13 (the heading); Xu 11-15.
 
@@ -20,6 +20,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from attlog.estimators.vectors import down, is_present, quaternion
+
 SOURCE = "Fan 5, 12, 13; Xu 11-15"
 NEEDS = {"acc", "mag"}
 VECTORS_AT = "end"
@@ -28,21 +30,14 @@ PARAMETERS = ()
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
-    """The state: attitude only."""
+    """Return the state: attitude only."""
     return q0
 
 
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
-    """One update: three angles from two vectors, then the quaternion of the angles (order z-y-x)."""
-    q0 = state[0]
-    q1 = state[1]
-    q2 = state[2]
-    q3 = state[3]
-    has_acc = acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0
-    # The attitude's own down axis stands in where there is no specific force.
-    vx = -acc[0] if has_acc else 2.0 * (q1 * q3 - q0 * q2)
-    vy = -acc[1] if has_acc else 2.0 * (q2 * q3 + q0 * q1)
-    vz = -acc[2] if has_acc else 1.0 - 2.0 * (q1 * q1 + q2 * q2)
+    """Compute three angles from two vectors, then their quaternion (order z-y-x)."""
+    # Without specific force the attitude's own down axis counts.
+    vx, vy, vz = (-acc[0], -acc[1], -acc[2]) if is_present(acc) else down(state)
     roll = math.atan2(vy, vz)
     pitch = math.atan2(-vx, math.sqrt(vy * vy + vz * vz))
     hx = mag[0] * math.cos(pitch) + math.sin(pitch) * (mag[1] * math.sin(roll) + mag[2] * math.cos(roll))
@@ -50,13 +45,11 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> No
     if hx != 0.0 or hy != 0.0:
         yaw = math.atan2(-hy, hx)
     else:
+        q0, q1, q2, q3 = quaternion(state, 0)
         yaw = math.atan2(2.0 * (q0 * q3 + q1 * q2), 1.0 - 2.0 * (q2 * q2 + q3 * q3))
-    cr = math.cos(0.5 * roll)
-    sr = math.sin(0.5 * roll)
-    cp = math.cos(0.5 * pitch)
-    sp = math.sin(0.5 * pitch)
-    cy = math.cos(0.5 * yaw)
-    sy = math.sin(0.5 * yaw)
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    cp, sp = math.cos(0.5 * pitch), math.sin(0.5 * pitch)
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     state[0] = cr * cp * cy + sr * sp * sy
     state[1] = sr * cp * cy - cr * sp * sy
     state[2] = cr * sp * cy + sr * cp * sy

@@ -44,84 +44,43 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.interface import INTEGRATOR, Parameter
-from attlog.estimators.vectors import GRAVITY, down, quaternion_from_matrix, turned_back
+from attlog.estimators.interface import INTEGRATOR, Parameter, choice
+from attlog.estimators.vectors import (
+    GRAVITY,
+    cross,
+    down,
+    is_present,
+    matrix,
+    places,
+    quaternion_from_matrix,
+    turned_back,
+)
 
 SOURCE = "Fan 6-13"
 NEEDS = {"gyro", "acc", "mag"}
 HOLD_MAG = False
 VECTORS_AT = "end"
-STATE = {"q": 4, "rate": 3, "rate_dot": 3, "gravity": 3, "field": 3, "_covariance": 144, "_work": 72, "_since_field": 1}
-# Where things stand: X, P, V (work) in the state; W, G, M within X and within each row of P.
-X, W, G, M, P, V, SINCE = 4, 0, 6, 9, 16, 160, 232
+STATE = {"q": 4, "rate": 3, "rate_dot": 3, "gravity": 3, "field": 3, "_P": 144, "_V": 72, "_since_field": 1}
+S = places(STATE)
+# Rate, gravity and field within X, which is the state from ``S.rate`` on, and within each row of P.
+W, G, M = 0, 6, 9
 
+# Noises of measurements as densities, R = n^2 / dt, for the field over the time since its last sample; a quarter of the
+# acceleration of a lively flight over a second. Walks over noises are bandwidths. Copters reach 50 rad/s^2 in a second.
+DATA_SHEET = "MEMS data sheets, 0.01 deg/s/sqrt(Hz)"
 PARAMETERS = (
-    Parameter(
-        "gyro_noise",
-        2e-4,
-        "rad/s/sqrt(Hz)",
-        1e-7,
-        1,
-        "gyro noise density, R = n^2 / dt",
-        "MEMS data sheets, 0.01 deg/s/sqrt(Hz)",
-    ),
-    Parameter(
-        "acc_noise",
-        0.5,
-        "m/s^2/sqrt(Hz)",
-        1e-5,
-        1e3,
-        "density of what the accelerometer shows beside gravity, R = n^2 / dt: vibration and accelerations",
-        "attlog; a quarter of the acceleration of a lively flight over a second",
-    ),
-    Parameter(
-        "mag_noise",
-        0.05,
-        "1/sqrt(Hz)",
-        1e-5,
-        1e2,
-        "density of the field's disturbance as part of the field, R = n^2 / (time since the last sample)",
-        "attlog, as acc_noise as part of gravity",
-    ),
-    Parameter(
-        "jerk_noise",
-        30.0,
-        "rad/s^2/sqrt(s)",
-        1e-6,
-        1e6,
-        "random walk of the angular acceleration: large follows the gyro at once",
-        "attlog; copters reach 50 rad/s^2 within a second",
-    ),
-    Parameter(
-        "gravity_noise",
-        0.07,
-        "m/s^2/sqrt(s)",
-        1e-9,
-        1e2,
-        "random walk of g: what the gyro does not explain, its bias first; bandwidth = gravity_noise / acc_noise",
-        "attlog",
-    ),
-    Parameter(
-        "field_noise",
-        0.0075,
-        "1/sqrt(s)",
-        1e-9,
-        1e2,
-        "random walk of M: what the gyro does not explain; bandwidth = field_noise / mag_noise",
-        "attlog, as gravity_noise as part of gravity",
-    ),
+    Parameter("gyro_noise", 2e-4, "rad/s/sqrt(Hz)", 1e-7, 1, "gyro noise density", DATA_SHEET),
+    Parameter("acc_noise", 0.5, "m/s^2/sqrt(Hz)", 1e-5, 1e3, "vibration and accelerations beside gravity", "attlog"),
+    Parameter("mag_noise", 0.05, "1/sqrt(Hz)", 1e-5, 1e2, "disturbance as part of the field", "attlog; acc_noise / g"),
+    Parameter("jerk_noise", 30.0, "rad/s^2/sqrt(s)", 1e-6, 1e6, "random walk of the angular acceleration", "attlog"),
+    Parameter("gravity_noise", 0.07, "m/s^2/sqrt(s)", 1e-9, 1e2, "random walk of g: follows a gyro bias", "attlog"),
+    Parameter("field_noise", 0.0075, "1/sqrt(s)", 1e-9, 1e2, "random walk of M", "attlog; gravity_noise / g"),
     INTEGRATOR,
-    Parameter(
-        "order",
-        "ahead",
-        "",
-        0,
-        1,
-        "the gyro's sample before the vectors are predicted, which it turns; or all predictions before all updates",
-        "attlog; printed is Fan 10, whose vectors turn by the rate of the sample before",
-        ("ahead", "printed"),
+    choice(
+        "order", ("ahead", "printed"), "gyro first, then vectors; or all predictions first", "attlog; printed: Fan 10"
     ),
 )
+K = places({p.name: 1 for p in PARAMETERS})
 PRESETS: dict[str, dict[str, float | str]] = {
     "fan": {"integrator": "first_order"},
     "fan-printed": {"integrator": "first_order", "order": "printed", "init": "identity"},
@@ -129,182 +88,147 @@ PRESETS: dict[str, dict[str, float | str]] = {
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
-    """The state: g and M as the start attitude shows them, rates unknown."""
-    state = np.zeros(233)
+    """Return the state: g and M as the start attitude shows them, rates unknown."""
+    state = np.zeros(sum(STATE.values()))
     state[0:4] = q0
     dx, dy, dz = down(state)
-    state[X + G : X + M] = GRAVITY * np.array([dx, dy, dz])
-    q0w, q1, q2, q3 = state[0], state[1], state[2], state[3]
-    north = np.array([1.0 - 2.0 * (q2 * q2 + q3 * q3), 2.0 * (q1 * q2 - q0w * q3), 2.0 * (q1 * q3 + q0w * q2)])
+    state[S.gravity : S.field] = GRAVITY * np.array([dx, dy, dz])
+    north = np.array(matrix(state, 0)[:3])
     # The dip is the angle between the two measured vectors; without a field it is zero.
     size = math.sqrt(float(np.sum(acc * acc) * np.sum(mag * mag)))
     sine = -float(np.sum(acc * mag)) / size if size > 0.0 else 0.0
-    state[X + M : P] = math.sqrt(max(1.0 - sine * sine, 0.0)) * north + sine * np.array([dx, dy, dz])
+    state[S.field : S.P] = math.sqrt(max(1.0 - sine * sine, 0.0)) * north + sine * np.array([dx, dy, dz])
     sigma = np.repeat([1.0, 10.0, 0.1 * GRAVITY, 0.1], 3)
-    state[P:V:13] = sigma * sigma
+    state[S.P : S.V : 13] = sigma * sigma
     return state
 
 
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
-    """One update: prediction of the rate, gyro, prediction of the vectors, gravity, field where new, attitude.
+    """Take one update: predict the rate, gyro, predict the vectors, gravity, field where new, attitude.
 
     The gyro's sample is the rate over this dt, so it is used before it turns g and M. In the printed order the
     vectors turn first, by the rate of the state before: both predictions together are F of (11).
     """
-    if params[7] > 0.5:
+    if params[K.order] > 0.5:
         predict_vectors(state, params, dt)
     predict_rate(state, params, dt)
-    measure(state, W, gyr[0], gyr[1], gyr[2], params[0] * params[0] / dt)
-    if params[7] < 0.5:
+    measure(state, W, gyr[0], gyr[1], gyr[2], params[K.gyro_noise] * params[K.gyro_noise] / dt)
+    if params[K.order] < 0.5:
         predict_vectors(state, params, dt)
-    state[SINCE] += dt
+    state[S.since_field] += dt
     norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
-    has_acc = acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0
-    if has_acc:
-        measure(state, G, -acc[0], -acc[1], -acc[2], params[1] * params[1] / dt)
+    if is_present(acc):
+        measure(state, G, -acc[0], -acc[1], -acc[2], params[K.acc_noise] * params[K.acc_noise] / dt)
     if norm > 0.0:
         inv = 1.0 / norm
-        measure(state, M, mag[0] * inv, mag[1] * inv, mag[2] * inv, params[2] * params[2] / state[SINCE])
-    if norm > 0.0:
-        state[SINCE] = 0.0
+        measure(
+            state,
+            M,
+            mag[0] * inv,
+            mag[1] * inv,
+            mag[2] * inv,
+            params[K.mag_noise] * params[K.mag_noise] / state[S.since_field],
+        )
+        state[S.since_field] = 0.0
     attitude(state)
 
 
 def predict_rate(state: Any, params: Any, dt: float) -> None:
-    """Rows w and w_dot of (7, 11): P- = F P F^T + Q and X-."""
+    """Predict rows w and w_dot of (7, 11): P- = F P F^T + Q and X-."""
     for i in range(3):
         for j in range(12):
-            state[P + 12 * i + j] += dt * state[P + 12 * i + j + 36]
+            state[S.P + 12 * i + j] += dt * state[S.P + 12 * i + j + 36]
     for j in range(12):
         for i in range(3):
-            state[P + 12 * j + i] += dt * state[P + 12 * j + i + 3]
+            state[S.P + 12 * j + i] += dt * state[S.P + 12 * j + i + 3]
     for i in range(3):
-        state[P + 13 * i + 39] += params[3] * params[3] * dt
-        state[X + i] += dt * state[X + i + 3]
+        state[S.P + 13 * i + 39] += params[K.jerk_noise] * params[K.jerk_noise] * dt
+        state[S.rate + i] += dt * state[S.rate + i + 3]
 
 
 def predict_vectors(state: Any, params: Any, dt: float) -> None:
-    """Rows g and M of (8, 11): P- = F P F^T + Q with F at the state before; g and M turn exactly or by (8)."""
-    wx = dt * state[X]
-    wy = dt * state[X + 1]
-    wz = dt * state[X + 2]
-    gx = dt * state[X + G]
-    gy = dt * state[X + G + 1]
-    gz = dt * state[X + G + 2]
-    mx = dt * state[X + M]
-    my = dt * state[X + M + 1]
-    mz = dt * state[X + M + 2]
+    """Predict rows g and M of (8, 11) with F at the state before; g and M turn exactly or by (8)."""
+    wx, wy, wz = dt * state[S.rate], dt * state[S.rate + 1], dt * state[S.rate + 2]
+    gx, gy, gz = dt * state[S.gravity], dt * state[S.gravity + 1], dt * state[S.gravity + 2]
+    mx, my, mz = dt * state[S.field], dt * state[S.field + 1], dt * state[S.field + 2]
     # Rows g and M of F P.
     for j in range(12):
-        ux = state[P + j]
-        uy = state[P + 12 + j]
-        uz = state[P + 24 + j]
-        px = state[P + 72 + j]
-        py = state[P + 84 + j]
-        pz = state[P + 96 + j]
-        qx = state[P + 108 + j]
-        qy = state[P + 120 + j]
-        qz = state[P + 132 + j]
-        state[V + j] = px + gy * uz - gz * uy - wy * pz + wz * py
-        state[V + 12 + j] = py + gz * ux - gx * uz - wz * px + wx * pz
-        state[V + 24 + j] = pz + gx * uy - gy * ux - wx * py + wy * px
-        state[V + 36 + j] = qx + my * uz - mz * uy - wy * qz + wz * qy
-        state[V + 48 + j] = qy + mz * ux - mx * uz - wz * qx + wx * qz
-        state[V + 60 + j] = qz + mx * uy - my * ux - wx * qy + wy * qx
+        ux, uy, uz = state[S.P + j], state[S.P + 12 + j], state[S.P + 24 + j]
+        px, py, pz = state[S.P + 72 + j], state[S.P + 84 + j], state[S.P + 96 + j]
+        qx, qy, qz = state[S.P + 108 + j], state[S.P + 120 + j], state[S.P + 132 + j]
+        state[S.V + j] = px + gy * uz - gz * uy - wy * pz + wz * py
+        state[S.V + 12 + j] = py + gz * ux - gx * uz - wz * px + wx * pz
+        state[S.V + 24 + j] = pz + gx * uy - gy * ux - wx * py + wy * px
+        state[S.V + 36 + j] = qx + my * uz - mz * uy - wy * qz + wz * qy
+        state[S.V + 48 + j] = qy + mz * ux - mx * uz - wz * qx + wx * qz
+        state[S.V + 60 + j] = qz + mx * uy - my * ux - wx * qy + wy * qx
     # (F P) F^T: columns w and w_dot stay, then g and M.
     for i in range(6):
-        v = V + 12 * i
-        row = P + 72 + 12 * i
+        v = S.V + 12 * i
+        row = S.P + 72 + 12 * i
         for j in range(6):
             state[row + j] = state[v + j]
-            state[P + 12 * j + 6 + i] = state[row + j]
-        ux = state[v]
-        uy = state[v + 1]
-        uz = state[v + 2]
-        qx = state[v + 9]
-        qy = state[v + 10]
-        qz = state[v + 11]
+            state[S.P + 12 * j + 6 + i] = state[row + j]
+        ux, uy, uz = state[v], state[v + 1], state[v + 2]
+        qx, qy, qz = state[v + 9], state[v + 10], state[v + 11]
         state[row + 9] = qx + my * uz - mz * uy - wy * qz + wz * qy
         state[row + 10] = qy + mz * ux - mx * uz - wz * qx + wx * qz
         state[row + 11] = qz + mx * uy - my * ux - wx * qy + wy * qx
     for i in range(3):
-        v = V + 12 * i
-        row = P + 72 + 12 * i
-        ux = state[v]
-        uy = state[v + 1]
-        uz = state[v + 2]
-        px = state[v + 6]
-        py = state[v + 7]
-        pz = state[v + 8]
+        v = S.V + 12 * i
+        row = S.P + 72 + 12 * i
+        ux, uy, uz = state[v], state[v + 1], state[v + 2]
+        px, py, pz = state[v + 6], state[v + 7], state[v + 8]
         state[row + 6] = px + gy * uz - gz * uy - wy * pz + wz * py
         state[row + 7] = py + gz * ux - gx * uz - wz * px + wx * pz
         state[row + 8] = pz + gx * uy - gy * ux - wx * py + wy * px
         for j in range(9, 12):
-            state[P + 12 * j + 6 + i] = state[row + j]
+            state[S.P + 12 * j + 6 + i] = state[row + j]
     # The updates leave both halves equal up to rounding, which must not pile up.
     for i in range(0, 12, 3):
-        a = P + 13 * i
+        a = S.P + 13 * i
         state[a + 12] = state[a + 1]
         state[a + 24] = state[a + 2]
         state[a + 25] = state[a + 14]
     for i in range(3):
-        state[P + 13 * i + 78] += params[4] * params[4] * dt
-        state[P + 13 * i + 117] += params[5] * params[5] * dt
-    for at in (X + G, X + M):
-        x = state[at]
-        y = state[at + 1]
-        z = state[at + 2]
-        if params[6] > 0.5:
+        state[S.P + 13 * i + 78] += params[K.gravity_noise] * params[K.gravity_noise] * dt
+        state[S.P + 13 * i + 117] += params[K.field_noise] * params[K.field_noise] * dt
+    for at in (S.gravity, S.field):
+        x, y, z = state[at], state[at + 1], state[at + 2]
+        if params[K.integrator] > 0.5:
             state[at] = x - (wy * z - wz * y)
             state[at + 1] = y - (wz * x - wx * z)
             state[at + 2] = z - (wx * y - wy * x)
         else:
-            tx, ty, tz = turned_back(x, y, z, wx, wy, wz, 1.0)
-            state[at] = tx
-            state[at + 1] = ty
-            state[at + 2] = tz
+            state[at], state[at + 1], state[at + 2] = turned_back(x, y, z, wx, wy, wz, 1.0)
 
 
 def measure(state: Any, k: int, x: float, y: float, z: float, r: float) -> None:
-    """The Kalman update for states k, k+1, k+2 of X, measured as x, y, z with variance r each.
+    """Update with states k, k+1, k+2 of X measured as x, y, z with variance r each.
 
     Called with k as a literal: only then the compiler sees that no store meets a later load.
     """
-    p = P + 13 * k
-    a = state[p] + r
-    b = state[p + 1]
-    c = state[p + 2]
-    d = state[p + 13] + r
-    e = state[p + 14]
-    f = state[p + 26] + r
+    p = S.P + 13 * k
+    a, b, c = state[p] + r, state[p + 1], state[p + 2]
+    d, e, f = state[p + 13] + r, state[p + 14], state[p + 26] + r
     # The inverse of S: cofactors by determinant.
     xx = d * f - e * e
     xy = c * e - b * f
     xz = b * e - c * d
     s = 1.0 / (a * xx + b * xy + c * xz)
-    xx *= s
-    xy *= s
-    xz *= s
+    xx, xy, xz = s * xx, s * xy, s * xz
     yy = s * (a * f - c * c)
     yz = s * (b * c - a * e)
     zz = s * (a * d - b * b)
-    ex = x - state[X + k]
-    ey = y - state[X + k + 1]
-    ez = z - state[X + k + 2]
+    ex, ey, ez = x - state[S.rate + k], y - state[S.rate + k + 1], z - state[S.rate + k + 2]
     for j in range(12):
-        ux = state[P + 12 * k + j]
-        uy = state[P + 12 * k + 12 + j]
-        uz = state[P + 12 * k + 24 + j]
+        ux, uy, uz = state[S.P + 12 * k + j], state[S.P + 12 * k + 12 + j], state[S.P + 12 * k + 24 + j]
         kx = xx * ux + xy * uy + xz * uz
         ky = xy * ux + yy * uy + yz * uz
         kz = xz * ux + yz * uy + zz * uz
-        state[V + j] = ux
-        state[V + 12 + j] = uy
-        state[V + 24 + j] = uz
-        state[V + 36 + j] = kx
-        state[V + 48 + j] = ky
-        state[V + 60 + j] = kz
-        state[X + j] += kx * ex + ky * ey + kz * ez
+        state[S.V + j], state[S.V + 12 + j], state[S.V + 24 + j] = ux, uy, uz
+        state[S.V + 36 + j], state[S.V + 48 + j], state[S.V + 60 + j] = kx, ky, kz
+        state[S.rate + j] += kx * ex + ky * ey + kz * ez
     reduce_rows(state, 0)
     reduce_rows(state, 3)
     reduce_rows(state, 6)
@@ -312,54 +236,29 @@ def measure(state: Any, k: int, x: float, y: float, z: float, r: float) -> None:
 
 
 def reduce_rows(state: Any, i: int) -> None:
-    """P -= K P_k for rows i, i+1, i+2; P_k and K^T stand in V."""
-    ax = state[V + i + 36]
-    ay = state[V + i + 48]
-    az = state[V + i + 60]
-    bx = state[V + i + 37]
-    by = state[V + i + 49]
-    bz = state[V + i + 61]
-    cx = state[V + i + 38]
-    cy = state[V + i + 50]
-    cz = state[V + i + 62]
+    """Subtract K P_k from rows i, i+1, i+2 of P; V holds P_k and K^T."""
+    ax, ay, az = state[S.V + i + 36], state[S.V + i + 48], state[S.V + i + 60]
+    bx, by, bz = state[S.V + i + 37], state[S.V + i + 49], state[S.V + i + 61]
+    cx, cy, cz = state[S.V + i + 38], state[S.V + i + 50], state[S.V + i + 62]
     for j in range(12):
-        ux = state[V + j]
-        uy = state[V + 12 + j]
-        uz = state[V + 24 + j]
-        state[P + 12 * i + j] -= ax * ux + ay * uy + az * uz
-        state[P + 12 * i + j + 12] -= bx * ux + by * uy + bz * uz
-        state[P + 12 * i + j + 24] -= cx * ux + cy * uy + cz * uz
+        ux, uy, uz = state[S.V + j], state[S.V + 12 + j], state[S.V + 24 + j]
+        state[S.P + 12 * i + j] -= ax * ux + ay * uy + az * uz
+        state[S.P + 12 * i + j + 12] -= bx * ux + by * uy + bz * uz
+        state[S.P + 12 * i + j + 24] -= cx * ux + cy * uy + cz * uz
 
 
 def attitude(state: Any) -> None:
-    """The quaternion of (5, 13) from g and M: down along g, east along g x M, north along east x down."""
-    dx = state[X + G]
-    dy = state[X + G + 1]
-    dz = state[X + G + 2]
-    mx = state[X + M]
-    my = state[X + M + 1]
-    mz = state[X + M + 2]
-    ex = dy * mz - dz * my
-    ey = dz * mx - dx * mz
-    ez = dx * my - dy * mx
+    """Write the quaternion of (5, 13) from g and M: down along g, east along g x M, north along east x down."""
+    dx, dy, dz = state[S.gravity], state[S.gravity + 1], state[S.gravity + 2]
+    ex, ey, ez = cross(dx, dy, dz, state[S.field], state[S.field + 1], state[S.field + 2])
     down_squared = dx * dx + dy * dy + dz * dz
     east_squared = ex * ex + ey * ey + ez * ez
     if down_squared > 0.0 and east_squared > 0.0:
         s = 1.0 / math.sqrt(down_squared)
-        dx *= s
-        dy *= s
-        dz *= s
+        dx, dy, dz = s * dx, s * dy, s * dz
         s = 1.0 / math.sqrt(east_squared)
-        ex *= s
-        ey *= s
-        ez *= s
-        state[V] = ey * dz - ez * dy
-        state[V + 1] = ez * dx - ex * dz
-        state[V + 2] = ex * dy - ey * dx
-        state[V + 3] = ex
-        state[V + 4] = ey
-        state[V + 5] = ez
-        state[V + 6] = dx
-        state[V + 7] = dy
-        state[V + 8] = dz
-        quaternion_from_matrix(state, V)
+        ex, ey, ez = s * ex, s * ey, s * ez
+        state[S.V], state[S.V + 1], state[S.V + 2] = cross(ex, ey, ez, dx, dy, dz)
+        state[S.V + 3], state[S.V + 4], state[S.V + 5] = ex, ey, ez
+        state[S.V + 6], state[S.V + 7], state[S.V + 8] = dx, dy, dz
+        quaternion_from_matrix(state, S.V)

@@ -32,7 +32,7 @@ from attlog.estimators.aids import Aids
 from attlog.estimators.filters.navigation import attitude, passes
 from attlog.estimators.filters.navigation.inputs import GATE, PRIORS, Inputs, prepare_inputs, started
 from attlog.estimators.filters.navigation.model import BG
-from attlog.estimators.interface import Array, Estimate, Parameter
+from attlog.estimators.interface import Array, Estimate, choice
 
 SOURCE = "Sola2017"
 NEEDS = {"gyro", "acc"}
@@ -50,16 +50,7 @@ AHEAD = frozenset({"whole_log", "whole_log_biases"})
 PARAMETERS = (
     *PRIORS,
     GATE,
-    Parameter(
-        "constants",
-        "past",
-        "",
-        0,
-        1,
-        "noise levels, delays, scales: learnt from the past, the defaults, of the whole log, with its biases as well",
-        "attlog; the last two look ahead",
-        tuple(KNOWN),
-    ),
+    choice("constants", tuple(KNOWN), "where noise levels, delays, scales come from", "attlog; whole_log looks ahead"),
 )
 PRESETS: dict[str, dict[str, float | str]] = {
     name: {"constants": name} for name in ("fixed", "whole_log", "whole_log_biases")

@@ -35,18 +35,16 @@ STATE = {"q": 4}
 DEFAULTS = "package imufusion, its default settings"
 EXAMPLE = "package imufusion, advanced example"
 PARAMETERS = (
-    Parameter(
-        "gain", 0.5, "1/s", 0, 10, "gain of the error: large follows the accelerometer, small the gyro", DEFAULTS
-    ),
+    Parameter("gain", 0.5, "1/s", 0, 10, "gain of the error: large follows the accelerometer", DEFAULTS),
     Parameter("acc_rejection", 0.0, "deg", 0, 90, "accelerometer left out beyond this error; 0 never", DEFAULTS),
     Parameter("mag_rejection", 0.0, "deg", 0, 90, "magnetometer left out beyond this error; 0 never", DEFAULTS),
-    Parameter("timeout", 5.0, "s", 0, 1000, "how long a sensor may stay left out before it is believed again", EXAMPLE),
+    Parameter("timeout", 5.0, "s", 0, 1000, "how long a sensor may stay left out", EXAMPLE),
 )
 PRESETS: dict[str, dict[str, float | str]] = {"example": {"acc_rejection": 10.0, "mag_rejection": 10.0}}
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:
-    """The attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
+    """Return the attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
     import imufusion
 
     step = np.diff(t)

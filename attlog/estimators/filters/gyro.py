@@ -26,10 +26,10 @@ PARAMETERS = (INTEGRATOR,)
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
-    """The state: attitude only."""
+    """Return the state: attitude only."""
     return q0
 
 
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
-    """One update: turn by the measured rate."""
+    """Turn by the measured rate."""
     turn(state, gyr[0], gyr[1], gyr[2], dt, params[0])

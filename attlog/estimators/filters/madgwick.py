@@ -24,43 +24,22 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, Parameter
-from attlog.estimators.vectors import GRAVITY, turn
+from attlog.estimators.vectors import GRAVITY, matrix, places, quaternion, turn
 
 SOURCE = "Madgwick2010 20-49"
 NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3}
+NEAR = "attlog; below Madgwick2010's 0.033 (IMU) and 0.041 (MARG): zeta takes the bias"
 PARAMETERS = (
-    Parameter(
-        "beta",
-        0.03,
-        "1/s",
-        0,
-        100,
-        "step down the slope: the attitude error corrected is at most 2 beta rad per second",
-        "attlog, near the 0.033 (IMU) and 0.041 (MARG) of Madgwick2010: zeta takes the bias, so less is needed",
-    ),
-    Parameter(
-        "zeta",
-        0.0006,
-        "1/s",
-        0,
-        10,
-        "step of the gyro bias: at most 2 zeta rad/s per second; 0 estimates none",
-        "attlog; half a minute for 2 deg/s, Madgwick2010 49 gives no value",
-    ),
-    Parameter(
-        "field_scale",
-        1.0,
-        "1",
-        0.1,
-        2,
-        "factor on the field reference; 1 is the report, 0.5 the code of 2011",
-        "Madgwick2010 46",
-    ),
+    Parameter("beta", 0.03, "1/s", 0, 100, "step down the slope: corrects at most 2 beta rad/s", NEAR),
+    # Half a minute for 2 deg/s; Madgwick2010 49 gives no value.
+    Parameter("zeta", 0.0006, "1/s", 0, 10, "step of the gyro bias, at most 2 zeta rad/s^2; 0: none", "attlog"),
+    Parameter("field_scale", 1.0, "1", 0.1, 2, "factor on the field reference; code of 2011: 0.5", "Madgwick2010 46"),
     ACC_FORM,
     INTEGRATOR,
 )
+K = places({p.name: 1 for p in PARAMETERS})
 PRESETS = {
     "imu": {"beta": 0.033, "zeta": 0.0, **AS_PRINTED},
     "marg": {"beta": 0.041, "zeta": 0.0, **AS_PRINTED},
@@ -69,27 +48,22 @@ PRESETS = {
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
-    """The state: attitude, and no bias yet."""
+    """Return the state: attitude, and no bias yet."""
     state = np.zeros(7)
     state[0:4] = q0
     return state
 
 
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
-    """One update: slope, bias, rate, step down the slope."""
-    q0 = state[0]
-    q1 = state[1]
-    q2 = state[2]
-    q3 = state[3]
-    s0, s1, s2, s3 = slope(state, acc, mag, params[2], params[3])
-    twice = 2.0 * params[1] * dt
+    """Take one update: slope, bias, rate, step down the slope."""
+    q0, q1, q2, q3 = quaternion(state, 0)
+    s0, s1, s2, s3 = slope(state, acc, mag, params[K.field_scale], params[K.acc_form])
+    twice = 2.0 * params[K.zeta] * dt
     state[4] += twice * (q0 * s1 - q1 * s0 - q2 * s3 + q3 * s2)
     state[5] += twice * (q0 * s2 + q1 * s3 - q2 * s0 - q3 * s1)
     state[6] += twice * (q0 * s3 - q1 * s2 + q2 * s1 - q3 * s0)
-    wx = gyr[0] - state[4]
-    wy = gyr[1] - state[5]
-    wz = gyr[2] - state[6]
-    down = params[0] * dt
+    wx, wy, wz = gyr[0] - state[4], gyr[1] - state[5], gyr[2] - state[6]
+    down = params[K.beta] * dt
     # First order adds both changes before the length is restored, exact turns first.
     h = 0.5 * dt
     p0 = q0 - h * (q1 * wx + q2 * wy + q3 * wz)
@@ -97,24 +71,18 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> No
     p2 = q2 + h * (q0 * wy - q1 * wz + q3 * wx)
     p3 = q3 + h * (q0 * wz + q1 * wy - q2 * wx)
     turn(state, wx, wy, wz, dt, 0.0)
-    first = params[4] > 0.5
+    first = params[K.integrator] > 0.5
     p0 = (p0 if first else state[0]) - down * s0
     p1 = (p1 if first else state[1]) - down * s1
     p2 = (p2 if first else state[2]) - down * s2
     p3 = (p3 if first else state[3]) - down * s3
     inv = 1.0 / math.sqrt(p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3)
-    state[0] = p0 * inv
-    state[1] = p1 * inv
-    state[2] = p2 * inv
-    state[3] = p3 * inv
+    state[0], state[1], state[2], state[3] = p0 * inv, p1 * inv, p2 * inv, p3 * inv
 
 
 def slope(state: Any, acc: Any, mag: Any, field_scale: float, by_vector: float) -> tuple[float, float, float, float]:
-    """J^T f / |J^T f| (20, 34): the unit direction in which the error grows fastest; zero where there is no error."""
-    q0 = state[0]
-    q1 = state[1]
-    q2 = state[2]
-    q3 = state[3]
+    """Return J^T f / |J^T f| (20, 34), the unit direction of the steepest error; zero without an error."""
+    q0, q1, q2, q3 = quaternion(state, 0)
     # Gravity: f_g = R^T e_z - v (25), J_g (26).
     norm = math.sqrt(acc[0] * acc[0] + acc[1] * acc[1] + acc[2] * acc[2])
     use = 1.0 if norm > 0.0 else 0.0
@@ -131,17 +99,16 @@ def slope(state: Any, acc: Any, mag: Any, field_scale: float, by_vector: float) 
     norm = math.sqrt(mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2])
     use = 1.0 if norm > 0.0 else 0.0
     inv = 1.0 / norm if norm > 0.0 else 0.0
-    mx = mag[0] * inv
-    my = mag[1] * inv
-    mz = mag[2] * inv
-    hx = mx * (1.0 - 2.0 * (q2 * q2 + q3 * q3)) + 2.0 * my * (q1 * q2 - q0 * q3) + 2.0 * mz * (q1 * q3 + q0 * q2)
-    hy = 2.0 * mx * (q1 * q2 + q0 * q3) + my * (1.0 - 2.0 * (q1 * q1 + q3 * q3)) + 2.0 * mz * (q2 * q3 - q0 * q1)
-    hz = 2.0 * mx * (q1 * q3 - q0 * q2) + 2.0 * my * (q2 * q3 + q0 * q1) + mz * (1.0 - 2.0 * (q1 * q1 + q2 * q2))
+    mx, my, mz = mag[0] * inv, mag[1] * inv, mag[2] * inv
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix(state, 0)
+    hx = mx * r00 + my * r01 + mz * r02
+    hy = mx * r10 + my * r11 + mz * r12
+    hz = mx * r20 + my * r21 + mz * r22
     bx = field_scale * math.sqrt(hx * hx + hy * hy)
     bz = field_scale * hz
-    f1 = use * (bx * (1.0 - 2.0 * (q2 * q2 + q3 * q3)) + 2.0 * bz * (q1 * q3 - q0 * q2) - mx)
-    f2 = use * (2.0 * bx * (q1 * q2 - q0 * q3) + 2.0 * bz * (q0 * q1 + q2 * q3) - my)
-    f3 = use * (2.0 * bx * (q0 * q2 + q1 * q3) + bz * (1.0 - 2.0 * (q1 * q1 + q2 * q2)) - mz)
+    f1 = use * (bx * r00 + bz * r20 - mx)
+    f2 = use * (bx * r01 + bz * r21 - my)
+    f3 = use * (bx * r02 + bz * r22 - mz)
     s0 += -2.0 * bz * q2 * f1 + (-2.0 * bx * q3 + 2.0 * bz * q1) * f2 + 2.0 * bx * q2 * f3
     s1 += 2.0 * bz * q3 * f1 + (2.0 * bx * q2 + 2.0 * bz * q0) * f2 + (2.0 * bx * q3 - 4.0 * bz * q1) * f3
     s2 += (

@@ -17,11 +17,14 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN, Parameter
+from attlog.estimators.interface import ACC_FORM, AS_PRINTED, INTEGRATOR, KI_PER, MAG_FORM, MAG_GAIN, Parameter, choice
 from attlog.estimators.vectors import (
     GRAVITY,
+    cross,
     field_error,
     gravity_error,
+    is_present,
+    matrix,
     matrix_from_quaternion,
     quaternion_from_matrix,
     turn,
@@ -33,6 +36,8 @@ GAIN = "proportional gain: large follows the accelerometer, small the gyro"
 BIAS_GAIN = "gain of the gyro bias estimate; 0 estimates none"
 # A filter that keeps the matrix has it from this place of its state on; its last row is d.
 MATRIX, DOWN = 7, 13
+# Low-passed force of ``mahony_adaptive``.
+FORCE = 8
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
@@ -48,6 +53,15 @@ def start_with_matrix(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     state[0:4] = q0
     matrix_from_quaternion(state, MATRIX)
     return state
+
+
+def total_error(
+    state: Any, acc: Any, mag: Any, acc_form: float, mag_form: float, mag_gain: float
+) -> tuple[float, float, float]:
+    """Return e_g + mag_gain e_m."""
+    gx, gy, gz = gravity_error(state, acc, acc_form)
+    mx, my, mz = field_error(state, mag, mag_form)
+    return gx + mag_gain * mx, gy + mag_gain * my, gz + mag_gain * mz
 
 
 def integrate(state: Any, ki_dt: float, ex: float, ey: float, ez: float) -> None:
@@ -105,12 +119,11 @@ class Complementary:
     def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
         """Take one update: both errors, integral, rate, attitude."""
         kp, ki, mag_gain = params[0], params[1], params[2]
-        gx, gy, gz = gravity_error(state, acc, params[4])
-        mx, my, mz = field_error(state, mag, params[3])
-        ex, ey, ez = gx + mag_gain * mx, gy + mag_gain * my, gz + mag_gain * mz
-        integrate(state, ki * (1.0 if params[6] > 0.5 else dt), ex, ey, ez)
+        mag_form, acc_form, integrator, ki_per = params[3], params[4], params[5], params[6]
+        ex, ey, ez = total_error(state, acc, mag, acc_form, mag_form, mag_gain)
+        integrate(state, ki * (1.0 if ki_per > 0.5 else dt), ex, ey, ez)
         wx, wy, wz = corrected_rate(state, gyr, kp, ex, ey, ez)
-        turn(state, wx, wy, wz, dt, params[5])
+        turn(state, wx, wy, wz, dt, integrator)
 
 
 class VariableIntegral:
@@ -153,7 +166,7 @@ class VariableIntegral:
         ACC_FORM,
         INTEGRATOR,
         KI_PER,
-        Parameter("freeze", "output", "", 0, 1, "what the ratio scales", "Lyu 16 prints output", ("output", "input")),
+        choice("freeze", ("output", "input"), "what the ratio scales", "Lyu 16 prints output"),
     )
     PRESETS = {"lyu": {"kp": 0.5, "ki": 0.001, "err1": 0.3, "err2": 0.8, "mag_gain": 0.0, **AS_PRINTED}}
 
@@ -164,17 +177,16 @@ class VariableIntegral:
     def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
         """Take one update: errors, ratio, integral, rate, attitude."""
         kp, ki, err1, err2, mag_gain = params[0], params[1], params[2], params[3], params[4]
-        gx, gy, gz = gravity_error(state, acc, params[6])
-        mx, my, mz = field_error(state, mag, params[5])
-        ex, ey, ez = gx + mag_gain * mx, gy + mag_gain * my, gz + mag_gain * mz
+        mag_form, acc_form, integrator, ki_per, freeze = params[5], params[6], params[7], params[8], params[9]
+        ex, ey, ez = total_error(state, acc, mag, acc_form, mag_form, mag_gain)
         ratio = faded(math.sqrt(ex * ex + ey * ey + ez * ez), err1, err2)
-        output = 1.0 if params[9] > 0.5 else ratio
-        integrate(state, ki * (1.0 if params[8] > 0.5 else dt) * (ratio if params[9] > 0.5 else 1.0), ex, ey, ez)
+        output = 1.0 if freeze > 0.5 else ratio
+        integrate(state, ki * (1.0 if ki_per > 0.5 else dt) * (ratio if freeze > 0.5 else 1.0), ex, ey, ez)
         state[7] = ratio
         wx = gyr[0] - output * state[4] + kp * ex
         wy = gyr[1] - output * state[5] + kp * ey
         wz = gyr[2] - output * state[6] + kp * ez
-        turn(state, wx, wy, wz, dt, params[7])
+        turn(state, wx, wy, wz, dt, integrator)
 
 
 def faded(x: float, full: float, none: float) -> float:
@@ -218,9 +230,7 @@ class MahonyPassive:
     PARAMETERS = (
         Parameter("kp", 0.2, "1/s", 0, 100, GAIN, "attlog; below Huang's 0.3"),
         Parameter("ki", 0.003, "1/s^2", 0, 10, BIAS_GAIN, "attlog; below Huang's 0.01"),
-        Parameter(
-            "l1", 1.0, "1", 1e-6, 1e6, "weight of gravity in the rebuilt attitude", "attlog; only l1 / l2 counts"
-        ),
+        Parameter("l1", 1.0, "1", 1e-6, 1e6, "weight of gravity in the rebuilt attitude", "attlog; l1 / l2 counts"),
         Parameter("l2", 0.01, "1", 1e-6, 1e6, "weight of the field: small keeps it out of roll and pitch", "attlog"),
         replace(MAG_GAIN, default=0.5, source="attlog; as mahony"),
         INTEGRATOR,
@@ -230,14 +240,14 @@ class MahonyPassive:
 
     def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
         """Take one update: rebuilt attitude, error, bias, rate, matrix, and the quaternion that follows it."""
-        kp, ki, mag_gain = params[0], params[1], params[4]
-        ex, ey, ez = rebuilt_error(state, params[2], params[3], acc, mag)
+        kp, ki, l1, l2, mag_gain, integrator = params[0], params[1], params[2], params[3], params[4], params[5]
+        ex, ey, ez = rebuilt_error(state, l1, l2, acc, mag)
         # The part along d is heading; gravity has none there.
         more = (mag_gain - 1.0) * (ex * state[DOWN] + ey * state[DOWN + 1] + ez * state[DOWN + 2])
         ex, ey, ez = ex + more * state[DOWN], ey + more * state[DOWN + 1], ez + more * state[DOWN + 2]
         integrate(state, ki * dt, ex, ey, ez)
         wx, wy, wz = corrected_rate(state, gyr, kp, ex, ey, ez)
-        turn_matrix(state, MATRIX, wx, wy, wz, dt, params[5])
+        turn_matrix(state, MATRIX, wx, wy, wz, dt, integrator)
         quaternion_from_matrix(state, MATRIX)
 
 
@@ -274,16 +284,7 @@ class MahonyDcm:
         Parameter("kp", 0.3, "1/s", 0, 100, GAIN, "Huang fig. 3"),
         Parameter("ki", 0.005, "1/s^2", 0, 10, BIAS_GAIN, "attlog; half of Huang's 0.01 (fig. 3)"),
         replace(MAG_GAIN, default=0.5, source="attlog; as mahony"),
-        Parameter(
-            "heading_error",
-            "sine",
-            "",
-            0,
-            1,
-            "sine of the angle, or that times cos(dip)",
-            "attlog",
-            ("sine", "printed"),
-        ),
+        choice("heading_error", ("sine", "printed"), "sine of the angle, or that times cos(dip)", "attlog"),
         MAG_FORM,
         ACC_FORM,
         INTEGRATOR,
@@ -293,14 +294,13 @@ class MahonyDcm:
 
     def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
         """Take one update: both errors, bias, rate, matrix, and the quaternion that follows it."""
-        kp, ki = params[0], params[1]
-        gx, gy, gz = gravity_error(state, acc, params[5])
-        mx, my, mz = field_error(state, mag, params[4])
-        gain = params[2] * (cos_dip(state, mag) if params[3] > 0.5 else 1.0)
-        ex, ey, ez = gx + gain * mx, gy + gain * my, gz + gain * mz
+        kp, ki, mag_gain, heading_error = params[0], params[1], params[2], params[3]
+        mag_form, acc_form, integrator = params[4], params[5], params[6]
+        gain = mag_gain * (cos_dip(state, mag) if heading_error > 0.5 else 1.0)
+        ex, ey, ez = total_error(state, acc, mag, acc_form, mag_form, gain)
         integrate(state, ki * dt, ex, ey, ez)
         wx, wy, wz = corrected_rate(state, gyr, kp, ex, ey, ez)
-        turn_matrix(state, MATRIX, wx, wy, wz, dt, params[6])
+        turn_matrix(state, MATRIX, wx, wy, wz, dt, integrator)
         quaternion_from_matrix(state, MATRIX)
 
 
@@ -345,13 +345,18 @@ class Mahony:
 
     def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
         """Take one update: both errors, bias, rate, attitude."""
-        kp, ki, mag_gain = params[0], params[1], params[2]
-        gx, gy, gz = gravity_error(state, acc, params[4])
-        mx, my, mz = field_error(state, mag, params[3])
-        ex, ey, ez = gx + mag_gain * mx, gy + mag_gain * my, gz + mag_gain * mz
+        kp, ki, mag_gain, mag_form, acc_form, integrator = (
+            params[0],
+            params[1],
+            params[2],
+            params[3],
+            params[4],
+            params[5],
+        )
+        ex, ey, ez = total_error(state, acc, mag, acc_form, mag_form, mag_gain)
         integrate(state, ki * dt, ex, ey, ez)
         wx, wy, wz = corrected_rate(state, gyr, kp, ex, ey, ez)
-        turn(state, wx, wy, wz, dt, params[5])
+        turn(state, wx, wy, wz, dt, integrator)
 
 
 class MahonyAdaptive:
@@ -407,17 +412,18 @@ class MahonyAdaptive:
 
     def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
         """Take one update: trust, both errors, bias, rate, attitude."""
-        kp, ki, rate_gain, mag_gain = params[0], params[1], params[4], params[5]
-        deviation = math.fabs(smooth_force(state, params[6], dt, acc) - GRAVITY) / GRAVITY
-        trust = faded(deviation, params[2], params[3])
-        gx, gy, gz = gravity_error(state, acc, params[8])
-        mx, my, mz = field_error(state, mag, params[7])
+        kp, ki, thr1, thr2, rate_gain = params[0], params[1], params[2], params[3], params[4]
+        mag_gain, tau, mag_form, acc_form, integrator = params[5], params[6], params[7], params[8], params[9]
+        deviation = math.fabs(smooth_force(state, tau, dt, acc) - GRAVITY) / GRAVITY
+        trust = faded(deviation, thr1, thr2)
+        gx, gy, gz = gravity_error(state, acc, acc_form)
+        mx, my, mz = field_error(state, mag, mag_form)
         ex, ey, ez = trust * gx + mag_gain * mx, trust * gy + mag_gain * my, trust * gz + mag_gain * mz
         integrate(state, ki * dt, ex, ey, ez)
         state[7] = trust
         wx, wy, wz = corrected_rate(state, gyr, 0.0, ex, ey, ez)
         k = kp * (1.0 + rate_gain * math.sqrt(wx * wx + wy * wy + wz * wz))
-        turn(state, wx + k * ex, wy + k * ey, wz + k * ez, dt, params[9])
+        turn(state, wx + k * ex, wy + k * ey, wz + k * ez, dt, integrator)
 
 
 FAMILY = {
@@ -440,24 +446,14 @@ def cos_dip(state: Any, mag: Any) -> float:
 
 def smooth_force(state: Any, tau: float, dt: float, acc: Any) -> float:
     """Take one step of the low-pass towards R f; return |F| in m/s^2. A missing sample changes nothing."""
-    q0 = state[0]
-    q1 = state[1]
-    q2 = state[2]
-    q3 = state[3]
-    fx = acc[0]
-    fy = acc[1]
-    fz = acc[2]
-    north = fx * (1.0 - 2.0 * (q2 * q2 + q3 * q3)) + 2.0 * fy * (q1 * q2 - q0 * q3) + 2.0 * fz * (q1 * q3 + q0 * q2)
-    east = 2.0 * fx * (q1 * q2 + q0 * q3) + fy * (1.0 - 2.0 * (q1 * q1 + q3 * q3)) + 2.0 * fz * (q2 * q3 - q0 * q1)
-    down = 2.0 * fx * (q1 * q3 - q0 * q2) + 2.0 * fy * (q2 * q3 + q0 * q1) + fz * (1.0 - 2.0 * (q1 * q1 + q2 * q2))
-    share = dt / (tau + dt) if fx != 0.0 or fy != 0.0 or fz != 0.0 else 0.0
-    x = state[8] + share * (north - state[8])
-    y = state[9] + share * (east - state[9])
-    z = state[10] + share * (down - state[10])
-    state[8] = x
-    state[9] = y
-    state[10] = z
-    return math.sqrt(x * x + y * y + z * z)
+    R = matrix(state, 0)
+    share = dt / (tau + dt) if is_present(acc) else 0.0
+    square = 0.0
+    for i in range(3):
+        force = R[3 * i] * acc[0] + R[3 * i + 1] * acc[1] + R[3 * i + 2] * acc[2]
+        state[FORCE + i] += share * (force - state[FORCE + i])
+        square += state[FORCE + i] * state[FORCE + i]
+    return math.sqrt(square)
 
 
 def rebuilt_error(state: Any, l1: float, l2: float, acc: Any, mag: Any) -> tuple[float, float, float]:
@@ -482,20 +478,16 @@ def rebuilt_error(state: Any, l1: float, l2: float, acc: Any, mag: Any) -> tuple
     # Third axis of both pairs: gravity x field.
     px, py, pz, measured = unit_cross(vx, vy, vz, mx, my, mz)
     rx, ry, rz, expected = unit_cross(dx, dy, dz, fx, fy, fz)
+    if measured == 0.0 or expected == 0.0:
+        return cross(vx, vy, vz, dx, dy, dz)
     cosines = (vx * mx + vy * my + vz * mz) * (dx * fx + dy * fy + dz * fz)
     scale = math.sqrt(l1 * l1 + l2 * l2 + 2.0 * l1 * l2 * (cosines + measured * expected))
     a1 = l1 / scale if scale > 0.0 else 0.0
     a2 = l2 / scale if scale > 0.0 else 0.0
-    ax, ay, az = pair_error(vx, vy, vz, px, py, pz, dx, dy, dz, rx, ry, rz)
-    bx, by, bz = pair_error(mx, my, mz, px, py, pz, fx, fy, fz, rx, ry, rz)
-    ex = a1 * ax + a2 * bx + 0.5 * (py * rz - pz * ry)
-    ey = a1 * ay + a2 * by + 0.5 * (pz * rx - px * rz)
-    ez = a1 * az + a2 * bz + 0.5 * (px * ry - py * rx)
-    both = measured > 0.0 and expected > 0.0
-    gx = vy * dz - vz * dy
-    gy = vz * dx - vx * dz
-    gz = vx * dy - vy * dx
-    return ex if both else gx, ey if both else gy, ez if both else gz
+    ax, ay, az = pair_error((vx, vy, vz), (px, py, pz), (dx, dy, dz), (rx, ry, rz))
+    bx, by, bz = pair_error((mx, my, mz), (px, py, pz), (fx, fy, fz), (rx, ry, rz))
+    cx, cy, cz = cross(px, py, pz, rx, ry, rz)
+    return a1 * ax + a2 * bx + 0.5 * cx, a1 * ay + a2 * by + 0.5 * cy, a1 * az + a2 * bz + 0.5 * cz
 
 
 def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -507,37 +499,19 @@ def unit(x: float, y: float, z: float) -> tuple[float, float, float]:
 
 def unit_cross(ax: float, ay: float, az: float, bx: float, by: float, bz: float) -> tuple[float, float, float, float]:
     """Return the direction of a x b and its length; zero for zero vectors and parallel ones."""
-    x = ay * bz - az * by
-    y = az * bx - ax * bz
-    z = ax * by - ay * bx
+    x, y, z = cross(ax, ay, az, bx, by, bz)
     norm = math.sqrt(x * x + y * y + z * z)
     inv = 1.0 / norm if norm > 1e-9 else 0.0
     return x * inv, y * inv, z * inv, norm if norm > 1e-9 else 0.0
 
 
-def pair_error(
-    bx: float,
-    by: float,
-    bz: float,
-    px: float,
-    py: float,
-    pz: float,
-    cx: float,
-    cy: float,
-    cz: float,
-    rx: float,
-    ry: float,
-    rz: float,
-) -> tuple[float, float, float]:
+Vector = tuple[float, float, float]
+
+
+def pair_error(b: Vector, p: Vector, c: Vector, r: Vector) -> Vector:
     """Return (b x c)/2 + ((b x p) x (c x r))/2, a vector pair's share in (10); p and r are the third axes."""
-    ux = by * pz - bz * py
-    uy = bz * px - bx * pz
-    uz = bx * py - by * px
-    sx = cy * rz - cz * ry
-    sy = cz * rx - cx * rz
-    sz = cx * ry - cy * rx
-    return (
-        0.5 * (by * cz - bz * cy + uy * sz - uz * sy),
-        0.5 * (bz * cx - bx * cz + uz * sx - ux * sz),
-        0.5 * (bx * cy - by * cx + ux * sy - uy * sx),
-    )
+    bc = cross(b[0], b[1], b[2], c[0], c[1], c[2])
+    u = cross(b[0], b[1], b[2], p[0], p[1], p[2])
+    s = cross(c[0], c[1], c[2], r[0], r[1], r[2])
+    us = cross(u[0], u[1], u[2], s[0], s[1], s[2])
+    return 0.5 * (bc[0] + us[0]), 0.5 * (bc[1] + us[1]), 0.5 * (bc[2] + us[2])

@@ -49,148 +49,30 @@ from attlog.estimators.filters.inertial.compass import (
     residual_sigmas,
     weigh_slow,
 )
-from attlog.estimators.filters.inertial.recursion import (
-    ACC_BIAS_SIGMA,
-    AGE,
-    AIR,
+from attlog.estimators.filters.inertial.model import (
     ALIGNING,
-    BA,
-    BIAS,
-    BIAS_NOISE,
-    BLOCK,
-    DB,
-    DBA,
-    DD,
-    DM,
-    DV,
-    END,
-    EXPECT_TIME,
-    EXPECTED,
-    FIELD_SIGMA,
-    FIELD_TIME,
-    GYRO_NOISE,
-    H_COUNT,
-    H_SINCE,
-    HEADING_SIGMA,
-    LEAD,
     MOVING_RATE,
-    QUIET,
+    PARAMETERS,
     RAD,
-    RATE_NOISE,
-    REACH,
-    SIGMA,
-    STAGE,
-    TILT_SIGMA,
-    TURNED,
-    V_MEAN,
-    VELOCITY_FACTOR,
-    VELOCITY_NOISE,
-    VELOCITY_SIGMA,
-    VELOCITY_TIME,
-    A,
-    B,
-    C,
-    F,
-    G,
-    H,
-    M,
+    STATE,
+    E,
+    K,
     N,
-    P,
-    Q,
     S,
-    T,
-    V,
-    X,
+    product,
     square,
     turn_earth,
 )
 from attlog.estimators.filters.inertial.start import align, look_for_rest
-from attlog.estimators.interface import Parameter
-from attlog.estimators.vectors import turn
+from attlog.estimators.vectors import is_present, matrix, turn
+
+__all__ = ["PARAMETERS", "PRESETS", "STATE", "start", "step"]
 
 SOURCE = "Markley2003; Laidig2023"
 NEEDS = {"gyro", "acc"}
 USES = {"mag", "airspeed"}
 HOLD_MAG = False
 VECTORS_AT = "end"
-STATE = {
-    "q": 4,
-    "bias": 3,
-    "sigma_tilt": 1,
-    "sigma_heading": 1,
-    "_q": 4,
-    "_gyro_matrix": 9,
-    "_acc_bias": 3,
-    "_velocity": 2,
-    "_field_heading": 1,
-    "_covariance": N * N,
-    "_error": N,
-    "_column": N,
-    "_block": 49,
-    "_rest": 13,
-    "_start": 8,
-    "_field": 14,
-    "_calibration": 57,
-    "_expected": 2,
-    "_reach": 63,
-    "_slow": 4,
-    "_field_doubt": 8,
-    "_airspeed": 5,
-    "_force": 3,
-    "_swing": 5,
-}
-RECORDED = "tuned on BROAD and EuRoC with altered copies"
-PHYSICAL = "attlog; MEMS data sheets"
-PARAMETERS = (
-    Parameter("block", 0.025, "s", 0.001, 0.5, "time between updates: 10 to 100 ms give the same", "attlog"),
-    Parameter("gyro_noise", 0.016, "deg/sqrt(s)", 1e-5, 10, "white noise of the gyro", RECORDED),
-    Parameter("rate_noise", 0.0006, "sqrt(s)", 0, 1, "attitude noise in proportion to the rate", RECORDED),
-    Parameter("bias_noise", 0.002, "deg/s/sqrt(s)", 0, 10, "random walk of the gyro bias", RECORDED),
-    Parameter("bias_sigma", 0.65, "deg/s", 1e-3, 100, "gyro bias expected at the start", RECORDED),
-    Parameter("scale_sigma", 0.004, "", 0, 1, "gyro scale errors expected", PHYSICAL),
-    Parameter("misalignment_sigma", 0.0025, "", 0, 1, "gyro misalignments expected", PHYSICAL),
-    Parameter("acc_bias_sigma", 0.016, "m/s^2", 0, 10, "accelerometer bias expected; follows what is found", RECORDED),
-    Parameter("velocity_noise", 0.02, "m/s/sqrt(s)", 1e-6, 10, "white noise of the accelerometer", RECORDED),
-    Parameter("velocity_sigma", 0.13, "m/s", 1e-4, 100, "velocity expected, at least: small trusts gravity", RECORDED),
-    Parameter("velocity_factor", 2.6, "", 0, 100, "velocity expected: factor on the running mean square", RECORDED),
-    Parameter("velocity_time", 8.0, "s", 0.1, 1000, "time constant of that mean square", RECORDED),
-    Parameter("align_time", 2.0, "s", 0.1, 30, "the start: how long vectors are averaged", RECORDED),
-    Parameter("tilt_sigma", 2.0, "deg", 0.01, 90, "tilt error after that", RECORDED),
-    Parameter("heading_sigma", 25.0, "deg", 0.01, 180, "heading error after that", RECORDED),
-    Parameter(
-        "mag_noise",
-        14.0,
-        "deg*sqrt(s)",
-        0.01,
-        1000,
-        "noise density of the field's heading: large trusts the gyro",
-        RECORDED,
-    ),
-    Parameter("mag_gate", 2.0, "", 0.1, 100, "sigmas beyond which a heading weighs less", RECORDED),
-    Parameter("delay_sigma", 15.0, "ms", 0, 1000, "delay of the magnetometer expected; it is estimated", PHYSICAL),
-    Parameter(
-        "offset_sigma",
-        0.06,
-        "",
-        0,
-        10,
-        "field fixed to the body expected, as part of the field; it is estimated",
-        RECORDED,
-    ),
-    Parameter("field_sigma", 0.0, "deg", 0, 90, "deviation of the local field's heading", RECORDED),
-    Parameter("field_time", 60.0, "s", 0.1, 10000, "time of motion after which it is another", RECORDED),
-    Parameter("lead", 0.0, "ms", -100, 100, "output turned on by this time: for an IMU that lags", "attlog"),
-    Parameter(
-        "acc_bias_considered",
-        0.12,
-        "m/s^2",
-        0,
-        10,
-        "accelerometer bias that sigmas count beyond the one expected; it moves no attitude",
-        "attlog; half of the flights with truth",
-    ),
-    Parameter("moving_sigma", 4.0, "deg", 0.01, 90, "tilt error after a start in motion", "attlog; flights with truth"),
-)
 PRESETS: dict[str, dict[str, float | str]] = {
     "smoother": {
         "rate_noise": 0.0004,
@@ -218,25 +100,25 @@ REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
-    """The state before the first sample: everything but the attitude is found during the first ``align_time``."""
-    state = np.zeros(742)
-    state[AIR + AIR_AGE] = NEVER
+    """Return the state before the first sample; the alignment finds all but the attitude."""
+    state = np.zeros(sum(STATE.values()))
+    state[S.air + AIR_AGE] = NEVER
     state[0:4] = q0
-    state[Q:M] = q0
-    state[SIGMA] = math.sqrt(2.0) * RAD * params[TILT_SIGMA]
-    state[SIGMA + 1] = RAD * params[HEADING_SIGMA]
+    state[S.attitude : S.M] = q0
+    state[S.sigma_tilt] = math.sqrt(2.0) * RAD * params[K.tilt_sigma]
+    state[S.sigma_heading] = RAD * params[K.heading_sigma]
     return state
 
 
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: Any) -> None:
-    """One sample: attitude at its end, sums for the block, and the filter where a block ends."""
+    """Take one sample: attitude at its end, sums of the block, and the filter where a block ends."""
     look_for_rest(state, params, dt, gyr, acc)
     take_force(state, dt, gyr, acc, aid[AIRSPEED])
-    if state[STAGE] == ALIGNING:
-        align(state, params, dt, gyr, state[F:END], mag)
+    if state[S.stage] == ALIGNING:
+        align(state, params, dt, gyr, state[S.force :], mag)
         return
-    sample(state, dt, gyr, state[F:END], mag)
-    if state[T] >= params[BLOCK] - 0.25 * dt:
+    sample(state, dt, gyr, state[S.force :], mag)
+    if state[S.seconds] >= params[K.block] - 0.25 * dt:
         predict(state, params)
         correct(state, params)
         finish(state, params)
@@ -244,246 +126,199 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
 
 
 def take_force(state: Any, dt: float, gyr: Any, acc: Any, airspeed: float) -> None:
-    """The specific force less what ``airspeed`` [m/s, NaN: nothing new] tells of the flight's acceleration, to F."""
-    update_airspeed(state, AIR, dt, airspeed, state[QUIET] >= min(0.2, state[AGE]))
+    """Write the specific force to the state, less the acceleration by ``airspeed`` [m/s, NaN: nothing new]."""
+    update_airspeed(state, S.air, dt, airspeed, state[S.quiet] >= min(0.2, state[S.age]))
     _, wy, wz = rate(state, gyr)
-    state[F], state[F + 1], state[F + 2] = without_acceleration(state, AIR, acc, wy, wz)
+    state[S.force], state[S.force + 1], state[S.force + 2] = without_acceleration(state, S.air, acc, wy, wz)
 
 
 def report(state: Any, params: Any, gyr: Any) -> None:
-    """The output attitude: the filter's, turned on by ``lead``."""
-    state[0] = state[Q]
-    state[1] = state[Q + 1]
-    state[2] = state[Q + 2]
-    state[3] = state[Q + 3]
-    lead = 0.001 * params[LEAD]
+    """Write the output attitude: the filter's, turned on by ``lead``."""
+    for i in range(4):
+        state[i] = state[S.attitude + i]
+    lead = 0.001 * params[K.lead]
     if lead != 0.0:
         wx, wy, wz = rate(state, gyr)
         turn(state, wx, wy, wz, lead, 0.0)
 
 
 def rate(state: Any, gyr: Any) -> tuple[float, float, float]:
-    """w = (I + M)(gyro - b) of (1)."""
-    x = gyr[0] - state[BIAS]
-    y = gyr[1] - state[BIAS + 1]
-    z = gyr[2] - state[BIAS + 2]
+    """Return the rate w = (I + M)(gyro - b) of (1)."""
+    x, y, z = gyr[0] - state[S.bias], gyr[1] - state[S.bias + 1], gyr[2] - state[S.bias + 2]
     return (
-        x + state[M] * x + state[M + 1] * y + state[M + 2] * z,
-        y + state[M + 3] * x + state[M + 4] * y + state[M + 5] * z,
-        z + state[M + 6] * x + state[M + 7] * y + state[M + 8] * z,
+        x + state[S.M] * x + state[S.M + 1] * y + state[S.M + 2] * z,
+        y + state[S.M + 3] * x + state[S.M + 4] * y + state[S.M + 5] * z,
+        z + state[S.M + 6] * x + state[S.M + 7] * y + state[S.M + 8] * z,
     )
 
 
 def sample(state: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
-    """Attitude and velocity over one sample (1, 2), and the sums A, B, S of the block (4, 5)."""
-    ux = gyr[0] - state[BIAS]
-    uy = gyr[1] - state[BIAS + 1]
-    uz = gyr[2] - state[BIAS + 2]
+    """Carry attitude and velocity over one sample (1, 2), add to the sums A, B, S of the block (4, 5)."""
+    ux, uy, uz = gyr[0] - state[S.bias], gyr[1] - state[S.bias + 1], gyr[2] - state[S.bias + 2]
     wx, wy, wz = rate(state, gyr)
-    turn(state[Q:M], wx, wy, wz, dt, 0.0)
-    state[T] += dt
-    state[TURNED] += dt * (wx * wx + wy * wy + wz * wz)
-    q0 = state[Q]
-    q1 = state[Q + 1]
-    q2 = state[Q + 2]
-    q3 = state[Q + 3]
-    r00 = 1.0 - 2.0 * (q2 * q2 + q3 * q3)
-    r01 = 2.0 * (q1 * q2 - q0 * q3)
-    r02 = 2.0 * (q1 * q3 + q0 * q2)
-    r10 = 2.0 * (q1 * q2 + q0 * q3)
-    r11 = 1.0 - 2.0 * (q1 * q1 + q3 * q3)
-    r12 = 2.0 * (q2 * q3 - q0 * q1)
-    r20 = 2.0 * (q1 * q3 - q0 * q2)
-    r21 = 2.0 * (q2 * q3 + q0 * q1)
-    r22 = 1.0 - 2.0 * (q1 * q1 + q2 * q2)
+    turn(state[S.attitude : S.M], wx, wy, wz, dt, 0.0)
+    state[S.seconds] += dt
+    state[S.turned] += dt * (wx * wx + wy * wy + wz * wz)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix(state, S.attitude)
     sum_column(state, 0, dt * r00, dt * r10, dt * r20, ux, uy, uz)
     sum_column(state, 1, dt * r01, dt * r11, dt * r21, ux, uy, uz)
     sum_column(state, 2, dt * r02, dt * r12, dt * r22, ux, uy, uz)
-    state[G] += dt * gyr[0]
-    state[G + 1] += dt * gyr[1]
-    state[G + 2] += dt * gyr[2]
-    if acc[0] != 0.0 or acc[1] != 0.0 or acc[2] != 0.0:
-        fx = acc[0] - state[BA]
-        fy = acc[1] - state[BA + 1]
-        fz = acc[2] - state[BA + 2]
+    for i in range(3):
+        state[S.gyro + i] += dt * gyr[i]
+    if is_present(acc):
+        fx, fy, fz = acc[0] - state[S.ba], acc[1] - state[S.ba + 1], acc[2] - state[S.ba + 2]
         north = dt * (r00 * fx + r01 * fy + r02 * fz)
         east = dt * (r10 * fx + r11 * fy + r12 * fz)
-        state[V] += north
-        state[V + 1] += east
-        state[S] += north
-        state[S + 1] += east
-        state[S + 2] += dt * (r20 * fx + r21 * fy + r22 * fz)
-    if mag[0] != 0.0 or mag[1] != 0.0 or mag[2] != 0.0:
-        state[H] += r00 * mag[0] + r01 * mag[1] + r02 * mag[2]
-        state[H + 1] += r10 * mag[0] + r11 * mag[1] + r12 * mag[2]
-        state[H + 2] += r20 * mag[0] + r21 * mag[1] + r22 * mag[2]
-        state[H_COUNT] += 1.0
+        state[S.v] += north
+        state[S.v + 1] += east
+        state[S.impulse] += north
+        state[S.impulse + 1] += east
+        state[S.impulse + 2] += dt * (r20 * fx + r21 * fy + r22 * fz)
+    if is_present(mag):
+        state[S.field_sum] += r00 * mag[0] + r01 * mag[1] + r02 * mag[2]
+        state[S.field_sum + 1] += r10 * mag[0] + r11 * mag[1] + r12 * mag[2]
+        state[S.field_sum + 2] += r20 * mag[0] + r21 * mag[1] + r22 * mag[2]
+        state[S.field_count] += 1.0
 
 
 def sum_column(state: Any, i: int, x: float, y: float, z: float, ux: float, uy: float, uz: float) -> None:
-    """A and B of (4): column i of R dt, and that times gyro - b."""
-    state[A + i] += x
-    state[A + 3 + i] += y
-    state[A + 6 + i] += z
-    k = B + 3 * i
-    state[k] += x * ux
-    state[k + 1] += x * uy
-    state[k + 2] += x * uz
-    state[k + 9] += y * ux
-    state[k + 10] += y * uy
-    state[k + 11] += y * uz
-    state[k + 18] += z * ux
-    state[k + 19] += z * uy
-    state[k + 20] += z * uz
+    """Add to A and B of (4): column i of R dt, and that times gyro - b."""
+    state[S.A + i] += x
+    state[S.A + 3 + i] += y
+    state[S.A + 6 + i] += z
+    u = (ux, uy, uz)
+    for j in range(3):
+        state[S.B + 3 * i + j] += x * u[j]
+        state[S.B + 9 + 3 * i + j] += y * u[j]
+        state[S.B + 18 + 3 * i + j] += z * u[j]
 
 
 def predict(state: Any, params: Any) -> None:
-    """P <- F P F^T + Q and D <- F D over the block (4, 5): five rows of F are more than the identity, d decays."""
-    time = state[T]
-    moving = min(1.0, math.sqrt(state[TURNED] / time) / MOVING_RATE)
-    keep = math.exp(-time * moving / params[FIELD_TIME])
+    """Predict P <- F P F^T + Q and D <- F D over the block (4, 5).
+
+    Five rows of F are more than the identity; d decays.
+    """
+    time = state[S.seconds]
+    moving = min(1.0, math.sqrt(state[S.turned] / time) / MOVING_RATE)
+    keep = math.exp(-time * moving / params[K.field_time])
     for j in range(N):
-        tx, ty, tz, vn, ve = moved(state, P + j, N)
-        state[P + j] = tx
-        state[P + N + j] = ty
-        state[P + 2 * N + j] = tz
-        state[P + 18 * N + j] = vn
-        state[P + 19 * N + j] = ve
-        state[P + 20 * N + j] *= keep
+        carry(state, S.P + j, N, keep)
     for i in range(N):
-        tx, ty, tz, vn, ve = moved(state, P + N * i, 1)
-        state[P + N * i] = tx
-        state[P + N * i + 1] = ty
-        state[P + N * i + 2] = tz
-        state[P + N * i + 18] = vn
-        state[P + N * i + 19] = ve
-        state[P + N * i + 20] *= keep
+        carry(state, S.P + N * i, 1, keep)
     for i in range(3):
-        tx, ty, tz, vn, ve = moved(state, REACH + N * i, 1)
-        state[REACH + N * i] = tx
-        state[REACH + N * i + 1] = ty
-        state[REACH + N * i + 2] = tz
-        state[REACH + N * i + 18] = vn
-        state[REACH + N * i + 19] = ve
-        state[REACH + N * i + 20] *= keep
+        carry(state, S.reach + N * i, 1, keep)
     for i in range(1, N):
         for j in range(i):
-            state[P + N * j + i] = state[P + N * i + j]
-    noise = square(RAD * params[GYRO_NOISE]) * time + square(params[RATE_NOISE]) * state[TURNED]
-    walk = square(RAD * params[BIAS_NOISE]) * time
+            state[S.P + N * j + i] = state[S.P + N * i + j]
+    noise = square(RAD * params[K.gyro_noise]) * time + square(params[K.rate_noise]) * state[S.turned]
+    walk = square(RAD * params[K.bias_noise]) * time
     for i in range(3):
-        state[P + (N + 1) * i] += noise
-        state[P + (N + 1) * (DB + i)] += walk
-    gusts = GUSTS if state[AIR + AIR_SPEED] > 0.0 else 0.0
-    for i in range(DV, DD):
-        state[P + (N + 1) * i] += (square(params[VELOCITY_NOISE]) + square(gusts)) * time
-    state[P + (N + 1) * DD] += square(RAD * params[FIELD_SIGMA]) * (1.0 - keep * keep)
+        state[S.P + (N + 1) * i] += noise
+        state[S.P + (N + 1) * (E.bias + i)] += walk
+    gusts = GUSTS if state[S.air + AIR_SPEED] > 0.0 else 0.0
+    for i in range(E.v, E.d):
+        state[S.P + (N + 1) * i] += (square(params[K.velocity_noise]) + square(gusts)) * time
+    state[S.P + (N + 1) * E.d] += square(RAD * params[K.field_sigma]) * (1.0 - keep * keep)
 
 
-def moved(state: Any, at: int, by: int) -> tuple[float, float, float, float, float]:
-    """theta and v after the block, from the 21 entries of an error that stand at ``at``, ``at + by``, ..."""
-    bx = state[at + 3 * by]
-    by_ = state[at + 4 * by]
-    bz = state[at + 5 * by]
-    ax = state[at + 15 * by]
-    ay = state[at + 16 * by]
-    az = state[at + 17 * by]
-    tx = state[at]
-    ty = state[at + by]
-    vn = state[at + 18 * by] + state[S + 2] * ty - (state[A] * ax + state[A + 1] * ay + state[A + 2] * az)
-    ve = state[at + 19 * by] - state[S + 2] * tx - (state[A + 3] * ax + state[A + 4] * ay + state[A + 5] * az)
-    tx -= state[A] * bx + state[A + 1] * by_ + state[A + 2] * bz
-    ty -= state[A + 3] * bx + state[A + 4] * by_ + state[A + 5] * bz
-    tz = state[at + 2 * by] - (state[A + 6] * bx + state[A + 7] * by_ + state[A + 8] * bz)
+def carry(state: Any, at: int, by: int, keep: float) -> None:
+    """Carry an error over the block: its theta, v and d, of the entries at ``at``, ``at + by``, ..."""
+    bx, by_, bz = product(state, S.A, state[at + 3 * by], state[at + 4 * by], state[at + 5 * by])
+    ax, ay, _ = product(state, S.A, state[at + 15 * by], state[at + 16 * by], state[at + 17 * by])
+    tx, ty, tz = state[at], state[at + by], state[at + 2 * by]
+    state[at + 18 * by] = state[at + 18 * by] + state[S.impulse + 2] * ty - ax
+    state[at + 19 * by] = state[at + 19 * by] - state[S.impulse + 2] * tx - ay
+    tx -= bx
+    ty -= by_
+    tz -= bz
     for m in range(9):
         e = state[at + (6 + m) * by]
-        tx += state[B + m] * e
-        ty += state[B + 9 + m] * e
-        tz += state[B + 18 + m] * e
-    return tx, ty, tz, vn, ve
+        tx += state[S.B + m] * e
+        ty += state[S.B + 9 + m] * e
+        tz += state[S.B + 18 + m] * e
+    state[at], state[at + by], state[at + 2 * by] = tx, ty, tz
+    state[at + 20 * by] *= keep
 
 
 def correct(state: Any, params: Any) -> None:
-    """The measurements of a block, one number after the other, into the error x: (6), (7), (8)."""
-    time = state[T]
+    """Fuse the measurements of a block one by one into the error x: (6), (7), (8)."""
+    time = state[S.seconds]
     for i in range(N):
-        state[X + i] = 0.0
+        state[S.x + i] = 0.0
     expect(state, params)
-    rest = state[QUIET] >= 1.0
-    square_speed = min(0.5 * (square(state[V]) + square(state[V + 1])), 400.0)
-    state[V_MEAN] += (1.0 - math.exp(-time / params[VELOCITY_TIME])) * (square_speed - state[V_MEAN])
-    spread = (square(params[VELOCITY_SIGMA]) + params[VELOCITY_FACTOR] * state[V_MEAN]) * 0.5 / time
+    rest = state[S.quiet] >= 1.0
+    square_speed = min(0.5 * (square(state[S.v]) + square(state[S.v + 1])), 400.0)
+    state[S.v_mean] += (1.0 - math.exp(-time / params[K.velocity_time])) * (square_speed - state[S.v_mean])
+    spread = (square(params[K.velocity_sigma]) + params[K.velocity_factor] * state[S.v_mean]) * 0.5 / time
     spread = square(REST_VELOCITY) if rest else spread
     fade_slow(state)
-    add_slow_variance(state, 18, spread)
-    update(state, 18, -state[V], spread)
-    add_slow_variance(state, 19, spread)
-    update(state, 19, -state[V + 1], spread)
+    for i in range(2):
+        add_slow_variance(state, E.v + i, spread)
+        update(state, E.v + i, -state[S.v + i], spread)
     weigh_slow(state)
     if rest:
         spread = square(REST_RATE) / time
-        update(state, 3, state[G] / time - state[BIAS], spread)
-        update(state, 4, state[G + 1] / time - state[BIAS + 1], spread)
-        update(state, 5, state[G + 2] / time - state[BIAS + 2], spread)
-    state[H_SINCE] += time
-    if state[H_COUNT] > 0.0:
+        for i in range(3):
+            update(state, E.bias + i, state[S.gyro + i] / time - state[S.bias + i], spread)
+    state[S.field_since] += time
+    if state[S.field_count] > 0.0:
         field(state, params)
-        state[H_SINCE] = 0.0
+        state[S.field_since] = 0.0
 
 
 def expect(state: Any, params: Any) -> None:
-    """Every few seconds of motion: the size of accelerometer bias that explains what was found becomes its prior.
+    """Fit the prior of the accelerometer bias every few seconds of motion.
 
     sigma^2 = (sum of ba_i^2 + P_ii over the axes + what was expected^2) / 4, a step of expectation maximisation. ba is
     constant, so another prior is one more measurement of 0 with variance 1/(1/new - 1/old), negative for a wider one.
     Of a bias b it sees -ba, not b - ba: its part in D is one less.
     """
-    state[EXPECT_TIME] += state[T]
-    if state[EXPECT_TIME] < EXPECT_EVERY or params[ACC_BIAS_SIGMA] <= 0.0 or state[QUIET] > 0.2:
+    state[S.expect_time] += state[S.seconds]
+    if state[S.expect_time] < EXPECT_EVERY or params[K.acc_bias_sigma] <= 0.0 or state[S.quiet] > 0.2:
         return
-    state[EXPECT_TIME] = 0.0
-    old = state[EXPECTED]
-    new = square(params[ACC_BIAS_SIGMA])
+    state[S.expect_time] = 0.0
+    old = state[S.expected]
+    new = square(params[K.acc_bias_sigma])
     for i in range(3):
-        new += square(state[BA + i]) + state[P + (N + 1) * (DBA + i)]
-    new = min(0.25 * new, max(square(WIDEST_BIAS), square(params[ACC_BIAS_SIGMA])))
+        new += square(state[S.ba + i]) + state[S.P + (N + 1) * (E.ba + i)]
+    new = min(0.25 * new, max(square(WIDEST_BIAS), square(params[K.acc_bias_sigma])))
     if abs(new - old) < 0.01 * old:
         return
     spread = 1.0 / (1.0 / new - 1.0 / old)
     for i in range(3):
-        state[REACH + N * i + DBA + i] -= 1.0
-        update(state, DBA + i, -state[BA + i], spread)
-        state[REACH + N * i + DBA + i] += 1.0
-    state[EXPECTED] = new
+        state[S.reach + N * i + E.ba + i] -= 1.0
+        update(state, E.ba + i, -state[S.ba + i], spread)
+        state[S.reach + N * i + E.ba + i] += 1.0
+    state[S.expected] = new
 
 
 def update(state: Any, k: int, value: float, r: float) -> None:
-    """Kalman update with the error's entry k itself measured as ``value``, variance ``r``."""
-    s = 1.0 / (state[P + (N + 1) * k] + r)
-    z = s * (value - state[X + k])
+    """Update with entry k of the error measured as ``value``, variance ``r``."""
+    s = 1.0 / (state[S.P + (N + 1) * k] + r)
+    z = s * (value - state[S.x + k])
     for j in range(N):
-        state[C + j] = state[P + N * k + j]
+        state[S.column + j] = state[S.P + N * k + j]
     for j in range(N):
-        state[X + j] += z * state[C + j]
+        state[S.x + j] += z * state[S.column + j]
     for i in range(N):
-        c = s * state[C + i]
+        c = s * state[S.column + i]
         for j in range(N):
-            state[P + N * i + j] -= c * state[C + j]
-    correct_reach(state, k, s, C)
+            state[S.P + N * i + j] -= c * state[S.column + j]
+    correct_reach(state, k, s)
 
 
 def finish(state: Any, params: Any) -> None:
-    """The error x goes into the state, the block's sums to zero."""
+    """Move the error x into the state and clear the sums of the block."""
     inject_error(state)
-    for i in range(T, H_COUNT + 1):
+    for i in range(S.seconds, S.field_count + 1):
         state[i] = 0.0
     residual_sigmas(state, params)
 
 
 def inject_error(state: Any) -> None:
-    """q <- exp(theta) (x) q, everything else is added."""
-    turn_earth(state, state[X], state[X + 1], state[X + 2])
+    """Correct the state: q <- exp(theta) (x) q, everything else is added."""
+    turn_earth(state, state[S.x], state[S.x + 1], state[S.x + 2])
     for i in range(3):
-        state[BIAS + i] += state[X + DB + i]
+        state[S.bias + i] += state[S.x + E.bias + i]
     for i in range(15):
-        state[M + i] += state[X + DM + i]
+        state[S.M + i] += state[S.x + E.M + i]

@@ -29,16 +29,17 @@ import numpy as np
 
 from attlog.estimators.aids import POS_H_ACC, VEL_D, VEL_E, VEL_N
 from attlog.estimators.interface import LogInfo, Parameter
-from attlog.estimators.vectors import GRAVITY, down, turn
+from attlog.estimators.vectors import GRAVITY, cross, down, matrix, places, turn
 
 SOURCE = "PX4 attitude_estimator_q (1.12 to 1.15)"
 NEEDS = {"gyro", "acc", "mag"}
 USES = {"gnss"}
 STATE = {"q": 4, "bias": 3, "_velocity": 3, "_acceleration": 3, "_fix_age": 1}
-V, A, AGE = 7, 10, 13
-FIFTY_DPS, BIAS_RATE = 0.873, 0.175
-FIX_LOST_S, NEVER = 1.0, 1e9
-WORST_FIX_M = 5.0
+S = places(STATE)
+# Rates [rad/s] from which the heading's gain grows, and up to which the bias is corrected: 50 and 10 deg/s.
+FAST_RATE, BIAS_RATE = 0.873, 0.175
+# An acceleration holds so long; fixes whose horizontal sigma is larger do not count.
+FIX_LOST_S, MAX_FIX_SIGMA_M, NEVER = 1.0, 5.0, 1e9
 
 PARAMETERS = (
     Parameter("ATT_W_ACC", 0.2, "1/s", 0, 100, "gain of the gravity error", "PX4"),
@@ -47,11 +48,12 @@ PARAMETERS = (
     Parameter("ATT_ACC_COMP", 0.0, "", 0, 2, "1: take the GNSS acceleration out", "PX4; 2 in 2015, later 1, now 0"),
     Parameter("ATT_BIAS_MAX", 0.05, "rad/s", 0, 2, "limit of the bias of each axis", "PX4"),
 )
+K = places({p.name: 1 for p in PARAMETERS})
 PRESETS: dict[str, dict[str, float | str]] = {}
 
 
 def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float | str]:
-    """The autopilot's own parameters, cut to what makes sense."""
+    """Return the autopilot's own parameters, cut to their ranges."""
     values: dict[str, float | str] = {
         p.name: min(max(params[p.name], p.low), p.high) for p in PARAMETERS if p.name in params
     }
@@ -61,49 +63,37 @@ def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float | st
 
 
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
-    """The state: attitude, no bias, no fix yet."""
-    state = np.zeros(14)
+    """Return the state: attitude, no bias, no fix yet."""
+    state = np.zeros(sum(STATE.values()))
     state[0:4] = q0
-    state[AGE] = NEVER
+    state[S.fix_age] = NEVER
     return state
 
 
 def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: Any) -> None:
-    """One update: acceleration, both errors, bias, attitude."""
+    """Take one update: acceleration, both errors, bias, attitude."""
     accelerate(state, params, dt, aid)
-    q0 = state[0]
-    q1 = state[1]
-    q2 = state[2]
-    q3 = state[3]
     spin = math.sqrt(gyr[0] * gyr[0] + gyr[1] * gyr[1] + gyr[2] * gyr[2])
     dx, dy, dz = down(state)
-    hx = (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * mag[0] + 2.0 * (q1 * q2 - q0 * q3) * mag[1]
-    hx += 2.0 * (q1 * q3 + q0 * q2) * mag[2]
-    hy = 2.0 * (q1 * q2 + q0 * q3) * mag[0] + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * mag[1]
-    hy += 2.0 * (q2 * q3 - q0 * q1) * mag[2]
+    r00, r01, r02, r10, r11, r12, _, _, _ = matrix(state, 0)
+    hx = r00 * mag[0] + r01 * mag[1] + r02 * mag[2]
+    hy = r10 * mag[0] + r11 * mag[1] + r12 * mag[2]
     # Without a field both are zero, of either sign, and the arctangent could be half a turn.
     psi = math.atan2(hy, hx) if hx != 0.0 or hy != 0.0 else 0.0
-    k = -params[1] * psi * (min(spin / FIFTY_DPS, 10.0) if spin > FIFTY_DPS else 1.0)
-    cx = k * dx
-    cy = k * dy
-    cz = k * dz
+    k = -params[K.ATT_W_MAG] * psi * (min(spin / FAST_RATE, 10.0) if spin > FAST_RATE else 1.0)
+    cx, cy, cz = k * dx, k * dy, k * dz
     norm = math.sqrt(acc[0] * acc[0] + acc[1] * acc[1] + acc[2] * acc[2])
-    if norm > 0.0 and (params[3] > 0.5 or (0.9 * GRAVITY < norm and norm < 1.1 * GRAVITY)):
+    if norm > 0.0 and (params[K.ATT_ACC_COMP] > 0.5 or (0.9 * GRAVITY < norm and norm < 1.1 * GRAVITY)):
         # What is left of the force without the acceleration, in body axes.
-        ax = state[A]
-        ay = state[A + 1]
-        az = state[A + 2]
-        ux = acc[0] - ax
-        uy = acc[1] - ay
-        uz = acc[2] - az
+        at = S.acceleration
+        ux, uy, uz = acc[0] - state[at], acc[1] - state[at + 1], acc[2] - state[at + 2]
         length = math.sqrt(ux * ux + uy * uy + uz * uz)
-        g = params[0] / length if length > 0.0 else 0.0
-        cx += g * (dy * uz - dz * uy)
-        cy += g * (dz * ux - dx * uz)
-        cz += g * (dx * uy - dy * ux)
+        g = params[K.ATT_W_ACC] / length if length > 0.0 else 0.0
+        ex, ey, ez = cross(dx, dy, dz, ux, uy, uz)
+        cx, cy, cz = cx + g * ex, cy + g * ey, cz + g * ez
     if spin < BIAS_RATE:
-        limit = params[4]
-        by = params[2] * dt
+        limit = params[K.ATT_BIAS_MAX]
+        by = params[K.ATT_W_GYRO_BIAS] * dt
         state[4] = min(max(state[4] - by * cx, -limit), limit)
         state[5] = min(max(state[5] - by * cy, -limit), limit)
         state[6] = min(max(state[6] - by * cz, -limit), limit)
@@ -111,27 +101,24 @@ def step(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any, aid: 
 
 
 def accelerate(state: Any, params: Any, dt: float, aid: Any) -> None:
-    """The acceleration in body axes from two fixes, as of the newest; zero without one in the last second."""
-    state[AGE] += dt
-    fix = params[3] > 0.5 and aid[VEL_N] == aid[VEL_N] and aid[VEL_E] == aid[VEL_E] and aid[VEL_D] == aid[VEL_D]
-    if fix and not aid[POS_H_ACC] >= WORST_FIX_M:
-        if state[AGE] < FIX_LOST_S:
-            n = (aid[VEL_N] - state[V]) / state[AGE]
-            e = (aid[VEL_E] - state[V + 1]) / state[AGE]
-            d = (aid[VEL_D] - state[V + 2]) / state[AGE]
-            q0 = state[0]
-            q1 = state[1]
-            q2 = state[2]
-            q3 = state[3]
-            state[A] = (1.0 - 2.0 * (q2 * q2 + q3 * q3)) * n + 2.0 * (q1 * q2 + q0 * q3) * e
-            state[A] += 2.0 * (q1 * q3 - q0 * q2) * d
-            state[A + 1] = 2.0 * (q1 * q2 - q0 * q3) * n + (1.0 - 2.0 * (q1 * q1 + q3 * q3)) * e
-            state[A + 1] += 2.0 * (q2 * q3 + q0 * q1) * d
-            state[A + 2] = 2.0 * (q1 * q3 + q0 * q2) * n + 2.0 * (q2 * q3 - q0 * q1) * e
-            state[A + 2] += (1.0 - 2.0 * (q1 * q1 + q2 * q2)) * d
-        state[V] = aid[VEL_N]
-        state[V + 1] = aid[VEL_E]
-        state[V + 2] = aid[VEL_D]
-        state[AGE] = 0.0
-    elif state[AGE] >= FIX_LOST_S:
-        state[A] = state[A + 1] = state[A + 2] = 0.0
+    """Update the acceleration in body axes by the two newest fixes; zero without one in the last second."""
+    state[S.fix_age] += dt
+    fix = (
+        params[K.ATT_ACC_COMP] > 0.5
+        and aid[VEL_N] == aid[VEL_N]
+        and aid[VEL_E] == aid[VEL_E]
+        and aid[VEL_D] == aid[VEL_D]
+    )
+    if fix and not aid[POS_H_ACC] >= MAX_FIX_SIGMA_M:
+        if state[S.fix_age] < FIX_LOST_S:
+            n = (aid[VEL_N] - state[S.velocity]) / state[S.fix_age]
+            e = (aid[VEL_E] - state[S.velocity + 1]) / state[S.fix_age]
+            d = (aid[VEL_D] - state[S.velocity + 2]) / state[S.fix_age]
+            R = matrix(state, 0)
+            for i in range(3):
+                state[S.acceleration + i] = R[i] * n + R[3 + i] * e + R[6 + i] * d
+        state[S.velocity], state[S.velocity + 1], state[S.velocity + 2] = aid[VEL_N], aid[VEL_E], aid[VEL_D]
+        state[S.fix_age] = 0.0
+    elif state[S.fix_age] >= FIX_LOST_S:
+        for i in range(3):
+            state[S.acceleration + i] = 0.0

@@ -10,8 +10,8 @@ This is an adapter. Frames are converted (the package wants z up and east-north-
 data whose spacing varies by more than 5 % are resampled by their integrals, because
 the package knows one constant rate. Without magnetometer heading starts at 0; a field within the first 3 s gives
 the heading from the first sample on, a later one from then on. Samples at which the
-bias stands at ``bias_clip``, so that the sensor's own is probably larger, are counted as
-``bias_beyond_clip``. A start in motion taught the package a bias that turned the heading by 32 deg for a minute;
+bias is at ``bias_clip``, so that the sensor's own is probably larger, are counted as
+``bias_beyond_clip``. A start in motion gave the package a bias that turned the heading by 32 deg for a minute;
 with ``settle`` it is 1 deg. Preset ``package`` has the package's own values: four EuRoC flights with 4.5 deg/s
 have a tilt of 5.1 deg with them, 1.5 deg with the defaults here.
 """
@@ -36,43 +36,19 @@ NEEDS = {"gyro", "acc"}
 USES = {"mag"}
 STATE = {"q": 4, "bias": 3, "bias_sigma": 1}
 DEFAULTS = "package vqf 2.1"
+# A calibrated gyro keeps heading longer than the package's 9 s. Data sheets of small gyros say 1 to 5 deg/s of bias,
+# raw sensors have up to 6. While tilt is still found in motion its error passes for bias.
 PARAMETERS = (
     Parameter("tau_acc", 3.0, "s", 0.01, 1000, "time constant of the accelerometer: large follows the gyro", DEFAULTS),
     Parameter(
-        "tau_mag",
-        18.0,
-        "s",
-        0.01,
-        1000,
-        "time constant of the magnetometer for heading",
-        f"attlog; a calibrated gyro keeps heading longer than 9 s ({DEFAULTS})",
+        "tau_mag", 18.0, "s", 0.01, 1000, "time constant of the magnetometer for heading", f"attlog; 9 ({DEFAULTS})"
     ),
     Parameter(
-        "bias_sigma",
-        1.0,
-        "deg/s",
-        0.001,
-        100,
-        "how well the gyro bias is known at the start, as sigma",
-        f"attlog; data sheets of small gyros say 1 to 5 deg/s; 0.5 ({DEFAULTS})",
+        "bias_sigma", 1.0, "deg/s", 0.001, 100, "sigma of the gyro bias at the start", f"attlog; 0.5 ({DEFAULTS})"
     ),
+    Parameter("bias_clip", 10.0, "deg/s", 0.01, 100, "largest gyro bias it will estimate", f"attlog; 2 ({DEFAULTS})"),
     Parameter(
-        "bias_clip",
-        10.0,
-        "deg/s",
-        0.01,
-        100,
-        "largest gyro bias it will estimate",
-        f"attlog; raw sensors have up to 6 deg/s; 2 ({DEFAULTS})",
-    ),
-    Parameter(
-        "settle",
-        10.0,
-        "s",
-        0,
-        1000,
-        "for so long after the start the bias is found from rest only, not from motion",
-        "attlog; while tilt is still found in motion its error passes for bias; 0 as the package",
+        "settle", 10.0, "s", 0, 1000, "so long after the start the bias is found from rest only", "attlog; 0 (package)"
     ),
 )
 PRESETS = {"package": {"tau_acc": 3.0, "tau_mag": 9.0, "bias_sigma": 0.5, "bias_clip": 2.0, "settle": 0.0}}
@@ -85,7 +61,7 @@ BLOCK = 1 << 14
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping[str, float | str]) -> Estimate:
-    """The attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
+    """Return the attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where there is no sample."""
     from vqf import VQF
 
     u = uniform(t, gyr, acc, mag)
@@ -122,10 +98,10 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
 
 
 def heading_from_start(t: Array, q: Array, inertial: Array) -> None:
-    """Turn, in place, what was said before the first field: by the heading that it shows, if it belongs to the start.
+    """Turn, in place, the attitudes before the first field by the heading that it shows, if it belongs to the start.
 
-    Before a later one heading starts at 0.
-    ``q`` (n, 4) with magnetometer; ``inertial`` (k, 4) without, up to the first field.
+    Before a later one heading starts at 0. ``q`` (n, 4) with magnetometer; ``inertial`` (k, 4) without, up to that
+    field.
     """
     field = len(inertial) - 1
     if t[field] - t[0] > MOTION_S:
@@ -138,7 +114,7 @@ def heading_from_start(t: Array, q: Array, inertial: Array) -> None:
 
 @dataclass(slots=True)
 class VqfOutput:
-    """What is kept of the package's output: ``q`` (m, 4), ``bias`` (m, 3), ``sigma`` (m,), in our axes.
+    """The package's output: ``q`` (m, 4), ``bias`` (m, 3), ``sigma`` (m,), in our axes.
 
     ``inertial``: the first attitudes without magnetometer; ``seconds``: CPU time of the package.
     """
@@ -151,10 +127,10 @@ class VqfOutput:
 
 
 def updated(filter_: Any, u: UniformSamples, has_mag: bool, settle: int, begun: int) -> VqfOutput:
-    """The package over all samples, of which the first ``settle`` teach no bias from motion.
+    """Run the package over all samples; in the first ``settle`` it learns no bias from motion.
 
-    In blocks: it tells 60 numbers for each sample, of which a long log keeps eight. ``begun``: how many attitudes
-    without magnetometer are wanted.
+    In blocks: it returns 60 numbers a sample, of which eight are kept. ``begun``: how many attitudes without
+    magnetometer are wanted.
     """
     m, name, scale = len(u.t), "quat9D" if has_mag else "quat6D", typical_scale(u.mag)
     found = VqfOutput(np.empty((m, 4)), np.empty((m, 3)), np.empty(m), np.empty((begun, 4)))

@@ -6,204 +6,139 @@ import math
 from typing import Any
 
 from attlog.estimators.filters.inertial.compass import first_heading
-from attlog.estimators.filters.inertial.recursion import (
-    ACC_BIAS_SIGMA,
-    AGE,
-    ALIGN_TIME,
+from attlog.estimators.filters.inertial.model import (
     ALIGNING,
-    BIAS,
-    BIAS_SIGMA,
-    DB,
-    DBA,
-    DD,
-    DM,
-    DV,
-    EXCESS,
-    EXPECTED,
-    FAST_A,
-    FAST_G,
-    HEADING_SIGMA,
-    MISALIGNMENT_SIGMA,
-    MOVING_SIGMA,
     NO_FIELD,
-    QUIET,
     RAD,
-    REACH,
     RUNNING,
-    SCALE_SIGMA,
-    SLOW_A,
-    SLOW_G,
-    STAGE,
-    SUM_F,
-    SUM_M,
-    SWING,
-    TILT_SIGMA,
-    V_MEAN,
-    VELOCITY_SIGMA,
-    M,
+    E,
+    K,
     N,
-    P,
-    Q,
-    T,
+    S,
     multiply_left,
     square,
     turn_earth,
 )
-from attlog.estimators.vectors import turn
+from attlog.estimators.vectors import GRAVITY, matrix, multiplied, quaternion, rotated, turn
+
+# Time constants of the low-passes whose difference shows motion [s], and limits of that difference at rest.
+FAST_S, SLOW_S = 0.04, 0.5
+REST_GYRO, REST_FORCE_M_S2 = 0.7 * RAD, 0.2
 
 
 def look_for_rest(state: Any, params: Any, dt: float, gyr: Any, acc: Any) -> None:
-    """How long gyro and accelerometer have been quiet: their fast low-pass stays near their slow one."""
-    fast = 1.0 - math.exp(-dt / 0.04)
-    slow = 1.0 - math.exp(-dt / 0.5)
+    """Count how long gyro and accelerometer are quiet: their fast low-pass stays near their slow one."""
+    fast = 1.0 - math.exp(-dt / FAST_S)
+    slow = 1.0 - math.exp(-dt / SLOW_S)
     off_g = 0.0
     off_a = 0.0
     turning = 0.0
     for i in range(3):
-        if state[AGE] == 0.0:
-            state[FAST_G + i] = gyr[i]
-            state[SLOW_G + i] = gyr[i]
-            state[FAST_A + i] = acc[i]
-            state[SLOW_A + i] = acc[i]
-        state[FAST_G + i] += fast * (gyr[i] - state[FAST_G + i])
-        state[SLOW_G + i] += slow * (gyr[i] - state[SLOW_G + i])
-        state[FAST_A + i] += fast * (acc[i] - state[FAST_A + i])
-        state[SLOW_A + i] += slow * (acc[i] - state[SLOW_A + i])
-        off_g += square(state[FAST_G + i] - state[SLOW_G + i])
-        off_a += square(state[FAST_A + i] - state[SLOW_A + i])
-        sigma = math.sqrt(max(state[P + (N + 1) * (DB + i)], 0.0))
-        sigma = RAD * params[BIAS_SIGMA] if state[STAGE] == ALIGNING else sigma
-        turning = max(turning, abs(state[SLOW_G + i] - state[BIAS + i]) - 3.0 * sigma)
-    state[AGE] += dt
-    quiet = off_g < square(0.7 * RAD) and off_a < square(0.2) and turning < RAD
-    state[QUIET] = state[QUIET] + dt if quiet else 0.0
+        if state[S.age] == 0.0:
+            state[S.fast_gyro + i] = state[S.slow_gyro + i] = gyr[i]
+            state[S.fast_acc + i] = state[S.slow_acc + i] = acc[i]
+        state[S.fast_gyro + i] += fast * (gyr[i] - state[S.fast_gyro + i])
+        state[S.slow_gyro + i] += slow * (gyr[i] - state[S.slow_gyro + i])
+        state[S.fast_acc + i] += fast * (acc[i] - state[S.fast_acc + i])
+        state[S.slow_acc + i] += slow * (acc[i] - state[S.slow_acc + i])
+        off_g += square(state[S.fast_gyro + i] - state[S.slow_gyro + i])
+        off_a += square(state[S.fast_acc + i] - state[S.slow_acc + i])
+        sigma = math.sqrt(max(state[S.P + (N + 1) * (E.bias + i)], 0.0))
+        sigma = RAD * params[K.bias_sigma] if state[S.stage] == ALIGNING else sigma
+        turning = max(turning, abs(state[S.slow_gyro + i] - state[S.bias + i]) - 3.0 * sigma)
+    state[S.age] += dt
+    quiet = off_g < square(REST_GYRO) and off_a < square(REST_FORCE_M_S2) and turning < RAD
+    state[S.quiet] = state[S.quiet] + dt if quiet else 0.0
 
 
 def align(state: Any, params: Any, dt: float, gyr: Any, acc: Any, mag: Any) -> None:
-    """The start: vectors summed in a frame turned by the gyro show that frame's attitude."""
-    turn(state[Q:M], gyr[0] - state[BIAS], gyr[1] - state[BIAS + 1], gyr[2] - state[BIAS + 2], dt, 0.0)
-    state[T] += dt
-    add_turned(state, acc, dt, SUM_F)
+    """Sum vectors in a frame turned by the gyro: they show the attitude of that frame."""
+    turn(
+        state[S.attitude : S.M], gyr[0] - state[S.bias], gyr[1] - state[S.bias + 1], gyr[2] - state[S.bias + 2], dt, 0.0
+    )
+    state[S.seconds] += dt
+    add_turned(state, acc, dt, S.start_acc)
     for i in range(3):
-        state[SWING + i] += dt * state[T] * state[SUM_F + i]
-        state[SWING + 3] += dt * square(state[SUM_F + i])
-    state[SWING + 4] += dt * square(state[T])
-    add_turned(state, mag, 1.0, SUM_M)
-    f0 = state[Q]
-    f1 = state[Q + 1]
-    f2 = state[Q + 2]
-    f3 = state[Q + 3]
-    size = math.sqrt(square(state[SUM_F]) + square(state[SUM_F + 1]) + square(state[SUM_F + 2]))
+        state[S.swing + i] += dt * state[S.seconds] * state[S.start_acc + i]
+        state[S.swing + 3] += dt * square(state[S.start_acc + i])
+    state[S.swing + 4] += dt * square(state[S.seconds])
+    add_turned(state, mag, 1.0, S.start_mag)
+    floating = quaternion(state, S.attitude)
+    fx, fy, fz = state[S.start_acc], state[S.start_acc + 1], state[S.start_acc + 2]
+    size = math.sqrt(fx * fx + fy * fy + fz * fz)
     if size > 0.0:
         # The shortest turn that brings the sum of specific force up.
-        w = max(1.0 - state[SUM_F + 2] / size, 1e-12)
-        multiply_left(state, w, -state[SUM_F + 1] / size, state[SUM_F] / size, 0.0)
+        multiply_left(state, max(1.0 - fz / size, 1e-12), -fy / size, fx / size, 0.0)
     # What that turn makes of the field.
-    p0, p1, p2, p3 = quotient(state, f0, f1, f2, f3)
-    mx = state[SUM_M]
-    my = state[SUM_M + 1]
-    mz = state[SUM_M + 2]
-    tx = 2.0 * (p2 * mz - p3 * my)
-    ty = 2.0 * (p3 * mx - p1 * mz)
-    tz = 2.0 * (p1 * my - p2 * mx)
-    hx = mx + p0 * tx + p2 * tz - p3 * ty
-    hy = my + p0 * ty + p3 * tx - p1 * tz
-    hz = mz + p0 * tz + p1 * ty - p2 * tx
+    q0, q1, q2, q3 = quaternion(state, S.attitude)
+    p0, p1, p2, p3 = multiplied(q0, q1, q2, q3, floating[0], -floating[1], -floating[2], -floating[3])
+    hx, hy, hz = rotated(p0, p1, p2, p3, state[S.start_mag], state[S.start_mag + 1], state[S.start_mag + 2])
     seen = hx != 0.0 or hy != 0.0
     if seen:
         turn_earth(state, 0.0, 0.0, -math.atan2(hy, hx))
     for i in range(4):
-        state[i] = state[Q + i]
-    if state[T] < params[ALIGN_TIME] or size == 0.0:
-        state[Q] = f0
-        state[Q + 1] = f1
-        state[Q + 2] = f2
-        state[Q + 3] = f3
+        state[i] = state[S.attitude + i]
+    if state[S.seconds] < params[K.align_time] or size == 0.0:
+        for i in range(4):
+            state[S.attitude + i] = floating[i]
         return
     begin(state, params)
-    state[T] = 0.0
-    state[STAGE] = RUNNING if seen else NO_FIELD
+    state[S.seconds] = 0.0
+    state[S.stage] = RUNNING if seen else NO_FIELD
     if seen:
-        first_heading(state, params, math.sqrt(hx * hx + hy * hy), 0.0, hz)
-
-
-def quotient(state: Any, f0: float, f1: float, f2: float, f3: float) -> tuple[float, float, float, float]:
-    """p with q = p (x) f."""
-    q0 = state[Q]
-    q1 = state[Q + 1]
-    q2 = state[Q + 2]
-    q3 = state[Q + 3]
-    return (
-        q0 * f0 + q1 * f1 + q2 * f2 + q3 * f3,
-        -q0 * f1 + q1 * f0 - q2 * f3 + q3 * f2,
-        -q0 * f2 + q2 * f0 - q3 * f1 + q1 * f3,
-        -q0 * f3 + q3 * f0 - q1 * f2 + q2 * f1,
-    )
+        first_heading(state, params, math.sqrt(hx * hx + hy * hy), hz)
 
 
 def add_turned(state: Any, v: Any, factor: float, at: int) -> None:
     """Add R v times the factor to the three entries at ``at``."""
-    q0 = state[Q]
-    q1 = state[Q + 1]
-    q2 = state[Q + 2]
-    q3 = state[Q + 3]
-    tx = 2.0 * (q2 * v[2] - q3 * v[1])
-    ty = 2.0 * (q3 * v[0] - q1 * v[2])
-    tz = 2.0 * (q1 * v[1] - q2 * v[0])
-    state[at] += factor * (v[0] + q0 * tx + q2 * tz - q3 * ty)
-    state[at + 1] += factor * (v[1] + q0 * ty + q3 * tx - q1 * tz)
-    state[at + 2] += factor * (v[2] + q0 * tz + q1 * ty - q2 * tx)
+    q0, q1, q2, q3 = quaternion(state, S.attitude)
+    x, y, z = rotated(q0, q1, q2, q3, v[0], v[1], v[2])
+    state[at] += factor * x
+    state[at + 1] += factor * y
+    state[at + 2] += factor * z
 
 
 def begin(state: Any, params: Any) -> None:
-    """P at the end of the alignment."""
+    """Set covariance and priors at the end of the alignment."""
     for i in range(3):
-        state[P + (N + 1) * i] = square(first_tilt(state, params) if i < 2 else RAD * params[HEADING_SIGMA])
-        state[P + (N + 1) * (DB + i)] = square(RAD * params[BIAS_SIGMA])
-        state[P + (N + 1) * (DBA + i)] = square(params[ACC_BIAS_SIGMA])
+        state[S.P + (N + 1) * i] = square(first_tilt(state, params) if i < 2 else RAD * params[K.heading_sigma])
+        state[S.P + (N + 1) * (E.bias + i)] = square(RAD * params[K.bias_sigma])
+        state[S.P + (N + 1) * (E.ba + i)] = square(params[K.acc_bias_sigma])
     start_reach(state)
     for i in range(9):
-        state[P + (N + 1) * (DM + i)] = square(params[SCALE_SIGMA] if i % 4 == 0 else params[MISALIGNMENT_SIGMA])
-    for i in range(DV, DD):
-        state[P + (N + 1) * i] = 1.0
-    state[EXCESS] = 1.0
-    state[EXPECTED] = square(params[ACC_BIAS_SIGMA])
-    state[V_MEAN] = max(square(params[VELOCITY_SIGMA]), 0.5 * square_swing(state))
+        state[S.P + (N + 1) * (E.M + i)] = square(params[K.scale_sigma] if i % 4 == 0 else params[K.misalignment_sigma])
+    for i in range(E.v, E.d):
+        state[S.P + (N + 1) * i] = 1.0
+    state[S.excess] = 1.0
+    state[S.expected] = square(params[K.acc_bias_sigma])
+    state[S.v_mean] = max(square(params[K.velocity_sigma]), 0.5 * square_swing(state))
 
 
 def square_swing(state: Any) -> float:
-    """Mean square [m^2/s^2] of the velocity during the alignment beside an even acceleration: <|F - <f> t|^2>.
+    """Return the mean square [m^2/s^2] of velocity in the alignment beside an even acceleration: <|F - <f> t|^2>.
 
-    F is the sum of specific force f; ``SWING`` holds the sums of t F (3), |F|^2 and t^2.
+    F is the sum of specific force f; ``S.swing`` holds the sums of t F (3), |F|^2 and t^2.
     """
-    time: float = state[T]
+    time: float = state[S.seconds]
     if time <= 0.0:
         return 0.0
-    total: float = state[SWING + 3]
+    total: float = state[S.swing + 3]
     for i in range(3):
-        mean = state[SUM_F + i] / time
-        total += mean * (mean * state[SWING + 4] - 2.0 * state[SWING + i])
+        mean = state[S.start_acc + i] / time
+        total += mean * (mean * state[S.swing + 4] - 2.0 * state[S.swing + i])
     return max(total / time, 0.0)
 
 
 def first_tilt(state: Any, params: Any) -> float:
-    """Sigma in rad, per axis, of the tilt after the alignment."""
-    tilt: float = RAD * params[TILT_SIGMA]
-    return tilt if state[QUIET] >= 1.0 else max(tilt, RAD * params[MOVING_SIGMA])
+    """Return the sigma in rad, per axis, of the tilt after the alignment."""
+    tilt: float = RAD * params[K.tilt_sigma]
+    return tilt if state[S.quiet] >= 1.0 else max(tilt, RAD * params[K.moving_sigma])
 
 
 def start_reach(state: Any) -> None:
-    """D of ``doubt.py`` at the end of the alignment, which takes an accelerometer bias for a tilt."""
-    q0 = state[Q]
-    q1 = state[Q + 1]
-    q2 = state[Q + 2]
-    q3 = state[Q + 3]
-    g = 9.80665
+    """Set D at the end of the alignment, which takes an accelerometer bias for a tilt."""
+    R = matrix(state, S.attitude)
     for i in range(3):
-        state[REACH + N * i + DBA + i] = 1.0
-    state[REACH] = 2.0 * (q1 * q2 + q0 * q3) / g
-    state[REACH + 1] = -(1.0 - 2.0 * (q2 * q2 + q3 * q3)) / g
-    state[REACH + N] = (1.0 - 2.0 * (q1 * q1 + q3 * q3)) / g
-    state[REACH + N + 1] = -2.0 * (q1 * q2 - q0 * q3) / g
-    state[REACH + 2 * N] = 2.0 * (q2 * q3 - q0 * q1) / g
-    state[REACH + 2 * N + 1] = -2.0 * (q1 * q3 + q0 * q2) / g
+        state[S.reach + N * i + E.ba + i] = 1.0
+        state[S.reach + N * i] = R[3 + i] / GRAVITY
+        state[S.reach + N * i + 1] = -R[i] / GRAVITY
