@@ -189,10 +189,6 @@ def test_estimate_runs_with_what_the_log_tells() -> None:
     assert not np.array_equal(told.q, attlog.estimate("mahony", t, *x).q)
 
 
-def test_a_log_without_the_parameter_leaves_the_default(from_log_plugin: Path) -> None:
-    assert parse(str(from_log_plugin)).resolved(LogFacts({"OTHER": 1.0}, LogInfo()))["kp"] == (0.5, "default")
-
-
 @pytest.mark.parametrize(
     ("find", "put", "words"),
     few(
@@ -212,11 +208,6 @@ def test_a_from_log_that_fails_is_told(from_log_plugin: Path, find: str, put: st
         parse(str(from_log_plugin)).resolved(facts)
     assert words in str(failed.value)
     assert "mine" in str(failed.value)
-
-
-def test_a_value_that_is_overridden_does_not_have_to_be_in_range(from_log_plugin: Path) -> None:
-    facts = LogFacts({"W_ACC": 1e9}, LogInfo())
-    assert parse(f"{from_log_plugin}:kp=1").resolved(facts)["kp"] == (1.0, "option")
 
 
 def test_a_from_log_that_takes_something_else_is_refused(from_log_plugin: Path) -> None:

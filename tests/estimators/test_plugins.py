@@ -225,24 +225,6 @@ def test_built_in_filters_start_no_process(monkeypatch: pytest.MonkeyPatch) -> N
     assert estimators.estimate("gyro", T, GYR, ACC).q.shape == (200, 4)
 
 
-def test_values_of_a_file_that_cannot_travel_are_told(tmp_path: Path) -> None:
-    path = tmp_path / "strange.py"
-    path.write_text("PRESETS = {'odd': {'x': lambda: 0}}\ndef run(t, gyr, acc, mag, aids, params):\n    pass\n")
-    with pytest.raises(PluginError):
-        run(path)
-
-
-@pytest.mark.slow
-def test_a_file_that_writes_to_what_it_is_given_spoils_no_times(tmp_path: Path) -> None:
-    path = tmp_path / "writes.py"
-    path.write_text(
-        "import numpy as np\nfrom attlog.estimators import Estimate\n"
-        "def run(t, gyr, acc, mag, aids, params):\n    n = len(t)\n    t[:] = 0\n    gyr[:] = 1e9\n"
-        "    return Estimate(t, np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)))\n"
-    )
-    np.testing.assert_array_equal(estimators.estimate(str(path), T, GYR, ACC).t, T)
-
-
 @pytest.mark.parametrize("code", few(BROKEN, 1))
 def test_what_a_file_breaks_is_its_own(tmp_path: Path, capfd: pytest.CaptureFixture[str], code: str) -> None:
     path = tmp_path / "breaks.py"

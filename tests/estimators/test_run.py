@@ -190,12 +190,6 @@ def test_increments_turn_by_their_own_integration_time() -> None:
     assert wander[1] < 1e-9 < 0.02 < wander[0]
 
 
-def test_a_step_of_half_a_turn_is_still_exact() -> None:
-    """At 2 Hz and 300 deg/s a sample turns by 150 deg."""
-    x = turning(20.0, rate_deg_s=300.0, rate=2.0)
-    assert error_deg(run("gyro", x), x).max() < 1e-6
-
-
 @pytest.mark.parametrize("rate_hz", [2.0, 10.0, 50.0])
 def test_a_slow_magnetometer_serves_as_well_as_a_fast_one(rate_hz: float) -> None:
     """Yaw turns to and fro; samples of 2 Hz, propagated with the gyro, cost under 10 % of heading accuracy."""
@@ -287,26 +281,6 @@ def test_a_cleared_jit_gives_the_same_attitude(monkeypatch: pytest.MonkeyPatch) 
             assert np.abs(run(name, x).q - compiled.q).max() < 1e-12, name
 
 
-@pytest.mark.parametrize("name", ["px4/px4_yaw.ulg", "ardupilot/copter_yaw_turns.bin"])
-def test_flights_thinned_to_2_hz_keep_their_heading(corpus: Path, name: str) -> None:
-    """Simulated yaw turns with known truth: heading RMSE within 10 % of the whole magnetometer's."""
-    log = attlog.read(corpus / "sitl" / name)
-    assert log.imu is not None
-    assert log.mag is not None
-    assert log.truth is not None
-    imu, mag = log.imus[log.imu], log.mags[log.mag].field
-    t, truth = imu.gyro.t, rotation.slerp(log.truth.t, log.truth.q, imu.gyro.t)
-    thinned = np.flatnonzero(np.diff(np.floor(mag.t / 0.5), prepend=-1) > 0)
-    rmse = []
-    for rows in (np.arange(len(mag.t)), thinned):
-        field = place(t, mag.t[rows], mag.x[rows])
-        e = attlog.estimate("mahony@xu-0.6", t, imu.gyro.x, imu.acc.x, field, sampling=imu.gyro.sampling, dt=imu.dt)
-        error = rotation.earth_error(e.q, truth[np.searchsorted(t, e.t)])
-        heading = rotation.heading_angle(error[np.isfinite(error).all(axis=1) & (e.t > 10)])
-        rmse.append(float(np.std(heading)))
-    assert rmse[1] < 1.1 * rmse[0]
-
-
 # A magnetometer that is thinned to 2 Hz costs little heading: the loop turns its last vector on with the gyro.
 
 
@@ -333,36 +307,6 @@ def test_heading_at_2_hz_is_within_ten_percent_of_the_full_rate_s(corpus: Path, 
 
     assert len(thin) < 0.25 * len(field.t)
     assert heading_rmse_deg(thin) < 1.1 * heading_rmse_deg(slice(None))
-
-
-COUNTER = '''"""Counts the steps that see a field."""
-import numpy as np
-NEEDS = {"gyro", "acc"}
-USES = {"mag"}
-STATE = {"q": 4, "seen": 1}
-
-def start(params, acc, mag, q0):
-    state = np.zeros(5)
-    state[0:4] = q0
-    return state
-
-def step(state, params, dt, gyr, acc, mag):
-    if mag[0] * mag[0] + mag[1] * mag[1] + mag[2] * mag[2] > 0:
-        state[4] += 1
-'''
-
-
-def test_a_field_is_propagated_for_one_and_a_half_periods_and_then_missing(tmp_path: Path) -> None:
-    """2 Hz until 5 s: the filter sees a field up to 0.75 s after each sample, so until 5.75 s and not beyond."""
-    path = tmp_path / "counter.py"
-    path.write_text(COUNTER)
-    t = np.arange(2000) / 100.0
-    mag = np.full((2000, 3), np.nan)
-    mag[:501:50] = [0.2, 0.0, 0.4]
-    e = estimate(str(path), t, np.zeros((2000, 3)), np.tile([0.0, 0.0, -9.81], (2000, 1)), mag)
-    seen = np.flatnonzero(np.diff(e.aux["seen"][:, 0]) > 0) + 1
-    assert t[seen[-1]] == pytest.approx(5.75, abs=0.011)
-    assert np.diff(seen).max() == 1
 
 
 # Steps with aids: which event reaches which step, and a filter that is better for them.
@@ -461,15 +405,6 @@ def test_what_arrives_in_a_gap_is_left_out(recorder: Path) -> None:
     e = attlog.estimate(str(recorder), t, np.zeros((200, 3)), aids=Aids(position=Measurements(fixes, np.ones((4, 3)))))
     assert e.skipped == {"restart": 1}
     assert e.aux["fixes"][[99, 199], 0].tolist() == [1.0, 1.0]
-
-
-def test_left_out_samples_do_not_shift_the_events(recorder: Path) -> None:
-    t = np.arange(60) / 100.0
-    gyr = np.zeros((60, 3))
-    gyr[[5, 20]] = np.nan
-    e = attlog.estimate(str(recorder), t, gyr, aids=Aids(position=Measurements([0.2, 0.4], [[1.0, 0, 0], [2.0, 0, 0]])))
-    new = np.flatnonzero(np.isfinite(e.aux["seen"][1:, 0])) + 1
-    assert e.t[new] == pytest.approx([0.21, 0.4])
 
 
 def test_a_batch_with_aids_equals_runs_one_by_one(recorder: Path) -> None:

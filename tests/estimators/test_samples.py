@@ -60,14 +60,6 @@ def test_rates_parts_field_and_segments_are_those_of_a_plain_walk(sampling, step
     assert got.skipped.get("zero_vector", 0) == (mag == 0.0).all(axis=1).sum()
 
 
-def test_one_fast_turn_in_slow_flight_is_taken_in_parts():
-    gyr = np.zeros((100, 3))
-    gyr[50] = [0.0, 0.0, 30.0]
-    got = prepare(np.arange(100) * 0.1, gyr, None)
-    assert got.substeps[50] == 3
-    assert set(got.substeps[1:]) == {1, 3}
-
-
 def test_a_samples_own_time_is_trusted_up_to_one_and_a_half_times_and_not_over_a_lost_sample():
     """Records 10 ms apart, one 14 ms late, then one lost: what that one would have turned is not in the next."""
     t = np.cumsum([0.0, 0.01, 0.014, 0.02, 0.01])
@@ -76,17 +68,6 @@ def test_a_samples_own_time_is_trusted_up_to_one_and_a_half_times_and_not_over_a
 
 
 # Samples on an even grid.
-
-
-def test_a_constant_rate_stays_what_it_is_to_the_last_sample() -> None:
-    """The grid of 10 ms ends half a step after the samples do."""
-    t = np.array([0.0, 0.01, 0.02, 0.035, 0.045])
-    gyr, acc = np.tile([0.3, -0.2, 0.1], (5, 1)), np.tile([0.0, 0.0, -9.81], (5, 1))
-    found = uniform(t, gyr, acc, np.full((5, 3), np.nan))
-    assert not found.regular
-    assert found.t == pytest.approx(np.arange(6) * 0.01)
-    assert found.gyr == pytest.approx(np.tile(gyr[0], (6, 1)))
-    assert found.acc == pytest.approx(np.tile(acc[0], (6, 1)))
 
 
 def test_a_field_sample_stands_at_the_grid_time_that_it_has_else_at_the_next() -> None:

@@ -161,7 +161,7 @@ def test_one_hypothesis_is_a_dense_kalman_filter() -> None:
     state[0] = 1.0
     bank.begin_hypotheses(state, 2.0, -1.0, 0.09)
     for i in range(bank.N):
-        x, p = np.array([2.0, -1.0, state[bank.X + i]]), np.diag([0.09, 0.09, (np.pi / 5) ** 2])
+        x, p = np.array([2.0, -1.0, state[bank.S.x + i]]), np.diag([0.09, 0.09, (np.pi / 5) ** 2])
         for k in range(60):
             dv, dt = random.standard_normal(2), 0.01
             bank.predict_hypothesis(state, params, i, dv[0], dv[1], dt)
@@ -180,101 +180,10 @@ def test_one_hypothesis_is_a_dense_kalman_filter() -> None:
                 assert bank.correct_hypothesis(state, i, z[0], z[1], r) == pytest.approx(density, rel=1e-9)
                 gain = p[:, :2] @ np.linalg.inv(s)
                 x, p = x + gain @ y, p - gain @ s @ gain.T
-        at = bank.P + 6 * i
-        np.testing.assert_allclose(state[bank.V + 2 * i : bank.V + 2 * i + 2], x[:2], rtol=1e-9)
-        assert rotation.wrap(state[bank.X + i] - x[2]) == pytest.approx(0.0, abs=1e-9)
+        at = bank.S.P + 6 * i
+        np.testing.assert_allclose(state[bank.S.v + 2 * i : bank.S.v + 2 * i + 2], x[:2], rtol=1e-9)
+        assert rotation.wrap(state[bank.S.x + i] - x[2]) == pytest.approx(0.0, abs=1e-9)
         np.testing.assert_allclose(state[at : at + 6], p[np.triu_indices(3)], rtol=1e-7, atol=1e-12)
-
-
-def straight(m: Motion, velocity: Array, every: int, floor: float, turned: bool) -> Array:
-    """The whole filter with five attitudes of their own, as firmware has it, and matrices: attitudes (n, 4)."""
-    attitudes = [Rotation.from_quat(m.q[0], scalar_first=True)] * 5
-    bias, force, w, states = np.zeros(3), m.acc[0], np.full(5, 0.2), None
-    shown = [m.q[0]]
-    for k in range(1, len(m.t)):
-        rate = m.gyr[k] - bias
-        force = Rotation.from_rotvec(-0.01 * rate).apply(force) if turned else force
-        force = force + 0.02 * (m.acc[k] - force)
-        norm = np.linalg.norm(force)
-        gain = 0.2 * (1.0 - min(2.0 * abs(norm / 9.80665 - 1.0), 1.0)) ** 2
-        e = gain * np.cross(attitudes[0].inv().apply([0.0, 0.0, 1.0]), force / norm)
-        if np.linalg.norm(rate) < np.deg2rad(10.0):
-            bias = np.clip(bias - 0.04 * 0.01 * e, -0.05, 0.05)
-        attitudes = [r * Rotation.from_rotvec(0.01 * (rate + e)) for r in attitudes]
-        if states is not None:
-            for (x, p), r in zip(states, attitudes, strict=True):
-                dv = 0.01 * r.apply(m.acc[k])[:2]
-                x += dv
-                f = np.eye(3)
-                f[:2, 2] = -dv[1], dv[0]
-                p[:] = f @ p @ f.T + np.diag([0.04, 0.04, np.deg2rad(0.573) ** 2]) * 0.01
-        if k % every == 0:
-            z = velocity[k, :2]
-            if states is None and np.linalg.norm(z) > 0.3:
-                q = attitudes[0].as_quat(scalar_first=True)
-                psi = 2.0 * np.arctan2(q[3], q[0])
-                starts = np.deg2rad([-144.0, -72.0, 0.0, 72.0, 144.0])
-                attitudes = [about_down(a - psi) * attitudes[0] for a in starts]
-                states = [(z.copy(), np.diag([0.09, 0.09, (np.pi / 5) ** 2])) for _ in range(5)]
-            elif states is not None:
-                w = corrected(states, attitudes, w, z, floor)
-        ahead = [r.as_quat(scalar_first=True) for r in attitudes]
-        psi = np.array([2.0 * np.arctan2(q[3], q[0]) for q in ahead])
-        mean = np.arctan2(w @ np.sin(psi), w @ np.cos(psi)) if k >= every and states is not None and w.std() else psi[0]
-        shown.append((about_down(mean - psi[0]) * attitudes[0]).as_quat(scalar_first=True))
-    return np.array(shown)
-
-
-def about_down(angle: float) -> Rotation:
-    return Rotation.from_rotvec([0.0, 0.0, angle])
-
-
-def corrected(states: list[tuple[Array, Array]], attitudes: list[Rotation], w: Array, z: Array, floor: float) -> Array:
-    """Weights (5,) after a fix, which corrects velocities, covariances and attitudes in place."""
-    for i, (x, p) in enumerate(states):
-        s = p[:2, :2] + 0.09 * np.eye(2)
-        y = z - x
-        nis = y @ np.linalg.solve(s, y)
-        y, nis = (y * np.sqrt(25.0 / nis), 25.0) if nis > 25.0 else (y, nis)
-        step = p[:, :2] @ np.linalg.solve(s, y)
-        p[:] = p - p[:, :2] @ np.linalg.solve(s, p[:2])
-        x += step[:2]
-        attitudes[i] = about_down(step[2]) * attitudes[i]
-        w[i] = max(w[i] * np.exp(-0.5 * nis) / (2.0 * np.pi * np.sqrt(np.linalg.det(s))), floor)
-    return w / w.sum()
-
-
-@pytest.mark.parametrize("smoothing", ["turned", "body"])
-def test_one_attitude_for_all_five_is_five_attitudes(smoothing: str) -> None:
-    """Lively motion with noise and bias, no delay: the same heading and tilt as five filters of their own."""
-
-    def along(t: Array) -> Array:
-        return np.stack([3.0 * np.sin(1.1 * t), 2.0 * np.cos(0.7 * t), 1.0 * np.sin(2.0 * t)], axis=-1)
-
-    m = motion(
-        lambda t: (0.3 * np.sin(t), 0.2 * np.cos(0.8 * t), 0.4 * np.sin(0.3 * t) + 1.0),
-        20.0,
-        RATE,
-        acceleration=along,
-        noise=Noise(gyro=1e-3, acc=0.05, bias=(0.01, -0.02, 0.005)),
-    )
-    velocity = np.cumsum(along(m.t), axis=0) / RATE
-    e = get("gsf")
-    assert e.start is not None
-    assert e.step is not None
-    params = e.pack({p.name: p.default for p in e.parameters} | {"delay": 0.0, "smoothing": smoothing})
-    state = e.start(params, m.acc[0], np.zeros(3), m.q[0])
-    q = [m.q[0]]
-    for k in range(1, len(m.t)):
-        aid = np.full(12, np.nan)
-        aid[11] = 0.0
-        if k % 20 == 0:
-            aid[5:7] = velocity[k, :2]
-        e.step(state, params, m.t[k] - m.t[k - 1], m.gyr[k], m.acc[k], np.zeros(3), aid)
-        q.append(state[:4].copy())
-    known = m.t > 1.0
-    plain = straight(m, velocity, 20, 1e-5, smoothing == "turned")
-    assert total_deg(np.array(q)[known], plain[known]).max() < 1e-6
 
 
 def test_parameters_come_from_the_log_of_either_firmware() -> None:

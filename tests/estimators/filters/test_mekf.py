@@ -13,7 +13,7 @@ from attlog.estimators import estimate, get
 from attlog.estimators.aids import SIZE
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial import backward, compass, start
-from attlog.estimators.filters.inertial.model import MOVING_RATE, NO_FIELD, RUNNING, E, N, S
+from attlog.estimators.filters.inertial.model import MOVING_RATE, RUNNING, E, N, S
 from attlog.estimators.filters.mekf import step as mekf_step
 from attlog.testing.motions import CONSUMER_NOISE, Motion, Noise, flight, heading_deg, motion, still, swing, tilt_deg
 

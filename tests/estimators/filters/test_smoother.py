@@ -12,7 +12,7 @@ import pytest
 from attlog.core import rotation
 from attlog.estimators import Aids as estimators_Aids
 from attlog.estimators import Estimate as estimators_Estimate
-from attlog.estimators import Measurements, estimate
+from attlog.estimators import estimate
 from attlog.estimators.aids import Aids
 from attlog.estimators.filters import smoother
 from attlog.estimators.filters.navigation.inputs import Inputs, prepare_inputs
@@ -43,44 +43,6 @@ def test_attitude_bias_and_sigmas_of_both_sides_of_an_impact_are_their_own(monke
 
 
 # Where an impact parts a run of the smoother, and what each part is given.
-
-T = 100.0 + 0.01 * np.arange(2001)
-ROWS = np.column_stack([T, T, T])
-
-
-def parts(monkeypatch: pytest.MonkeyPatch, impact: float | None) -> tuple[list[Any], estimators_Estimate]:
-    """The spans of samples and of heights that each part got; its cost is its number of samples."""
-    seen: list[Any] = []
-
-    def part(t: Any, gyr: Any, acc: Any, mag: Any, aids: estimators_Aids, params: Any) -> estimators_Estimate:
-        assert (gyr[:, 0] == t).all()
-        assert (acc[:, 0] == t).all()
-        assert (mag[:, 0] == t).all()
-        assert aids.baro is not None
-        seen.append((round(t[0], 6), round(t[-1], 6), round(aids.baro.t[0], 6), round(aids.baro.t[-1], 6)))
-        q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
-        return estimators_Estimate(t, q, bias=np.zeros((len(t), 3)), aux={"own": t.copy()}, ns_per_update=float(len(t)))
-
-    monkeypatch.setattr(smoother, "smooth_part", part)
-    aids = estimators_Aids(baro=Measurements(T, T), impact=impact)
-    return seen, smoother.run(T, ROWS, ROWS, ROWS, aids, {})
-
-
-def test_a_run_is_parted_a_fifth_of_a_second_before_an_impact_with_its_own_aids(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    seen, run = parts(monkeypatch, 112.205)
-    assert seen == [(100.0, 112.0, 100.0, 112.0), (112.01, 120.0, 112.01, 120.0)]
-    assert run.t[0] == 100.0
-    assert (run.aux["own"] == T).all()
-    assert run.ns_per_update == pytest.approx((1201.0**2 + 800.0**2) / 2001.0)
-
-
-@pytest.mark.parametrize(("impact", "count"), [(None, 1), (105.15, 1), (105.25, 2), (120.15, 2), (120.25, 1)])
-def test_less_than_five_seconds_are_no_flight_and_an_impact_behind_the_end_parts_nothing(
-    monkeypatch: pytest.MonkeyPatch, impact: float | None, count: int
-) -> None:
-    assert len(parts(monkeypatch, impact)[0]) == count
 
 
 # With and without the compass: which run stands, on made flights with known truth.
@@ -166,37 +128,12 @@ def test_a_compass_that_nothing_contradicts_is_said_to_stand_alone() -> None:
     assert np.degrees(e.aux["sigma_heading"]) == pytest.approx(0.5)
 
 
-def test_two_unsure_runs_have_no_heading_though_they_agree() -> None:
-    assert smoother.choose_heading(estimated(10.0, 1.5), estimated(11.0, 2.0)).quality["heading_from"] == "nobody"
-
-
-def test_where_no_heading_stands_tilt_is_as_sure_as_the_runs_agree() -> None:
-    """Own sigma 0.3 deg, 0.4 deg apart: hypot is 0.5 deg."""
-    e = smoother.choose_heading(estimated(40.0, 0.5, sigma_tilt=0.3, lean=0.4), estimated(0.0, 2.0))
-    assert e.quality["heading_from"] == "nobody"
-    assert np.degrees(e.aux["sigma_tilt"]) == pytest.approx(0.5, rel=1e-3)
-
-
 def test_up_to_two_joint_sigmas_it_is_open_who_errs() -> None:
     """Joint sigma 0.5 deg: at 0.8 deg the difference is part of the sigma, at 5 deg the compass errs."""
     near, far = (smoother.choose_heading(estimated(10.0 + d, 0.3), estimated(10.0, 0.4)) for d in (0.8, 5.0))
     assert near.quality["heading_from"] == far.quality["heading_from"] == "motion"
     assert np.degrees(near.aux["sigma_heading"]) == pytest.approx(np.hypot(0.4, 0.8))
     assert np.degrees(far.aux["sigma_heading"]) == pytest.approx(0.4)
-
-
-@pytest.mark.parametrize("sigma", [0.4, 3.0])
-def test_a_run_by_motion_alone_keeps_what_it_says_of_its_own_heading(sigma: float) -> None:
-    n = 10
-    run = estimators_Estimate(
-        np.arange(n, dtype=float),
-        np.tile([1.0, 0.0, 0.0, 0.0], (n, 1)),
-        aux={"sigma_tilt": np.full(n, 0.001), "sigma_heading": np.radians(np.full(n, sigma))},
-    )
-    stands = smoother.without_compass_twin(run)
-    own = stands.aux.get(smoother.OWN_HEADING, stands.aux["sigma_heading"])
-    assert np.degrees(own) == pytest.approx(sigma)
-    assert (smoother.without_heading(stands, "a sensor contradicts it").aux[smoother.OWN_HEADING] == np.pi).all()
 
 
 # A smoothed heading that GNSS acceleration or the gyro at rest contradicts does not stand.
@@ -218,13 +155,6 @@ def turned_run(m: Motion, degrees: float, sigma: float = 0.3) -> estimators_Esti
     )
 
 
-def test_gnss_acceleration_says_how_far_a_heading_is_off() -> None:
-    made = flight()
-    run = check_heading(turned_run(made.motion, 0.0), ready(made))
-    assert run.quality["heading_from"] == "compass"
-    assert run.quality["heading_gnss_deg"] == pytest.approx(0.0, abs=1.5)
-
-
 @pytest.mark.parametrize("degrees", [-12.0, 25.0])
 def test_a_heading_that_gnss_acceleration_contradicts_is_withheld(degrees: float) -> None:
     made = flight()
@@ -233,19 +163,6 @@ def test_a_heading_that_gnss_acceleration_contradicts_is_withheld(degrees: float
     assert run.quality["heading_gnss_deg"] == pytest.approx(degrees, abs=3.0)
     assert "GNSS acceleration" in str(run.quality["refused"])
     assert (run.aux["sigma_heading"] == np.pi).all()
-
-
-def test_a_heading_within_its_own_sigma_of_gnss_acceleration_stands() -> None:
-    made = flight()
-    assert check_heading(turned_run(made.motion, 12.0, sigma=6.0), ready(made)).quality["heading_from"] == "compass"
-
-
-@pytest.mark.parametrize(("degrees", "contradicted"), [(0.0, False), (25.0, True)])
-def test_an_unsure_heading_by_motion_is_checked_as_well(degrees: float, contradicted: bool) -> None:
-    made = flight()
-    run = check_heading(smoother.without_compass_twin(turned_run(made.motion, degrees, sigma=3.0)), ready(made))
-    assert run.quality["heading_from"] == "nobody"
-    assert (run.aux[smoother.OWN_HEADING] == np.pi).all() == contradicted
 
 
 def rested(step_dps: float) -> Inputs:
@@ -263,16 +180,6 @@ def test_the_bias_at_rest_shows_a_jump_between_two_rests() -> None:
     one = rested(1.2)
     one.still[1600:] = False
     assert bias_change_dps(one) == 0.0
-
-
-def test_a_bias_that_changed_leaves_no_heading_unless_the_jump_is_modelled() -> None:
-    run = turned_run(still(30.0), 0.0)
-    assert check_heading(run, rested(0.2)).quality["heading_from"] == "compass"
-    withheld = check_heading(run, rested(1.2))
-    assert withheld.quality["heading_from"] == "nobody"
-    assert "1.2 deg/s" in str(withheld.quality["heading_why"])
-    modelled = replace(run, quality=run.quality | {"gyro_jump_s": 15.0})
-    assert check_heading(modelled, rested(1.2)).quality["heading_from"] == "compass"
 
 
 # At which offset, which sigma and which change of bias a heading is withheld: each limit from both sides.
@@ -320,13 +227,6 @@ def test_a_heading_stands_within_three_degrees_and_three_joint_sigmas_of_gnss(
         assert f"shows it {abs(offset):.0f} deg off" in str(found.quality["heading_why"])
 
 
-def test_what_gnss_does_not_tell_is_no_contradiction(monkeypatch: pytest.MonkeyPatch) -> None:
-    for offset in (None, gnss(90.0, told=False)):
-        found = checked_run(monkeypatch, run(), offset)
-        assert found.quality["heading_from"] == "both"
-        assert "heading_gnss_deg" not in found.quality
-
-
 @pytest.mark.parametrize(("changed", "stands"), [(0.49, True), (0.51, False)])
 def test_a_bias_that_changed_by_half_a_degree_per_second_leaves_no_heading(
     monkeypatch: pytest.MonkeyPatch, changed: float, stands: bool
@@ -352,12 +252,3 @@ def test_without_a_compass_a_heading_stands_that_is_sure_to_a_degree(sigma: floa
     assert alone.quality["heading_from"] == found
     assert (smoother.OWN_HEADING in alone.aux) == (found == "nobody")
     assert smoother.by_compass(run(sigma)).quality["heading_from"] == "compass"
-
-
-def test_rms_of_nothing_is_nothing_and_long_runs_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert smoother.rms(np.zeros(0)) == 0.0
-    assert smoother.rms(np.array([3.0, -4.0])) == pytest.approx(np.sqrt(12.5))
-    assert smoother.own_deg(run(np.inf)) == np.inf
-    monkeypatch.setattr(smoother, "COMPARED", 4)
-    assert smoother._thinned(np.arange(9)).tolist() == [0, 2, 4, 6, 8]
-    assert smoother._thinned(np.arange(3)).tolist() == [0, 1, 2]

@@ -237,17 +237,6 @@ def test_a_refusal_names_its_reason():
     assert "6 times" in refusal(told | {"openings": 6.0})
 
 
-@pytest.mark.parametrize("blow", [0.0, 50.0])
-def test_of_a_long_run_that_part_counts_that_turns_most(blow: float) -> None:
-    """Ten times slower turns tell ten times less, in the air as well; a blow of a second tells nothing more."""
-    made = flight(seconds=180.0, still=0.0)
-    t, gyr, acc, mag = made.motion.sensors
-    gyr = gyr * np.where(t < 80.0, 0.1, 1.0)[:, None]
-    gyr[(t > 20.0) & (t < 21.0)] += blow
-    inputs = prepare_inputs(t, gyr, acc, mag, made.aids, 0.0, ahead=True)
-    assert most_turning_part(inputs, 60.0).t[0] >= 79.0
-
-
 @pytest.mark.slow
 def test_constants_of_a_long_run_are_found_where_it_moves_most(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two minutes at rest, then a flight: 100 s of it tell the delay, and attitudes are those of the whole."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from attlog.core import rotation
-from attlog.estimators.filters.navigation import backward, forward, solve, turns
+from attlog.estimators.filters.navigation import forward, solve, turns
 from attlog.estimators.filters.navigation.backward import Work, undo_updates
 from attlog.estimators.filters.navigation.forward import apply_gain, new_row, new_work, propagate
 from attlog.estimators.filters.navigation.inputs import WANDER_S, NoiseLevels, prepare_inputs
@@ -23,10 +23,8 @@ from attlog.estimators.filters.navigation.model import (
     SETTINGS,
     SOFT,
     STILL,
-    SUM_T,
     SUMS,
     VELOCITY,
-    WANDER_TAU,
     Events,
     Filtered,
     Kept,
@@ -34,7 +32,6 @@ from attlog.estimators.filters.navigation.model import (
     N,
     Nodes,
     adjoint_predict,
-    cross_times,
     field_rows,
     padded,
     predict,
@@ -44,7 +41,7 @@ from attlog.estimators.filters.navigation.model import (
 )
 from attlog.estimators.filters.navigation.schedule import scheduled
 from attlog.estimators.filters.navigation.solve import Runner
-from attlog.estimators.filters.navigation.start import field_matrix, start
+from attlog.estimators.filters.navigation.start import start
 from tests.estimators.filters.navigation.made import flight, transition_matrix
 
 RANDOM = np.random.default_rng(4)
@@ -93,27 +90,6 @@ def test_rows_are_the_derivatives_of_what_is_predicted(kind):
         slope = -(event(kind, *moved(Q, X, dx))[0] - event(kind, *moved(Q, X, -dx))[0]) / (2.0 * h)
         loose = 1.1 if kind in (VELOCITY, POSITION) and (i < 3 or 12 <= i < 15) else 0.06 if kind == MAG else 1e-6
         assert slope == pytest.approx(H[:, i], abs=loose), i
-
-
-def test_the_rows_of_the_start_are_those_of_a_field_sample():
-    row, work, R = new_row(), np.zeros((4, 3)), np.zeros((3, 3))
-    to_matrix3(Q, R)
-    field_rows(X, X, R, R, 0.0, np.zeros(3), np.zeros(3), False, work, row)
-    dense = np.zeros((3, N))
-    for i in range(3):
-        dense[i, row.hi[i, :11]] = row.hv[i, :11]
-    assert field_matrix(rotation.to_matrix(Q), X) == pytest.approx(dense, abs=1e-12)
-
-
-def test_a_residual_linear_about_the_state_itself_is_the_plain_one():
-    work, R = np.zeros((4, 3)), np.zeros((3, 3))
-    to_matrix3(Q, R)
-    found = []
-    for linear in (False, True):
-        row = new_row()
-        field_rows(X, X, R, R, LATE, RATE, np.array([0.1, 0.2, 0.3]), linear, work, row)
-        found.append(row.r)
-    assert found[1] == pytest.approx(found[0], abs=1e-12)
 
 
 def carried(q, x, gyr, acc, dt):
@@ -207,48 +183,6 @@ def test_updates_are_undone_one_by_one_whatever_the_group():
 
 # The transition of the error state against a matrix product of numpy, written from the equations of the model.
 
-TRANSITION_RANDOM = np.random.default_rng(11)
-
-
-def cross(a: np.ndarray) -> np.ndarray:
-    return np.array([np.cross(a, axis) for axis in np.eye(3)]).T
-
-
-def transition(T: float, a: np.ndarray, D: np.ndarray, W: np.ndarray, rest: int, tau: float) -> np.ndarray:
-    """Attitude 0, velocity 3, position 6, gyro bias 9, accelerometer bias 12, wandering 27, gyro scale 36."""
-    Phi, A = np.eye(N), cross(a)
-    Phi[6:9, 3:6] = T * np.eye(3)
-    Phi[6:9, 0:3], Phi[6:9, 12:15] = -0.5 * T * A, -0.5 * T * D
-    Phi[3:6, 0:3], Phi[3:6, 12:15] = -A, -D
-    if not rest:
-        Phi[3:6, 9:12], Phi[3:6, 36:39] = 0.5 * A @ D, 0.5 * A @ W
-        Phi[0:3, 9:12], Phi[0:3, 36:39] = -D, -W
-    Phi[27:30, 27:30] = np.exp(-T / tau) * np.eye(3)
-    return Phi
-
-
-def test_a_cross_product_with_a_matrix_is_that_of_its_columns() -> None:
-    a, m, out = TRANSITION_RANDOM.normal(size=3), TRANSITION_RANDOM.normal(size=(3, 3)), np.zeros((3, 3))
-    cross_times(a, m, out)
-    assert out == pytest.approx(np.cross(a, m, axisb=0, axisc=0))
-
-
-@pytest.mark.parametrize("rest", [0, 1])
-def test_a_covariance_moves_forth_by_the_transition_and_information_back_by_its_transpose(rest: int) -> None:
-    sums = TRANSITION_RANDOM.normal(size=SUMS)
-    sums[0] = 0.3
-    Phi = transition(0.3, sums[1:4], sums[4:13].reshape(3, 3), sums[13:22].reshape(3, 3), rest, 0.7)
-    root = TRANSITION_RANDOM.normal(size=(N, N))
-    P, M = root @ root.T, np.zeros((5, 3, 3))
-    moved = padded(P)
-    predict(moved, sums, rest, 0.7, M)
-    assert square(moved) == pytest.approx(Phi @ P @ Phi.T, rel=1e-9, abs=1e-9)
-    lam, L = TRANSITION_RANDOM.normal(size=ROW), padded(P)
-    want = Phi.T @ lam[:N]
-    adjoint_predict(lam, L, sums, rest, 0.7, M)
-    assert lam[:N] == pytest.approx(want)
-    assert square(L) == pytest.approx(Phi.T @ P @ Phi, rel=1e-9, abs=1e-9)
-
 
 # The way back against the textbook smoother, and a long run in parts against one in whole.
 
@@ -338,33 +272,6 @@ def test_the_covariance_stays_symmetric_and_positive(run):
             on = np.diag(P) > 0
             assert np.array_equal(P, P.T)
             assert np.linalg.eigvalsh((P / np.outer(scale, scale))[np.ix_(on, on)]).min() > -1e-9
-
-
-@pytest.mark.parametrize("rest", [0, 1])
-def test_only_disturbances_in_motion_calibrate_and_none_counts_beyond_three_sigma(rest):
-    """lam of 2 and of 5 of a variance of 1, over half a second: 0.5 min(lam^2, 9), and 0.5, where nothing rests."""
-    par, sums, scores = np.ones(SETTINGS), np.zeros((1, SUMS)), np.zeros((2, N))
-    par[WANDER_TAU], sums[0, SUM_T] = WANDER_S, 0.5
-    lam, Lam = np.zeros(ROW), np.zeros((N, ROW))
-    lam[:N], Lam[:, :N] = np.where(np.arange(N) < 3, 2.0, 5.0), np.eye(N)
-    none, small, wide = np.zeros(0), np.zeros(0, np.int8), np.zeros((0, 12))
-    kept = Kept(
-        np.zeros(6 * ROW),
-        sums,
-        np.zeros(2, np.int64),
-        none,
-        wide,
-        wide.astype(np.int8),
-        small,
-        *[none] * 3,
-        small,
-        small,
-    )
-    out = backward.Smoothed(np.zeros((1, 6)), np.zeros((1, 3)), none, scores, np.zeros((1, 12)))
-    adjoint = backward.Adjoint(lam, Lam.ravel())
-    backward.backward(False, False, par, np.array([rest], np.int8), kept, adjoint, out, backward.new_work())
-    wanted = 0.5 * np.array([np.where(np.arange(N) < 3, 4.0, 9.0), np.ones(N)])
-    assert scores == pytest.approx(wanted if rest == 0 else np.zeros((2, N)))
 
 
 # What is known of now by an attitude and a bias of a while ago, in closed form.

@@ -81,16 +81,6 @@ def test_what_is_missing_counts_nothing_and_means_are_centred() -> None:
         assert placed.rate[0] == pytest.approx(-want if rate else np.zeros(3))
 
 
-def test_the_means_of_force_reach_50_ms_and_those_of_rate_30_ms_to_both_sides() -> None:
-    for half, name in ((5, "force"), (3, "rate")):
-        for k, seen in ((100 - half, False), (101 - half, True), (100 + half, True), (101 + half, False)):
-            spike = np.zeros((N, 3))
-            spike[k] = 1.0
-            own = inputs(acc=spike, gyr=spike)
-            placed = Timetable(own)._place(VELOCITY, T[[100]], np.zeros((1, 3)), np.ones((1, 3)))
-            assert getattr(placed, name)[0] == pytest.approx(np.full(3, seen / (2.0 * half)), abs=1e-9)
-
-
 def test_each_kind_has_the_noise_of_its_groups_times_its_own_shape() -> None:
     rest = np.zeros(N, np.int8)
     rest[:100] = 1
@@ -124,13 +114,6 @@ def test_each_kind_has_the_noise_of_its_groups_times_its_own_shape() -> None:
     assert found.scalars.tolist() == [0 if e == 0 else scalars[e - 1] for e in found.node_event]
 
 
-def test_while_it_settles_aids_count_a_tenth_and_after_three_seconds_e_times_more() -> None:
-    own = inputs(mag=Measurements(T[[0, 150, 300]], np.ones((3, 3))), velocity=fixes([9.0]))
-    plain, settling = (Timetable(own).scheduled(TUNED, settling=x) for x in (False, True))
-    factor = 1.0 + 10.0 * np.exp(-np.array([0.0, 1.5, 3.0]) / 3.0)
-    assert settling.sigma == pytest.approx(plain.sigma * factor[:, None])
-
-
 def test_a_delay_moves_its_own_events_and_only_fixes_stamped_within_a_span_count() -> None:
     own = inputs(velocity=fixes([6.0, 6.5, 7.0]), mag=Measurements(T[[100]], np.ones((1, 3))))
     table = Timetable(own)
@@ -159,22 +142,3 @@ def test_nodes_are_events_ends_changes_of_rest_and_the_last_sample_of_a_slot_wit
             nodes.add(mine[-1])
     assert found.node_at.tolist() == sorted(nodes)
     assert found.rest_of.tolist() == rest[found.node_at].tolist()
-
-
-def test_at_rest_it_is_told_five_times_a_second_but_not_in_the_first_fifth() -> None:
-    rest = np.zeros(N, np.int8)
-    rest[:57] = rest[205:] = 1
-    t = np.r_[T[0], T[1:] - 0.005]
-    assert np.searchsorted(t, rest_times(inputs(rest=rest, sensed_at=t))).tolist() == [40, 56, 220, 240, 260, 280, 300]
-    assert len(rest_times(inputs())) == 0
-
-
-def test_a_jump_may_come_at_the_node_at_or_after_its_time_by_3_deg_s() -> None:
-    table = Timetable(inputs())
-    nodes = np.array([0, 10, 20, 300])
-    found = np.degrees(table.jumps_at(nodes, (5.1, 5.1001, 8.5)))
-    assert found == pytest.approx([0.0, 3.0, 3.0, 0.0])
-    bare = table.scheduled(TUNED).nodes()
-    assert len(bare.kind) == len(bare.offset) == len(bare.z) == len(bare.f_mean) == len(bare.w_mean) == 0
-    assert (bare.node_event == 0).all()
-    assert (bare.scalars == 0).all()
