@@ -32,7 +32,8 @@ from attlog.estimators import place
 from attlog.flight.model import FlightLog
 from attlog.health import compass
 from attlog.health.check import HealthCase
-from attlog.health.compass_fit import CompassStudy, compass_studies, fit_offset_of, flight_halves, motor_drive, power_at
+from attlog.health.compass_offset import CompassStudy, compass_studies, fit_offset, flight_halves, offset_refusal
+from attlog.health.compass_power import motor_drive, power_at
 from attlog.metrics.metric import Case
 from attlog.pipeline import preparation
 from attlog.pipeline.config import Config
@@ -88,7 +89,7 @@ def row(name: str, compasses: int, found: list[tuple[CompassStudy, np.ndarray, b
 
 
 def offered_offset(case: HealthCase, study: CompassStudy) -> bool:
-    return study.air.counts and not compass.offset_refusal(case, study)
+    return study.air.counts and not offset_refusal(case, study)
 
 
 def offered_motors(study: CompassStudy) -> bool:
@@ -97,7 +98,7 @@ def offered_motors(study: CompassStudy) -> bool:
 
 def with_filters(case: HealthCase, study: CompassStudy, size: np.ndarray) -> dict[str, tuple[float, float]]:
     """Heading RMSE (deg) of filters against the truth in the second half: with the planted compass, and corrected."""
-    log, imu, first = case.log, case.log.replay_imu, fit_offset_of(study.samples, flight_halves(study.samples)[0])
+    log, imu, first = case.log, case.log.replay_imu, fit_offset(study.samples, flight_halves(study.samples)[0])
     if imu is None or log.truth is None or first is None:
         return {}
     t, late = imu.gyro.t_best, study.samples.t[flight_halves(study.samples)[1]]
@@ -145,7 +146,7 @@ def main() -> None:
                 found += [(study, wrong, offered_offset(copy, study) or offered_motors(study)) for study in studied]
                 if given.verbose:
                     said = why or "; ".join(
-                        f"{s.air.offset.round(1)} {compass.offset_refusal(copy, s)}" for s in studied
+                        f"{s.air.offset.round(1)} {offset_refusal(copy, s)}" for s in studied
                     )
                     print(f"    {case.log.path.name}: {wrong}: {said}")
         row(f"{10 * size:.0f} mG" if size else "nothing", count * (len(DIRECTIONS) if size else 1), found)

@@ -60,10 +60,18 @@ def earth_force(
     records ``max_samples`` are used. Without acceleration the mean is (0, 0, -g).
     """
     some = slice(None, None, max(1, len(t_force) // max_samples))
-    turned, _ = rotation.slerp_in_segments(t, q, segment, t_force[some])
-    earth = rotation.rotate(turned, force[some])
-    earth = earth[rotation.finite_rows(earth)]
+    _, earth = known_earth_force(t_force[some], force[some], t, q, segment)
     return np.asarray(earth.mean(axis=0)) if len(earth) else None
+
+
+def known_earth_force(
+    t_force: Array, force: Array, t: Array, q: Array, segment: NDArray[np.int64] | None = None
+) -> tuple[Array, Array]:
+    """Return times (k,) s and specific forces (k, 3) in earth axes where force and attitude are known."""
+    turned, _ = rotation.slerp_in_segments(t, q, segment, t_force)
+    earth = rotation.rotate(turned, force)
+    known = rotation.finite_rows(earth)
+    return t_force[known], earth[known]
 
 
 def tilt_deg(force: Array) -> float:

@@ -1,9 +1,9 @@
-"""The accelerometer in flight: turned to earth, its force must change the velocity as GNSS sees it.
+"""Accelerometer in flight: its axes and offset, by GNSS and an attitude.
 
-At rest a level vehicle tells neither which axis is which nor how large an offset is beside its attitude's own tilt.
-Between two GNSS velocities the mean force does: with the attitude R, the logged force f and gravity g,
-``dv/dt - g = R (A f + b)``. A near the unit matrix is a sound sensor; exchanged or reversed axes make it another
-permutation; -b is the offset. Only the horizontal axes are solved for: f_z holds the vehicle up and says too little.
+At rest a level vehicle shows neither the order of the axes nor an offset beside the attitude's own tilt. In flight the
+mean force between two GNSS velocities does: with attitude R, logged force f and gravity g,
+``dv/dt - g = R (A f + b)``. A is near the unit matrix where the sensor is sound, a permutation where axes are exchanged
+or reversed; -b is the offset. Only horizontal axes are solved for: f_z carries the weight and varies too little.
 """
 
 from __future__ import annotations
@@ -17,48 +17,39 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span, inside
-from attlog.flight.model import Array, FlightLog, Gnss, Imu
+from attlog.flight.model import FIX_3D, Array, FlightLog, Gnss, Imu
 from attlog.health import gravity
-from attlog.health.check import Check, HealthCase, Verdict, graded, measured, unknown
-from attlog.health.gravity import expected_gravity
-from attlog.health.imu import (
-    FLOOR_M_S2,
-    SensorBias,
-    axes_text,
-    flight_spans,
-    smoothed_acc_bias,
-    still_spans,
-    stream_blocks,
-    usable_imus,
-)
-from attlog.health.imu_pairs import LEAST_FLOWN_HZ, difference_in_flight
+from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
+from attlog.health.flown import EDGE_S, flight_spans, still_spans
+from attlog.health.gravity import STANDARD_GRAVITY, expected_gravity
+from attlog.health.imu import FLOOR_M_S2, SensorBias, axes_text, smoothed_acc_bias, stream_blocks, usable_imus
+from attlog.health.imu_pairs import MIN_FLOWN_HZ, difference_in_flight
 from attlog.health.regression import RobustFit, interval_text, robust_fit
 from attlog.health.settings import accelerometer_proposal
 from attlog.reference import alignment
 from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
+# Velocities change over this time: a receiver's noise of 0.1 m/s is then 0.07 m/s^2.
 VELOCITY_SPAN_S = 2.0
-"""Velocities change over so long: a receiver's noise of 0.1 m/s is then 0.07 m/s^2."""
-EDGE_S, LEAST_S, LONGEST_S = 1.0, 20.0, 900.0
-"""Left out at both ends of a flight, where the ground pushes; how much flight tells something; and of long logs the
-first minutes, which are enough."""
+# The fit takes 20 s of flight at least, and of long logs the first 15 min.
+MIN_FLIGHT_S, MAX_FLIGHT_S = 20.0, 900.0
+# Lateness of a receiver: of these the one that fits best.
 GNSS_DELAYS_S = np.arange(0.0, 0.61, 0.1)
-"""How late a receiver may be: of these the one that fits best."""
-G = 9.80665
+# A longer interval between samples of the force is a hole.
+MAX_HOLE_S, MIN_FORCE_SAMPLES = 0.2, 100
+# Gravity in the horizontal force of a tilted attitude: 0.06, 0.3 and 0.6 deg (onboard, on flights with truth: 0.3 to
+# 0.9). An external truth has its own sigma.
 TILT_M_S2 = {"truth": 0.01, "smoother": 0.05, "onboard": 0.1}
-"""Gravity that a tilted attitude shows: 0.06, 0.3 and 0.6 deg (onboard, on flights with truth: 0.3 to 0.9). A truth
-that was brought says itself how tilted it may be."""
-LEAST_M_S2 = 0.15
-"""Horizontal force (RMS about its mean) that shows which axis is which."""
+# Horizontal force (RMS about its mean) that shows which axis is which.
+MIN_SPREAD_M_S2 = 0.15
+# Another order of axes leaves four times less (squared), and less than half of the force's own spread.
 AXES_RATIO = 4.0
-"""Another order of axes leaves so many times less (squared)."""
-MAX_FORCE_LEFT = 0.5
-"""Of the force's own spread, at most so much may be left by the axes that are found."""
+MAX_LEFT_SHARE = 0.5
+# 1 and 3 deg of tilt, as of an offset by the smoother.
 FORCE_OFF_M_S2, FORCE_FAR_M_S2 = 0.17, 0.5
-"""1 and 3 deg of tilt, as of an accelerometer's offset by the smoother."""
-FORCE_SIGMAS, FORCE_FLOOR_M_S2 = 4.0, 0.03
-"""Offered above four times sqrt((1.5 standard errors)^2 + 0.03^2); planted 0.3 came back within two."""
+# An offset counts from four times sqrt((1.5 standard errors)^2 + 0.03^2): planted 0.3 came back within two.
+FORCE_SIGMAS, STANDARD_ERRORS, FORCE_FLOOR_M_S2 = 4.0, 1.5, 0.03
 FORCE_LIMIT = (
     f"ok up to {FORCE_OFF_M_S2} m/s^2 or {FORCE_SIGMAS:.0f} sigma, fault above {FORCE_FAR_M_S2} (1 and 3 deg of tilt)"
 )
@@ -75,7 +66,7 @@ AXIS_ORDERS: dict[str, Array] = {
 
 @dataclass(frozen=True, slots=True)
 class ForceFit:
-    """What the flight says of the accelerometer's horizontal axes. ``columns`` (n, 2, 8), ``y`` (n, 2), ``t`` (n,) s.
+    """Fit of the horizontal force at ``t`` (n,) s: ``columns`` (n, 2, 8) times x are the accelerations ``y`` (n, 2).
 
     The columns are A by rows, b, and two of a constant tilt of the attitude.
     """
@@ -87,14 +78,14 @@ class ForceFit:
     seconds: float
 
     def left(self, order: Array) -> float:
-        """Median square that the axes in this order (2, 2) leave, whatever the offsets."""
+        """Return the median square that the axes in this order (2, 2) leave, whatever the offsets."""
         rest = self.y - self.columns[:, :, :4] @ order.ravel()
         rest = rest - self.columns[:, :, 4:] @ np.concatenate([self.solution.x[4:6], self.solution.x[6:8]])
         return float(np.median(np.sum((rest - np.median(rest, axis=0)) ** 2, axis=1)))
 
     @property
     def spread(self) -> float:
-        """RMS of the measured horizontal force about its mean, m/s^2."""
+        """RMS of the horizontal force about its mean, m/s^2."""
         force = np.stack([self.columns[:, :, 0], self.columns[:, :, 1]])
         size = np.sqrt(np.sum(force**2, axis=2))
         return float(np.sqrt(np.sum(np.var(size, axis=1))))
@@ -111,7 +102,7 @@ def accelerometer_checks(case: HealthCase) -> list[Check]:
         return offsets
     fitted = None if reference is None or reference.kind == "none" else fit_force(log, case.segments, reference)
     if reference is None or fitted is None:
-        why = f"Less than {LEAST_S:.0f} s of flight have a GNSS velocity."
+        why = f"Less than {MIN_FLIGHT_S:.0f} s of flight have a GNSS velocity."
         if reference is None or reference.kind == "none":
             why = "No attitude in this log can turn the force to earth."
         return [unknown("force_axes", why, AXES_LIMIT), *offsets]
@@ -127,10 +118,10 @@ def _force_axes_check(log: FlightLog, found: ForceFit, reference: Reference) -> 
     usual = found.left(np.eye(2))
     name, best = min(((n, found.left(order)) for n, order in AXIS_ORDERS.items()), key=lambda pair: pair[1])
     shown = f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s of flight"
-    if found.spread < LEAST_M_S2:
+    if found.spread < MIN_SPREAD_M_S2:
         why = f"The horizontal force hardly changes in flight ({found.spread:.2f} m/s^2)."
         return unknown("force_axes", why, AXES_LIMIT)
-    clear = best * AXES_RATIO < usual and np.sqrt(best) < MAX_FORCE_LEFT * found.spread
+    clear = best * AXES_RATIO < usual and np.sqrt(best) < MAX_LEFT_SHARE * found.spread
     if not clear:
         text = f"{source} fits {shown}, turned by {reference.source}."
         return Check("force_axes", "ok", text, round(float(np.sqrt(usual)), 3), "m/s^2", AXES_LIMIT)
@@ -142,14 +133,14 @@ def _force_axes_check(log: FlightLog, found: ForceFit, reference: Reference) -> 
 def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -> Check:
     source = log.imus[log.imu or 0].acc.source
     offset = -found.solution.x[4:6]
-    sigma = np.hypot(1.5 * found.solution.sigma[4:6], FORCE_FLOOR_M_S2)
+    sigma = np.hypot(STANDARD_ERRORS * found.solution.sigma[4:6], FORCE_FLOOR_M_S2)
     worst = int(np.argmax(np.abs(offset) - FORCE_SIGMAS * sigma))
     size, unsure = float(offset[worst]), float(sigma[worst])
     if unsure * FORCE_SIGMAS > FORCE_FAR_M_S2:
         why = f"The flight shows the offset to {1.96 * unsure:.2f} m/s^2 only (95 %)."
         return unknown("accelerometer_offset", why, FORCE_LIMIT)
-    told = abs(size) > max(FORCE_OFF_M_S2, FORCE_SIGMAS * unsure)
-    verdict: Verdict = "ok" if not told else "warning" if abs(size) <= FORCE_FAR_M_S2 else "fault"
+    off = abs(size) > max(FORCE_OFF_M_S2, FORCE_SIGMAS * unsure)
+    verdict: Verdict = "ok" if not off else "warning" if abs(size) <= FORCE_FAR_M_S2 else "fault"
     text = f"{source} reads {size:+.2f} m/s^2 too much in {'xy'[worst]} ({interval_text(size, unsure, 2)}, 95 %) by "
     text += f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s, turned by {reference.source}."
     return Check("accelerometer_offset", verdict, text, round(size, 3), "m/s^2", FORCE_LIMIT, sensor=source)
@@ -157,21 +148,21 @@ def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -
 
 @cached_per_log
 def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> ForceFit | None:
-    """The fit over all flights up to the reference's end; None where too little was flown with GNSS."""
+    """Fit the force over all flights up to the reference's end; None where too little was flown with GNSS."""
     imu, gnss = log.replay_imu, _best_receiver(log)
     spans = [(a + EDGE_S, min(b - EDGE_S, reference.scoring.end)) for a, b in segments.spans("airborne")]
-    spans = _first_spans([(a, b) for a, b in spans if b - a > 2.0 * VELOCITY_SPAN_S], LONGEST_S)
-    if imu is None or gnss is None or sum(b - a for a, b in spans) < LEAST_S:
+    spans = _first_spans([(a, b) for a, b in spans if b - a > 2.0 * VELOCITY_SPAN_S], MAX_FLIGHT_S)
+    if imu is None or gnss is None or sum(b - a for a, b in spans) < MIN_FLIGHT_S:
         return None
     start, end, change = _velocity_changes(gnss, spans)
     turned = _turned_force(imu, reference, spans)
-    if turned is None or len(start) < LEAST_S / VELOCITY_SPAN_S:
+    if turned is None or len(start) < MIN_FLIGHT_S / VELOCITY_SPAN_S:
         return None
     best: ForceFit | None = None
     for late in GNSS_DELAYS_S:
         means, known = turned.means(start - late, end - late)
         t, y = end[known], change[known] - means[known][:, :, 8]
-        if len(t) < LEAST_S / VELOCITY_SPAN_S:
+        if len(t) < MIN_FLIGHT_S / VELOCITY_SPAN_S:
             continue
         columns = means[known][:, :, :8]
         prior = np.array([np.inf] * 6 + [_tilt_prior_m_s2(reference)] * 2)
@@ -183,11 +174,11 @@ def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> Force
 
 def _tilt_prior_m_s2(reference: Reference) -> float:
     usual = TILT_M_S2[reference.kind]
-    return usual if reference.fit is None else max(usual, G * math.radians(reference.fit.sigma_tilt_deg))
+    return usual if reference.fit is None else max(usual, STANDARD_GRAVITY * math.radians(reference.fit.sigma_tilt_deg))
 
 
 def _first_spans(spans: list[Span], seconds: float) -> list[Span]:
-    """The first spans, so many seconds of them together."""
+    """Return the first ``seconds`` of spans."""
     kept: list[Span] = []
     for a, b in spans:
         left = seconds - sum(end - begin for begin, end in kept)
@@ -197,16 +188,16 @@ def _first_spans(spans: list[Span], seconds: float) -> list[Span]:
 
 
 def _best_receiver(log: FlightLog) -> Gnss | None:
-    """The receiver with the most velocities of a 3D fix."""
+    """Return the receiver with the most velocities of a 3D fix."""
     return max(log.gnss, key=lambda g: np.count_nonzero(_has_velocity(g)), default=None)
 
 
 def _has_velocity(gnss: Gnss) -> Array:
-    return np.asarray((gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned[:, :2]))
+    return np.asarray((gnss.fix >= FIX_3D) & rotation.finite_rows(gnss.vel_ned[:, :2]))
 
 
 def _velocity_changes(gnss: Gnss, spans: list[tuple[float, float]]) -> tuple[Array, Array, Array]:
-    """Begin and end (n,) s of pairs OVER_S apart, half of that from pair to pair, and mean accelerations (n, 2)."""
+    """Return begin and end (n,) s of pairs of velocities, and their mean accelerations (n, 2)."""
     use = _has_velocity(gnss).astype(bool)
     t, first = np.unique(gnss.t[use], return_index=True)
     velocity = gnss.vel_ned[use][first, :2]
@@ -237,11 +228,11 @@ class TurnedForce:
         constant[:, 0, 0] = constant[:, 1, 1] = 1.0
         every = np.concatenate([np.stack(parts, axis=2), constant, (turn[:, :, 2] * force[:, 2:3])[:, :, None]], axis=2)
         dt = np.diff(t, prepend=t[0])
-        self.t, self.hole = t, np.cumsum(dt > 0.2)
-        self.sums = np.cumsum(every * np.minimum(dt, 0.2)[:, None, None], axis=0).reshape(len(t), -1)
+        self.t, self.hole = t, np.cumsum(dt > MAX_HOLE_S)
+        self.sums = np.cumsum(every * np.minimum(dt, MAX_HOLE_S)[:, None, None], axis=0).reshape(len(t), -1)
 
     def means(self, start: Array, end: Array) -> tuple[Array, Array]:
-        """Means (n, 2, 9) over spans, and which of them (n,) lie between samples without a hole."""
+        """Return the means (n, 2, 9) over spans, and which of them (n,) lie between samples without a hole."""
         i = np.clip(np.searchsorted(self.t, [start, end]), 1, len(self.t) - 1)
         known = (start > self.t[0]) & (end < self.t[-1]) & (self.hole[i[0]] == self.hole[i[1]])
         share = [(x - self.t[k - 1]) / (self.t[k] - self.t[k - 1]) for x, k in ((start, i[0]), (end, i[1]))]
@@ -253,41 +244,35 @@ class TurnedForce:
 
 
 def _turned_force(imu: Imu, reference: Reference, spans: list[Span]) -> TurnedForce | None:
-    """The force with the reference's attitude of the IMU, where both are known, in and shortly before ``spans``."""
-    own = (
-        reference.q
-        if reference.alignment.trim is None
-        else alignment.apply_trim(reference.q, -reference.alignment.trim)
-    )
+    """Turn the force by the reference's attitude of the IMU, where both are known, in and before ``spans``."""
+    trim = reference.alignment.trim
+    own = reference.q if trim is None else alignment.apply_trim(reference.q, -trim)
     near = inside(imu.acc.t_best, [(a - GNSS_DELAYS_S[-1] - EDGE_S, b) for a, b in spans])
     t, force = imu.acc.t_best[near], imu.acc.x[near]
     q, _ = rotation.slerp_in_segments(reference.t, own, reference.gap_segment, t)
     good = rotation.finite_rows(q) & rotation.finite_rows(force)
     t, first = np.unique(t[good], return_index=True)
-    return None if len(t) < 100 else TurnedForce(t, force[good][first], q[good][first])
+    return None if len(t) < MIN_FORCE_SAMPLES else TurnedForce(t, force[good][first], q[good][first])
 
 
-# How much does each accelerometer read too much in flight, by GNSS, and what takes that off?
-#
-# The replayed unit's bias is the smoother's; without one, truth or a smoother as the reference turns the force
-# (``fits/force``), which tells the horizontal axes. Another unit has that bias and what it reads more. Vibration
-# shifts
-# an accelerometer as an offset does, but in flight only: along the vertical the ground must confirm it.
+# Offset of each accelerometer in flight, and the parameters that remove it. The replayed unit's bias is the smoother's;
+# without one, truth or a smoother as the reference turns the force, which shows the horizontal axes. Another unit has
+# that bias and what it reads more. Vibration shifts an accelerometer as an offset does, but in flight only: along the
+# vertical the ground must confirm it.
 
+# 1 and 3 deg of tilt horizontally; along z the limits of gravity's size at rest.
 OFFSET_OFF_M_S2, OFFSET_FAR_M_S2 = np.array([0.17, 0.17, 0.3]), np.array([0.5, 0.5, 1.0])
-"""1 and 3 deg of tilt horizontally; along z the limits of gravity's size at rest."""
+# Offered from four sigmas up to this size: beyond it the smoother's prior holds the bias back (4.5 became 3.5).
 OFFSET_SIGMAS, MAX_OFFSET_M_S2 = 4.0, 1.0
-"""Offered from so many sigma up to this size: beyond it the smoother's prior holds it back (4.5 became 3.5)."""
+# 3 deg: two units of one board may be mounted that differently, and a smaller difference is then no offset.
 MOUNTING_M_S2 = 0.5
-"""3 deg: by less two units of one board may be mounted differently, and their difference is then no offset."""
-GROUND_SHARE = 0.3
-"""The ground shows the vertical offset to 0.1 m/s^2 or this part of it."""
+# The ground confirms the vertical offset to 0.1 m/s^2 or this share of it.
+GROUND_M_S2, GROUND_SHARE = 0.1, 0.3
 OFFSET_LIMIT = "ok up to 0.17 m/s^2 horizontally, 0.3 along z, or 4 sigma; fault above 0.5 and 1 m/s^2"
 OFFSET_SOURCE = "1 and 3 deg of tilt; total error measured on 24 flights with truth"
 TURN_ADVICE = "Fly a minute with GNSS: turn slowly through 360 deg and accelerate in several directions."
-
+# A level that was calibrated with the offset holds it: without it the vehicle would lean.
 SET_ADVICE = "Set the offsets, then calibrate the level; or calibrate the accelerometer in six positions."
-"""A level that was calibrated with the offset holds it: without it the vehicle would lean."""
 
 
 def accelerometer_offsets(case: HealthCase) -> list[Check]:
@@ -308,7 +293,7 @@ def accelerometer_offsets(case: HealthCase) -> list[Check]:
 
 
 def _replayed_bias(case: HealthCase) -> tuple[SensorBias | None, str]:
-    """The bias of the replayed unit, or why it is not known."""
+    """Return the bias of the replayed unit, or why it is not known."""
     if not flight_spans(case.segments):
         return None, "The vehicle does not fly in this log, so GNSS shows no offset."
     found, reference = smoothed_acc_bias(case), case.reference
@@ -318,13 +303,11 @@ def _replayed_bias(case: HealthCase) -> tuple[SensorBias | None, str]:
     if reference is not None and reference.kind in kinds:
         fitted = fit_force(case.log, case.segments, reference)
         if fitted is not None:
-            sigma = np.append(np.hypot(1.5 * fitted.solution.sigma[4:6], FLOOR_M_S2[:2]), np.inf)
+            sigma = np.append(np.hypot(STANDARD_ERRORS * fitted.solution.sigma[4:6], FLOOR_M_S2[:2]), np.inf)
             mean = np.append(-fitted.solution.x[4:6], 0.0)
-            level = bool(4.0 * sigma[:2].max() <= OFFSET_FAR_M_S2[0])
-            by = f"GNSS and {reference.source}"
-            return SensorBias(
-                mean, sigma, (level, level, False), len(fitted.t), fitted.seconds, by
-            ), _turned_too_little(sigma)
+            level = bool(OFFSET_SIGMAS * sigma[:2].max() <= OFFSET_FAR_M_S2[0])
+            known, by = (level, level, False), f"GNSS and {reference.source}"
+            return SensorBias(mean, sigma, known, len(fitted.t), fitted.seconds, by), _turned_too_little(sigma)
     if found is not None:
         return found, _turned_too_little(found.sigma)
     return None, "No velocity by GNSS in flight that a smoother could use, so no offset."
@@ -335,10 +318,10 @@ def _turned_too_little(sigma: Array) -> str:
 
 
 def _imu_bias(case: HealthCase, own: SensorBias, replayed: Imu, imu: Imu) -> SensorBias | None:
-    """The bias of a unit: that of the replayed one, and what it reads more in flight."""
+    """Return the bias of a unit: that of the replayed one, and what it reads more in flight."""
     if imu is replayed:
         return own
-    if imu.acc.rate < LEAST_FLOWN_HZ:
+    if imu.acc.rate < MIN_FLOWN_HZ:
         return None
     more = difference_in_flight(case, "acc", replayed, imu)
     if more is None:
@@ -347,58 +330,49 @@ def _imu_bias(case: HealthCase, own: SensorBias, replayed: Imu, imu: Imu) -> Sen
 
 
 def offset_limits(bias: SensorBias) -> Array:
-    """From which size (3,) on an offset is one, m/s^2."""
+    """Return the sizes (3,) m/s^2 from which an offset counts."""
     return np.asarray(np.maximum(OFFSET_OFF_M_S2, OFFSET_SIGMAS * bias.sigma))
 
 
 def offset_axes(bias: SensorBias) -> NDArray[np.bool_]:
-    """Along which axes (3,) there surely is an offset that counts."""
+    """Return the axes (3,) along which an offset counts."""
     return np.asarray(np.array(bias.known) & (np.abs(bias.mean) > offset_limits(bias)))
 
 
 def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> Check:
-    """The answer for a unit; ``own`` is the bias of the replayed one, by which it was found."""
+    """Check the offset of a unit; ``own``: the bias of the replayed one, by which it was found."""
     known, limits, off = np.array(bias.known), offset_limits(bias), offset_axes(bias)
     worst = int(np.argmax(np.where(known, np.abs(bias.mean) / limits, -1.0)))
     size, sigma = float(bias.mean[worst]), float(bias.sigma[worst])
     verdict: Verdict = graded(abs(size), float(limits[worst]), max(float(OFFSET_FAR_M_S2[worst]), float(limits[worst])))
-    source, told = imu.acc.source, interval_text(size, sigma, 2)
+    source = imu.acc.source
     if off.any():
         also = ", offset or scale" if worst == 2 else ""
-        text = f"{source} is off by {size:+.2f} m/s^2 along {'xyz'[worst]} ({told}, 95 %) in flight{also}."
+        text = f"{source} is off by {size:+.2f} m/s^2 along {'xyz'[worst]} "
+        text += f"({interval_text(size, sigma, 2)}, 95 %) in flight{also}."
     elif known.all():
         text = f"{source} is off by {axes_text(bias.mean)} m/s^2 in flight, which is little."
     else:
         verdict = "unknown"
         axes, others = (" and ".join("xyz"[k] for k in np.flatnonzero(which)) for which in (known, ~known))
         text = f"The flight turns too little to show the offset of {source} along {others}; along {axes} it is small."
-    found = Check(
-        "accelerometer_offset",
-        verdict,
-        text,
-        sensor=source,
-        unit="m/s^2",
-        **measured(size, sigma, 3),
-        vector=[round(float(v), 3) for v in bias.mean] if known.all() else [],
-        vector_ci95=[round(1.96 * float(v), 3) for v in bias.sigma] if known.all() else [],
-        n=bias.n,
-        seconds=round(bias.seconds, 1),
-        threshold=OFFSET_LIMIT,
-        source=OFFSET_SOURCE,
-        action=TURN_ADVICE if verdict == "unknown" else "",
-        evidence=_evidence(case, imu, bias),
-    )
+    check = Check("accelerometer_offset", verdict, text, unit="m/s^2", threshold=OFFSET_LIMIT, sensor=source)
+    check.n, check.seconds, check.source = bias.n, round(bias.seconds, 1), OFFSET_SOURCE
+    check.action, check.evidence = TURN_ADVICE if verdict == "unknown" else "", _evidence(case, imu, bias)
+    check.measure(size, sigma, 3)
+    if known.all():
+        check.measure_axes(bias.mean, bias.sigma, 3)
     if off.any():
-        found.why_no_setting = _refusal(case, imu, bias, own)
-        if not found.why_no_setting:
+        check.why_no_setting = _refusal(case, imu, bias, own)
+        if not check.why_no_setting:
             offered = accelerometer_proposal(case.log, imu, np.where(off, bias.mean, 0.0))
-            found.settings, found.why_no_setting = offered.settings, offered.refused
-        found.action = SET_ADVICE if found.settings else case.log.remedy("accelerometer")
-    return found
+            check.settings, check.why_no_setting = offered.settings, offered.refused
+        check.action = SET_ADVICE if check.settings else case.log.remedy("accelerometer")
+    return check
 
 
 def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> str:
-    """Why an offset that is there is not offered as a number; empty where it is."""
+    """Return why an offset is not offered as a number; empty where it is."""
     off = offset_axes(bias)
     if float(np.abs(own.mean[np.array(own.known)]).max()) > MAX_OFFSET_M_S2:
         return "Above 1 m/s^2 a flight does not show it exactly; six positions do."
@@ -416,7 +390,7 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
         if ground is None:
             return "No rest on the ground confirms the vertical offset. Log before arming."
         shown, foreseen = ground
-        if abs(shown - foreseen) > max(0.1, GROUND_SHARE * abs(float(bias.mean[2]))):
+        if abs(shown - foreseen) > max(GROUND_M_S2, GROUND_SHARE * abs(float(bias.mean[2]))):
             return (
                 f"The force on the ground is {shown:+.2f} m/s^2 off gravity, not {foreseen:+.2f}: no constant offset."
             )
@@ -425,7 +399,7 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
 
 @cached_per_log
 def ground_excess(case: HealthCase, imu: Imu, bias: SensorBias) -> tuple[float, float] | None:
-    """By how much the force on the ground exceeds gravity, and by how much it would by this bias, m/s^2."""
+    """Return force on the ground less gravity, logged and expected by this bias, m/s^2; None without rest."""
     size = gravity.size_at_rest(case, imu)
     if size is None:
         return None
@@ -438,14 +412,15 @@ def ground_excess(case: HealthCase, imu: Imu, bias: SensorBias) -> tuple[float, 
 
 
 def _evidence(case: HealthCase, imu: Imu, bias: SensorBias) -> list[str]:
-    """What found it, the ground, and what the onboard estimator subtracts."""
-    told = [f"By {bias.by}, {bias.seconds:.0f} s."]
+    evidence = [f"By {bias.by}, {bias.seconds:.0f} s."]
     if bias.known[2] and (ground := ground_excess(case, imu, bias)) is not None:
-        told.append(
-            f"The force on the ground is {ground[0]:+.2f} m/s^2 off gravity; this offset makes {ground[1]:+.2f}."
+        shown, expected = ground
+        evidence.append(
+            f"The force on the ground is {shown:+.2f} m/s^2 off gravity; this offset makes {expected:+.2f}."
         )
-    if case.log.estimator.acc_bias is not None and imu is case.log.replay_imu and len(case.log.estimator.acc_bias.x):
-        own = np.nanmedian(case.log.estimator.acc_bias.x, axis=0)
+    onboard = case.log.estimator.acc_bias
+    if onboard is not None and imu is case.log.replay_imu and len(onboard.x):
+        own = np.nanmedian(onboard.x, axis=0)
         if np.isfinite(own).all():
-            told.append(f"The onboard estimator subtracts {axes_text(own)} m/s^2.")
-    return told
+            evidence.append(f"The onboard estimator subtracts {axes_text(own)} m/s^2.")
+    return evidence

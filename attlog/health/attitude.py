@@ -1,8 +1,9 @@
-"""Checks of the onboard attitude."""
+"""Onboard attitude: coverage, rates against the gyro, trim, heading, errors by truth or smoother, jumps, crash."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded, unknown
 from attlog.health.flown import before_crashes
+from attlog.health.sources import REFERENCE_NAMES
 from attlog.reference import onboard_check
 from attlog.reference.gyro_checks import (
     MIN_ATTITUDE_HZ,
@@ -34,7 +36,13 @@ from attlog.segments.model import Segments
 from attlog.story.estimator_events import aid_rejections
 from attlog.story.headlines import WrongAngle
 
-# The onboard attitude against the gyro: coverage, scale, axes and signs; and the vehicle's trim.
+MIN_COVERED_PCT, FEW_COVERED_PCT = 95.0, 50.0
+COVERAGE_LIMIT = "ok from 95 %, fault below 50 %"
+# Slopes of sound flights are 0.95 to 1.05; outside 0.8 to 1.25 the gyro has another unit or range.
+SLOPE_OFF, SLOPE_FAR = np.log(1.055), np.log(1.25)
+GYRO_LIMIT = "ok: slopes 0.95 to 1.05; fault: swapped or reversed axes, or slopes outside 0.8 to 1.25"
+# A trim beyond this is a level calibrated on a slope.
+MAX_TRIM_DEG = 3.0
 
 
 def attitude_checks(case: HealthCase) -> list[Check]:
@@ -54,72 +62,69 @@ def attitude_checks(case: HealthCase) -> list[Check]:
 
 
 def coverage_check(imu: Imu, onboard: Attitude, name: str) -> Check:
-    """The share of the inertial data that the onboard attitude covers; its pauses do not count."""
+    """Check the share of the inertial data that the onboard attitude covers, without its pauses."""
     share = round(100.0 * float(np.mean(onboard.covers(imu.gyro.t))), 1)
-    verdict: Verdict = "ok" if share >= 95.0 else "warning" if share >= 50.0 else "fault"
+    verdict: Verdict = "ok" if share >= MIN_COVERED_PCT else "warning" if share >= FEW_COVERED_PCT else "fault"
     text = f"{name} at {onboard.rate:.1f} Hz covers {share:.1f} % of the inertial data."
-    return Check("coverage", verdict, text, share, "%", "ok from 95 %, fault below 50 %")
+    return Check("coverage", verdict, text, share, "%", COVERAGE_LIMIT)
 
 
 def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segments) -> Check:
-    """Slopes of the attitude's rotation on the gyro's, and whether another order or sign of axes fits better."""
-    limit = "ok: slopes 0.95 to 1.05; fault: swapped or reversed axes, or slopes outside 0.8 to 1.25"
+    """Check the slopes of the attitude's rates on the gyro's, and whether another order or sign of axes fits better."""
+    made = partial(Check, "gyro_against_attitude", threshold=GYRO_LIMIT)
     name = log.onboard or ""
     jumps, _ = resets.known_resets(log, name, segments) if imu is log.replay_imu else resets.find_resets(onboard, imu)
     by_gyro, by_attitude = mean_rates(imu, onboard, jumps)
     if imu.gyro.rate < MIN_ATTITUDE_HZ:
-        return unknown("gyro_against_attitude", f"At {imu.gyro.rate:.0f} Hz {imu.gyro.source} misses turns.", limit)
+        return made("unknown", f"At {imu.gyro.rate:.0f} Hz {imu.gyro.source} misses turns.")
     if len(by_gyro) < MIN_RATE_INTERVALS:
-        return unknown("gyro_against_attitude", f"{name} has too few intervals with inertial data.", limit)
+        return made("unknown", f"{name} has too few intervals with inertial data.")
     g, a = center_rates(by_gyro), center_rates(by_attitude)
-    moving = np.degrees(g.std(axis=0)) >= MIN_RATE_STD_DPS
+    spread = np.degrees(g.std(axis=0))
+    moving = spread >= MIN_RATE_STD_DPS
     slowly = reversed_slowly(g, a, moving)
     if not moving.any() and not slowly:
-        text = (
-            f"The vehicle hardly turns: {', '.join(f'{s:.1f}' for s in np.degrees(g.std(axis=0)))} deg/s about x, y, z."
-        )
-        return unknown("gyro_against_attitude", text, limit)
+        turns = ", ".join(f"{s:.1f}" for s in spread)
+        return made("unknown", f"The vehicle hardly turns: {turns} deg/s about x, y, z.")
     wrong = (swapped_axes(g, a, moving) if moving.any() else "") or slowly
     if wrong:
-        return Check("gyro_against_attitude", "fault", f"{imu.gyro.source} against {name}: {wrong}", threshold=limit)
+        return made("fault", f"{imu.gyro.source} against {name}: {wrong}")
     slopes = np.sum(g * a, axis=0) / np.sum(g * g, axis=0)
     shown = ", ".join(f"{axis} {s:.3f}" for axis, s, m in zip("xyz", slopes, moving, strict=True) if m)
-    worst = float(np.abs(np.log(np.maximum(slopes[moving], 1e-3))).max())
-    slow = onboard.rate < MIN_ATTITUDE_HZ
-    verdict = graded(worst, np.log(1.055), np.log(1.25))
+    verdict = graded(float(np.abs(np.log(np.maximum(slopes[moving], 1e-3))).max()), SLOPE_OFF, SLOPE_FAR)
     text = f"{name} turns as the gyro does by {shown} (1 is equal)."
-    if slow and verdict == "fault":
+    if onboard.rate < MIN_ATTITUDE_HZ and verdict == "fault":
         verdict, text = "warning", text + f" At {onboard.rate:.0f} Hz the attitude smears fast motion."
-    value = float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))])
-    return Check("gyro_against_attitude", verdict, text, round(value, 4), "", limit)
+    return made(verdict, text, value=round(float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))]), 4))
 
 
 def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
-    """The vehicle's trim: a constant difference between the IMU and what the attitude says."""
+    """Check the vehicle's trim: a constant angle between the IMU and the attitude."""
     if not onboard.has_trim:
         return []
-    limit = "warning above 3 deg"
+    limit = f"warning above {MAX_TRIM_DEG:.0f} deg"
     vector = log.parameters.trim
     if vector is None:
         return [unknown("trim", "The log holds no parameters of the trim.", limit)]
     roll, pitch = np.degrees(vector[:2])
     size = float(np.hypot(roll, pitch))
     text = f"The vehicle's trim turns roll by {roll:.2f} and pitch by {pitch:.2f} deg."
-    return [Check("trim", "ok" if size <= 3.0 else "warning", text, round(size, 3), "deg", limit)]
+    return [Check("trim", "ok" if size <= MAX_TRIM_DEG else "warning", text, round(size, 3), "deg", limit)]
 
 
-# Is the onboard heading wrong by GNSS acceleration, and when? It needs no compass, no truth and no smoother.
+# Heading by GNSS acceleration, without compass, truth or smoother.
 
 HEADING_BY_GNSS = "heading_by_gnss"
+# So far off, position hold circles instead of holding.
 SERIOUS_HEADING_DEG = 15.0
-"""So far off, position hold circles instead of holding."""
 GNSS_HEADING_LIMIT = (
     f"ok up to {WRONG_DEG:.0f} deg or {WRONG_SIGMAS:.0f} sigma, fault above {SERIOUS_HEADING_DEG:.0f} deg"
 )
+MIN_REJECTED_S = 1.0
 
 
 def gnss_heading_checks(case: HealthCase) -> list[Check]:
-    """The onboard heading against GNSS acceleration in flight; nothing without GNSS or attitude."""
+    """Check the onboard heading against GNSS acceleration in flight; nothing without either."""
     log, segments = case.log, case.segments
     motion = find_gnss_motion(log, segments)
     if motion is None or log.onboard_attitude is None:
@@ -152,38 +157,36 @@ def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading
 
 
 def _rejected_gnss(log: FlightLog, segments: Segments, spans: list[Span]) -> str:
-    """What the onboard estimator rejected of GNSS while its heading was wrong: ``GNSS velocity for 12 s``."""
+    """Return what the onboard estimator rejected of GNSS in spans: ``GNSS velocity for 12 s``."""
     found = []
     for one in aid_rejections(log, segments):
         seconds = sum(b - a for a, b in intersect(one.spans, spans))
-        if one.aid in ("velocity", "position") and seconds >= 1.0:
+        if one.aid in ("velocity", "position") and seconds >= MIN_REJECTED_S:
             found.append(f"GNSS {one.aid} for {seconds:.0f} s")
     return " and ".join(found)
 
 
-# Is the onboard attitude the wrong one? Its difference from the truth, or from the smoother in degrees and sigmas.
-#
-# Where it differs, and what gravity and GNSS acceleration say of it, stands in ``reference.physics.accusing``. A
-# smoother
-# whose own sensors failed a check accuses nobody, unless that evidence speaks against the onboard attitude too.
+# Onboard attitude against truth, or against the smoother in degrees and sigmas: :mod:`attlog.reference.onboard_check`.
+# A smoother whose own sensors failed a check shows no error, unless gravity and GNSS acceleration contradict the
+# onboard attitude too.
 
 AGAINST_SMOOTHER, AGAINST_TRUTH = "onboard_against_smoother", "onboard_against_truth"
+# By the kind of the reference.
 AGAINST = {"smoother": AGAINST_SMOOTHER, "truth": AGAINST_TRUTH}
-"""By what the reference is."""
+# Share of a tilt error that one turn of the sensor may leave and still explain it.
 MAX_MOUNTING_LEFT = 0.3
-"""What is left of a tilt error that a turn of the sensor explains, at most."""
 ONBOARD_LIMIT = "ok up to 3 deg of tilt and 8 deg of heading"
 ONBOARD_LIMITS = {"smoother": f"{ONBOARD_LIMIT}, or 3 joint sigmas", "truth": ONBOARD_LIMIT}
+# Checks of the accelerometer, which the evidence of gravity and of GNSS acceleration needs.
 FORCE_CHECKS = ("accelerometer_axes", "accelerometer_delay", "force_axes", "frozen_sensors")
-"""Checks of the accelerometer, which the evidence of gravity and of GNSS acceleration needs."""
+# Checks of the sensors that every smoother is made of.
 INERTIAL_CHECKS = (
     *FORCE_CHECKS,
     *("gyro_dead", "gyro_range", "gyro_bias", "frozen_gyro", "gyro_spikes", "gyro_bias_step", "gyro_scale"),
     *("accelerometer_dead", "accelerometer_rest", "accelerometer_offset", "vibration_level", "vertical_force"),
 )
-"""Checks of the sensors that every smoother is made of."""
+# Checks of the compass that a heading may come from.
 COMPASS_CHECKS = ("compass_axes", "compass_offset", "compass_turn", "field", "compass_motors")
-"""Checks of the sensor that a heading may rest on."""
 
 
 def smoother_checks(case: HealthCase) -> list[Check]:
@@ -193,15 +196,15 @@ def smoother_checks(case: HealthCase) -> list[Check]:
     if reference is None or found is None:
         return []
     name, limit = AGAINST[reference.kind], ONBOARD_LIMITS[reference.kind]
-    whom = "the truth" if reference.kind == "truth" else "the smoother"
+    whom = REFERENCE_NAMES[reference.kind]
     if not found.errors:
         return [Check(name, "ok", _agreement_text(log, found, whom), threshold=limit)]
     failed = {check.question for check in case.trouble() if _misleads(check)}
-    doubts = {error.angle: _failed_sensors(error, reference, failed) for error in found.errors}
-    errors = [error for error in found.errors if not doubts[error.angle]]
+    failures = {error.angle: _failed_sensors(error, reference, failed) for error in found.errors}
+    errors = [error for error in found.errors if not failures[error.angle]]
     if not errors:
         error = found.errors[0]
-        why = f"{log.onboard} differs from {whom}: {error.text}. Who is wrong is open: {doubts[error.angle]} failed."
+        why = f"{log.onboard} differs from {whom}: {error.text}. Who is wrong is open: {failures[error.angle]} failed."
         return [unknown(name, why, limit)]
     shown = [error for error in errors if error.wrong] or errors
     lead, *rest = shown
@@ -213,25 +216,14 @@ def smoother_checks(case: HealthCase) -> list[Check]:
     text += f": {lead.text}."
     if lead.evidence:
         text += f" It is {lead.evidence.replace('the reference', whom)}."
-    first, last = lead.longest
-    return [
-        Check(
-            name,
-            "fault" if wrong else "warning",
-            text,
-            round(lead.size, 1),
-            "deg",
-            limit,
-            t=first,
-            t_end=last,
-            about=lead.angle,
-            evidence=[f"Its {error.text}." for error in rest],
-        )
-    ]
+    check = Check(name, "fault" if wrong else "warning", text, round(lead.size, 1), "deg", limit, about=lead.angle)
+    check.t, check.t_end = lead.longest
+    check.evidence = [f"Its {error.text}." for error in rest]
+    return [check]
 
 
 def _agreement_text(log: FlightLog, found: OnboardComparison, whom: str) -> str:
-    """That the onboard attitude is not in error, and by what."""
+    """Return that the onboard attitude is not in error, and by what."""
     if found.supported == ["tilt"]:
         return f"{log.onboard} agrees with gravity where it stands, better than {whom}."
     if found.supported:
@@ -250,7 +242,7 @@ def _misleads(check: Check) -> bool:
 
 
 def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str]) -> str:
-    """Which failed checks (names) of the judge's own sensors leave open who is wrong; empty for none."""
+    """Return the failed checks of the reference's own sensors that leave open which is wrong; empty for none."""
     if reference.kind == "truth":
         return ""
     relevant: tuple[str, ...] = FORCE_CHECKS if error.confirmed else INERTIAL_CHECKS
@@ -264,7 +256,7 @@ def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str])
 
 
 def is_mounted_turned(onboard: Array, own: Array) -> bool:
-    """Whether one turn of the sensor in the body explains the tilt (n, 4) of the onboard attitude against ``own``."""
+    """Return whether one turn of the sensor explains the tilt (n, 4) of the onboard attitude against ``own``."""
     down = np.array([0.0, 0.0, 1.0])
     a, b = (rotation.rotate_inverse(q, down) for q in (own, onboard))
     turn = rotation.nearest_rotation(b.T @ a)
@@ -273,19 +265,19 @@ def is_mounted_turned(onboard: Array, own: Array) -> bool:
 
 
 def _usual_difference(angle: str, size: Array, sigma: Array) -> str:
-    """``tilt 0.6 deg (2.1 sigma)``: RMS of the difference, and of its ratio to the reference's own sigma."""
+    """Return ``tilt 0.6 deg (2.1 sigma)``: RMS of the difference, and of its ratio to the reference's sigma."""
     text = f"{angle} {float(np.sqrt(np.mean(size**2))):.1f} deg"
     return f"{text} ({float(np.sqrt(np.mean((size / sigma) ** 2))):.1f} sigma)" if sigma.all() else text
 
 
-# Which angle of the onboard attitude do the checks prove wrong in flight, by how much, and when?
+# The angle of the onboard attitude that checks prove wrong in flight.
 
+# Checks that prove it, the one with the fewest assumptions first.
 PROOFS = (HEADING_BY_GNSS, AGAINST_TRUTH, AGAINST_SMOOTHER)
-"""Checks that prove it, the one with the fewest assumptions first."""
 
 
 def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
-    """The wrong angle with its size in deg and its time in s; None where no check proves one."""
+    """Return the wrong angle with its size in deg and its time in s; None where no check proves one."""
     faults = {check.question: check for check in checks if check.question in PROOFS and check.verdict == "fault"}
     for name in PROOFS:
         check = faults.get(name)
@@ -297,71 +289,58 @@ def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
 
 # Jumps of the onboard attitude: yaw realignments, resets and lane switches, with their size.
 
-
+# Estimators make smaller ones every day; from 15 deg a flight in position hold goes astray.
 MIN_JUMP_DEG, LARGE_JUMP_DEG = 3.0, 15.0
-"""Smaller ones are what an estimator does every day; from 15 deg a flight in position hold goes astray."""
+JUMP_LIMIT = f"ok up to {MIN_JUMP_DEG:.0f} deg, fault above {LARGE_JUMP_DEG:.0f} deg in flight"
+# Where arming is not logged, steps so long after the first attitude are its alignment.
 ALIGNMENT_S = 15.0
-"""Where nothing tells of arming: steps within so long after the first attitude are its alignment."""
 MAX_SHOWN_JUMPS = 4
-AROUND_JUMP_S = 3.0
-"""So long before and after a jump the attitude is held against truth or smoother."""
-MAX_ERROR_LEFT = 0.4
-"""A jump sets right (or wrong) what had (or has then) so much of the error of its other side at most."""
+# A jump is one of heading where all of it turns so much about the vertical.
+YAW_SHARE = 0.9
+# The attitude is compared with truth or smoother so long before and after a jump; of the larger error the smaller one
+# has at most 40 %, and the larger one is at least half of the jump.
+AROUND_JUMP_S, MAX_ERROR_LEFT, MIN_ERROR_SHARE = 3.0, 0.4, 0.5
 
 
 def jump_checks(case: HealthCase) -> list[Check]:
-    """Steps of the onboard attitude that no rotation of the vehicle explains, once it was armed (aligned) and whole.
+    """Check steps of the onboard attitude that no rotation of the vehicle explains, once it was armed and whole.
 
-    ``reference``: truth or smoother tell on which side of the largest jump the attitude was right.
+    Truth or smoother show on which side of the largest jump the attitude was right.
     """
     log, segments, reference = case.log, case.segments, case.reference
     attitude, imu = log.onboard_attitude, log.replay_imu
     if attitude is None or imu is None:
         return []
-    limit = f"ok up to {MIN_JUMP_DEG:.0f} deg, fault above {LARGE_JUMP_DEG:.0f} deg in flight"
+    made = partial(Check, "attitude_jumps", unit="deg", threshold=JUMP_LIMIT)
     index, _ = resets.known_resets(log, log.onboard or "", segments)
     stamps = attitude.t[index]
     index = index[jumps_in_use(stamps, float(attitude.t[0]), segments) & before_crashes(segments, stamps)]
     sizes = resets.unexplained_deg(attitude, imu) if len(index) else None
     if sizes is None:
-        return [Check("attitude_jumps", "ok", f"{log.onboard} never jumps while in use.", 0.0, "deg", limit)]
+        return [made("ok", f"{log.onboard} never jumps while in use.", value=0.0)]
     size = sizes[0][index - 1]
     large = np.isfinite(size) & (size > MIN_JUMP_DEG)
     if not large.any():
-        worst = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
-        text = f"{log.onboard} jumps by {worst:.1f} deg at most."
-        return [Check("attitude_jumps", "ok", text, round(worst, 1), "deg", limit)]
+        largest = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
+        return [made("ok", f"{log.onboard} jumps by {largest:.1f} deg at most.", value=round(largest, 1))]
     t, size, index = attitude.t[index[large]], size[large], index[large]
     order = np.argsort(-size, kind="stable")
-    flown = segments.mask(t, "airborne")
-    yaw = yaw_share(attitude.q, index)
     shown = ", ".join(f"{size[k]:.1f} deg at {t[k]:.1f} s" for k in sorted(order[:MAX_SHOWN_JUMPS].tolist()))
     more = f" and {len(t) - MAX_SHOWN_JUMPS} smaller ones" if len(t) > MAX_SHOWN_JUMPS else ""
-    heading = bool((yaw > 0.9).all())
+    heading = bool((yaw_share(attitude.q, index) > YAW_SHARE).all())
     times = "once" if len(t) == 1 else f"{len(t)} times"
     text = f"The onboard {'heading' if heading else 'attitude'} jumped {times}: {shown}{more}."
-    verdict: Verdict = "fault" if (size[flown] > LARGE_JUMP_DEG).any() else "warning"
-    k = int(order[0])
-    side = right_side(log, reference, int(index[k]), heading, float(size[k]))
-    return [
-        Check(
-            "attitude_jumps",
-            verdict,
-            text,
-            round(float(size.max()), 1),
-            "deg",
-            limit,
-            t=float(t[0]),
-            t_end=float(t[-1]) if len(t) > 1 else None,
-            count=len(t),
-            about="heading" if heading else "tilt",
-            evidence=[side] if side else [],
-        )
-    ]
+    serious = bool((size[segments.mask(t, "airborne")] > LARGE_JUMP_DEG).any())
+    check = made("fault" if serious else "warning", text, value=round(float(size.max()), 1), t=float(t[0]))
+    check.t_end, check.count = float(t[-1]) if len(t) > 1 else None, len(t)
+    check.about = "heading" if heading else "tilt"
+    side = right_side(log, reference, int(index[order[0]]), heading, float(size[order[0]]))
+    check.evidence = [side] if side else []
+    return [check]
 
 
 def right_side(log: FlightLog, reference: Reference | None, k: int, heading: bool, size: float) -> str:
-    """On which side of the jump to sample ``k`` truth or smoother find the attitude right; empty where on none."""
+    """Return on which side of the jump to sample ``k`` the attitude agrees with the reference; empty where on none."""
     attitude = log.onboard_attitude
     if reference is None or attitude is None or reference.kind not in ("truth", "smoother"):
         return ""
@@ -374,8 +353,8 @@ def right_side(log: FlightLog, reference: Reference | None, k: int, heading: boo
         off = np.abs(turned if heading else tilt)
         errors.append(float(np.nanmedian(off)) if np.isfinite(off).any() else np.nan)
     before, after = errors
-    whom = "the truth" if reference.kind == "truth" else "the smoother"
-    if not np.isfinite(before + after) or max(before, after) < 0.5 * size:
+    whom = REFERENCE_NAMES[reference.kind]
+    if not np.isfinite(before + after) or max(before, after) < MIN_ERROR_SHARE * size:
         return ""
     if after < MAX_ERROR_LEFT * before:
         return f"Before the jump at {attitude.t[k]:.1f} s it was {before:.0f} deg off {whom}, then {after:.0f} deg."
@@ -385,7 +364,7 @@ def right_side(log: FlightLog, reference: Reference | None, k: int, heading: boo
 
 
 def jumps_in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_]:
-    """Which times (k,) are while armed or in the air, else well after the first attitude: before, it is aligned."""
+    """Select the times (k,) while armed or in the air, else well after the first attitude."""
     if "armed" in segments.unknown:
         later: NDArray[np.bool_] = t > start + ALIGNMENT_S
         return later | segments.mask(t, "airborne")
@@ -394,20 +373,20 @@ def jumps_in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_
 
 
 def yaw_share(q: Array, index: NDArray[np.int64]) -> Array:
-    """How much (k,) of each step at ``index`` turns about the vertical, 0 to 1."""
+    """Return the share (k,) of each step at ``index`` about the vertical, 0 to 1."""
     step = rotation.to_rotvec(rotation.multiply(q[index], rotation.conjugate(q[index - 1])))
     size = np.sqrt(np.sum(step**2, axis=1))
     share: Array = np.divide(np.abs(step[:, 2]), size, out=np.zeros(len(size)), where=size > 0)
     return share
 
 
-# Was there a loss of control or an impact? After it a log tells about a wreck.
+# Loss of control and impact; after them the log is that of a wreck.
 
 CRASH_LIMIT = "ok: no tilt beyond 90 deg that ends on the ground, no blow above 4 g after which it lies or tumbles"
 
 
 def crash_checks(case: HealthCase) -> list[Check]:
-    """One check that tells the first crash, and how often control was lost; ok only where samples could show one."""
+    """Check for a crash, and how often control was lost; ok only where samples could show one."""
     log, segments = case.log, case.segments
     if not log.imus:
         return []
@@ -429,14 +408,14 @@ def crash_checks(case: HealthCase) -> list[Check]:
 
 
 def _crash_text(segments: Segments, t: float) -> str:
-    """How the crash at a time began: the end of use is called an impact whatever it was."""
+    """Return how the crash at a time began; the end of use is called an impact whatever it was."""
     first = next((e for e in segments.endings if e.is_crash and abs(e.t - t) < 1.0), None)
     kinds = {"impact": "An impact", "overturn": "It turned over", "tumble": "It tumbled"}
     return "An impact" if first is None else kinds.get(first.kind, "An impact")
 
 
 def _no_crash(log: FlightLog, segments: Segments) -> Check:
-    """No crash, where raw samples would show one; else why that cannot be said."""
+    """Return that there was no crash, where raw samples would show one; else why that is unknown."""
     driven = segments.of("airborne") or segments.of("armed")
     if not driven or shows_impacts(log):
         return Check("crash", "ok", "No loss of control and no impact.", 0.0, "", CRASH_LIMIT)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isclose
-from typing import Literal, TypedDict
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +80,18 @@ class Check:
         """Whether the verdict is a warning or a fault."""
         return self.verdict in TROUBLE
 
+    def measure(self, value: float, sigma: float, digits: int, least: float = -math.inf) -> Check:
+        """Set value and 95 % interval, rounded; the interval begins at ``least`` or above."""
+        self.value = round(value, digits)
+        self.ci95 = round(max(value - 1.96 * sigma, least), digits), round(value + 1.96 * sigma, digits)
+        return self
+
+    def measure_axes(self, vector: Array, sigma: Array, digits: int) -> Check:
+        """Set the components (3,) and half their 95 % intervals, rounded."""
+        self.vector = [round(float(v), digits) for v in vector]
+        self.vector_ci95 = [round(1.96 * float(s), digits) for s in sigma]
+        return self
+
 
 def unknown(question: str, why: str, threshold: str = "", *, sensor: str = "", source: str = "") -> Check:
     """Return a check that this log cannot answer, with the reason."""
@@ -89,19 +101,6 @@ def unknown(question: str, why: str, threshold: str = "", *, sensor: str = "", s
 def graded(value: float, ok: float, warning: float) -> Literal["ok", "warning", "fault"]:
     """Return ok up to ``ok``, warning up to ``warning``, else fault."""
     return "ok" if value <= ok else "warning" if value <= warning else "fault"
-
-
-class Measured(TypedDict):
-    """Value of a check with its 95 % interval."""
-
-    value: float
-    ci95: tuple[float, float]
-
-
-def measured(value: float, sigma: float, digits: int, least: float = -math.inf) -> Measured:
-    """Return a value and its 95 % interval, rounded; the interval does not begin below ``least``."""
-    low, high = max(value - 1.96 * sigma, least), value + 1.96 * sigma
-    return {"value": round(value, digits), "ci95": (round(low, digits), round(high, digits))}
 
 
 def finite(check: Check) -> Check:

@@ -1,9 +1,9 @@
-"""How late are GNSS and compass against the inertial samples? By an attitude that both are compared with.
+"""Delay of IMU, GNSS and compass: fits against an attitude, and the parameters that should hold them.
 
-GNSS: with attitude R, force f and gravity g, the velocity is the integral of ``R f + g``. Between fixes 2 s apart it
-changes by ``V(t_j - tau) - V(t_i - tau)``; linear in a change of tau, a turn of the attitude about the vertical and a
-constant force. Compass: the field is ``R(t - tau)' h``, linear in tau, a turn, a scale and an offset. Gauss-Newton
-with Huber weights; the standard errors are clustered by 5 s (:mod:`attlog.health.regression`).
+GNSS: with attitude R, force f and gravity g the velocity is the integral V of ``R f + g``. Between fixes 2 s apart it
+changes by ``V(t_j - tau) - V(t_i - tau)``, linear in a change of the delay tau, a turn of the attitude about the
+vertical and a constant force. Compass: the field is ``R(t - tau)' h``, linear in tau, a turn, a scale and an offset.
+Gauss-Newton with Huber weights; standard errors are clustered by 5 s (:mod:`attlog.health.regression`).
 """
 
 from __future__ import annotations
@@ -11,34 +11,37 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.core.spans import Span, complement, inside, intersect
+from attlog.core.spans import Span, inside
 from attlog.flight import aiding
 from attlog.flight.aiding import DelayParameter
-from attlog.flight.model import Array, FlightLog, Gnss, Imu
-from attlog.health.check import Check, HealthCase, Setting, graded, unknown
-from attlog.health.flown import crash_spans
+from attlog.flight.model import FIX_3D, Array, Gnss, Imu
+from attlog.health.check import Check, HealthCase, Setting, graded
+from attlog.health.flown import driven_spans
 from attlog.health.regression import RobustFit, interval_text, robust_fit
 from attlog.reference import alignment
+from attlog.reference.model import Reference
 
+# Velocities change over this time, give or take.
 VELOCITY_SPAN_S, SPAN_TOLERANCE_S = 2.0, 0.7
-"""Velocities change over so long, give or take."""
+# Force is not integrated across a longer hole between inertial samples.
 MAX_STEP_S = 0.1
-"""Force is not integrated across a longer hole between inertial samples."""
-FIX_3D = 3
 MIN_DELAY_SAMPLES, MAX_DELAY_S = 30, 0.6
 PASSES, CONVERGED_S = 8, 5e-4
+# Half the step of numerical derivatives.
 SLOPE_S = 0.02
-"""Derivatives are differences over twice so long."""
+# Standard errors of clustered blocks are too small by about this.
+STANDARD_ERRORS = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class AttitudePath:
-    """Attitudes ``q`` (n, 4) of the replayed IMU at ``t`` (n,) s; ``segment`` (n,) numbers what is between gaps."""
+    """Attitudes ``q`` (n, 4) of the replayed IMU at ``t`` (n,) s; ``segment`` (n,) numbers the parts between gaps."""
 
     t: Array
     q: Array
@@ -48,10 +51,10 @@ class AttitudePath:
 
 @dataclass(frozen=True, slots=True)
 class DelayFit:
-    """A delay and its standard error in s; ``halves`` are those of both halves of the flight.
+    """Delay and its standard error in s, ``halves`` those of both halves of the flight.
 
-    ``turn_deg`` is the turn of the attitude about the vertical that fits best. ``moving``: RMS of what shows the
-    delay, m/s^2 or uT/s. ``n`` samples in ``seconds``.
+    ``turn_deg``: turn of the attitude about the vertical that fits best. ``moving``: RMS of what shows the delay, m/s^2
+    or uT/s. ``n`` samples in ``seconds``.
     """
 
     delay: float
@@ -63,12 +66,12 @@ class DelayFit:
     seconds: float
 
 
+# At a delay in s: times (n,), columns (n, k, p), the first two those of delay and turn, and the rest (n, k).
 Equations = Callable[[float], tuple[Array, Array, Array]]
-"""At a delay in s: times (n,), columns (n, k, p), the first two those of delay and turn, and the rest (n, k)."""
 
 
 def fit_gnss_delay(imu: Imu, receiver: Gnss, path: AttitudePath, flown: list[Span], guess: float) -> DelayFit | None:
-    """How late the velocities of a receiver are against its own time of receipt; None where too little tells."""
+    """Fit the delay of a receiver's velocities against its time of receipt; None from too few."""
     s, velocity, broken = _force_integral(imu, path, flown)
     t = receiver.t if receiver.received is None else receiver.received
     fixed = (receiver.fix >= FIX_3D) & np.isfinite(receiver.vel_ned[:, :2]).all(axis=1) & np.isfinite(t)
@@ -106,7 +109,7 @@ def fit_gnss_delay(imu: Imu, receiver: Gnss, path: AttitudePath, flown: list[Spa
 
 
 def fit_compass_delay(t: Array, field: Array, earth: Array, path: AttitudePath) -> DelayFit | None:
-    """How late a field (n, 3) uT at ``t`` (n,) s is against the attitude; ``earth`` (3,) uT north, east, down."""
+    """Fit the delay of a field (n, 3) uT at ``t`` (n,) s; ``earth`` (3,) uT NED. None from too few."""
     across = np.array([-earth[1], earth[0], 0.0])
 
     def expected(when: Array, what: Array) -> Array:
@@ -127,7 +130,7 @@ def fit_compass_delay(t: Array, field: Array, earth: Array, path: AttitudePath) 
 
 
 def _force_integral(imu: Imu, path: AttitudePath, flown: list[Span]) -> tuple[Array, Array, Array]:
-    """Times (n,) s when the force was felt, its integral (n, 2) m/s north and east, and the holes up to each."""
+    """Return times (n,) s of the force, its integral (n, 2) m/s north and east, and holes up to each."""
     begin, end = (flown[0][0] - 2.0, flown[-1][1] + 2.0) if flown else (0.0, -1.0)
     stamps = imu.acc.t_best
     use = np.flatnonzero((stamps >= begin) & (stamps <= end))
@@ -143,7 +146,7 @@ def _force_integral(imu: Imu, path: AttitudePath, flown: list[Span]) -> tuple[Ar
 
 
 def _gauss_newton(equations: Equations, guess: float) -> DelayFit | None:
-    """The delay at which nothing is left to change."""
+    """Return the fit at the delay that no longer changes; None where there is none."""
     before = guess
     for _ in range(PASSES):
         t, columns, rest = equations(before)
@@ -170,50 +173,17 @@ def _fit_delay(t: Array, columns: Array, rest: Array) -> RobustFit | None:
     return robust_fit(t, columns, rest) if len(t) >= MIN_DELAY_SAMPLES else None
 
 
-# When a vehicle flew, and by which attitude its other sensors are compared: for every question of this folder.
+# The attitude that delays are fitted by.
 
-EDGE_S = 1.0
-"""Left out at both ends of a flight: the ground pushes there."""
-BLOCK_S = 5.0
-"""Samples within so long are not independent: intervals come from blocks."""
+# A smoother with smaller sigmas knows its heading by motion alone; its tilt, where only that is needed.
 SURE_HEADING_DEG, SURE_TILT_DEG = 5.0, 1.0
-"""A smoother that is surer than this knows its heading by motion alone; its tilt, where only that is needed."""
-
-
-def flight_spans(case: HealthCase) -> list[Span]:
-    """Spans (t0, t1) s in the air before any crash; while armed, where a log cannot tell of flight."""
-    segments = case.segments
-    if "airborne" in segments.unknown:
-        spans = armed_spans(case.log)
-    else:
-        spans = segments.spans("airborne")
-    spans = [(a + EDGE_S, b - EDGE_S) for a, b in spans if b - a > 2.0 * EDGE_S]
-    return intersect(spans, complement(crash_spans(segments), -np.inf, np.inf))
-
-
-def armed_spans(log: FlightLog) -> list[Span]:
-    """Spans (t0, t1) s armed; none where the log does not tell."""
-    if log.state.armed is None or len(log.state.armed.t) == 0:
-        return []
-    ends = [*log.state.armed.t[1:].tolist(), _last_time(log)]
-    return [
-        (a, b) for a, b, on in zip(log.state.armed.t.tolist(), ends, log.state.armed.value, strict=True) if on and b > a
-    ]
-
-
-def _last_time(log: FlightLog) -> float:
-    """The last time of anything that is asked for here, s."""
-    every = (
-        [a.t for a in log.attitudes.values()] + [g.t for g in log.gnss] + [i.t for i in log.estimator.innovation_tests]
-    )
-    return max((float(t[-1]) for t in every if len(t)), default=log.seconds)
 
 
 def attitude_path(case: HealthCase) -> AttitudePath | None:
-    """The attitude that the delays of other sensors are measured by; None where none is sound.
+    """Return the attitude to fit delays by; None where none is accurate enough.
 
-    By motion alone where that knows its heading, else truth or a smoother with its own heading, else motion alone
-    with a heading that the fits turn as they need.
+    Motion alone where it knows its heading, else truth or a smoother with its own heading, else motion alone with a
+    heading that the fits turn as they need.
     """
     motion, reference = case.motion, case.reference
     by_motion = None if motion is None else AttitudePath(motion.t, motion.q, motion.segment, "motion alone")
@@ -232,114 +202,157 @@ def _at_most(quality: dict[str, float | str], name: str, limit: float) -> bool:
 
 
 def reason_no_path(case: HealthCase) -> str:
-    """Why there is no attitude to measure delays by, and what would give one."""
+    """Return why there is no attitude to fit delays by, and what would give one."""
     if case.log.replay_imu is None:
         return f"No IMU of this log can be replayed. {case.log.advice('imu')}".strip()
     return "No attitude of this log is sure enough to measure delays by; fly longer with GNSS, faster and slower."
 
 
-def median_interval(t: Array, x: Array) -> tuple[float, float]:
-    """The 95 % interval of the median of ``x`` (n,) at ``t`` (n,) s: order statistics of medians of blocks of 5 s."""
-    block = (t // BLOCK_S).astype(np.int64)
-    starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
-    medians = np.sort([float(np.median(part)) for part in np.split(x, starts[1:])])
-    n = len(medians)
-    reach = 0.98 * np.sqrt(n)
-    low, high = int(np.floor(0.5 * n - reach)), int(np.ceil(0.5 * n + reach))
-    return float(medians[max(low, 0)]), float(medians[min(high, n - 1)])
-
-
-def held_seconds(t: Array) -> Array:
-    """How long each sample (n,) at ``t`` stands for, s: to the next, at most three usual steps."""
-    if len(t) < 2:
-        return np.zeros(len(t))
-    step = np.diff(t)
-    usual = float(np.median(step))
-    return np.asarray(np.minimum(np.append(step, usual), 3.0 * usual))
-
-
-# How late the logged gyro is: by its filter's parameter, and by what the rates show beyond it.
+# Delay of the logged gyro: by its filter's parameter, and by the rates.
 
 SHORT_DELAY_MS = 6.0
+# A larger difference is no filter's that is named; no sensor's own filter (20 Hz); a wrong clock or sampling rule.
 AGREES_MS, HIDDEN_MS, WRONG_CLOCK_MS = 4.0, 10.0, 20.0
-"""A difference beyond the first is no filter's that is named, beyond the second none that a sensor has by itself
-(20 Hz), beyond the third a clock or a sampling rule is wrong."""
-IMU_DELAY_SIGMAS, IMU_FLOOR_MS = 4.0, 0.5
-"""Told above four times sqrt((1.5 standard errors)^2 + 0.5^2)."""
-FILTER_DELAY_LIMIT = f"ok up to {SHORT_DELAY_MS:.0f} ms"
-IMU_DELAY_LIMIT = (
+IMU_SIGMAS, IMU_FLOOR_MS = 4.0, 0.5
+FILTER_LIMIT = f"ok up to {SHORT_DELAY_MS:.0f} ms"
+IMU_LIMIT = (
     f"ok within {AGREES_MS:.0f} ms ({HIDDEN_MS:.0f} where the log names no filter) of its filter's, "
-    f"or {IMU_DELAY_SIGMAS:.0f} sigma; fault beyond {WRONG_CLOCK_MS:.0f} ms"
+    f"or {IMU_SIGMAS:.0f} sigma; fault beyond {WRONG_CLOCK_MS:.0f} ms"
 )
 
 
 def imu_delay_checks(case: HealthCase) -> list[Check]:
-    """Check the delay of the filters ahead of the logger, and of the gyro rates against those of the reference."""
-    log, reference = case.log, case.rates
+    """Check the delay of the filters ahead of the logger, and of the gyro rates against the reference's."""
+    log = case.log
     if not log.imus:
         return []
     imu = log.imus[log.imu or 0]
-    by_filter = 1e3 * imu.gyro.delay
-    own = Check("filter_delay", "ok", "", threshold=FILTER_DELAY_LIMIT, sensor=imu.gyro.source)
-    if by_filter > 0:
-        own.verdict = graded(by_filter, SHORT_DELAY_MS, math.inf)
-        own.text, own.value, own.unit = f"{own.sensor} is late by {by_filter:.1f} ms ({imu.filtered}).", by_filter, "ms"
-        own.value = round(by_filter, 2)
-    elif imu.filtered not in ("unknown", "driver"):
-        own.text, own.value, own.unit = f"{own.sensor} is logged without a low-pass filter.", 0.0, "ms"
-    else:
-        own.verdict, own.text = "unknown", f"{own.sensor}: the log does not show how it was filtered."
-    rates = Check("imu_delay", "ok", "", threshold=IMU_DELAY_LIMIT, sensor=imu.gyro.source)
-    seen = None if reference is None or log.imu is None else alignment.gyro_delay(imu, reference)
+    return [_filter_delay(imu), _rate_delay(imu, None if log.imu is None else case.rates)]
+
+
+def _filter_delay(imu: Imu) -> Check:
+    source, late = imu.gyro.source, 1e3 * imu.gyro.delay
+    made = partial(Check, "filter_delay", threshold=FILTER_LIMIT, sensor=source)
+    if late > 0:
+        text = f"{source} is late by {late:.1f} ms ({imu.filtered})."
+        return made(graded(late, SHORT_DELAY_MS, math.inf), text, value=round(late, 2), unit="ms")
+    if imu.filtered not in ("unknown", "driver"):
+        return made("ok", f"{source} is logged without a low-pass filter.", value=0.0, unit="ms")
+    return made("unknown", f"{source}: the log does not show how it was filtered.")
+
+
+def _rate_delay(imu: Imu, reference: Reference | None) -> Check:
+    source, by_filter = imu.gyro.source, 1e3 * imu.gyro.delay
+    made = partial(Check, "imu_delay", threshold=IMU_LIMIT, sensor=source)
+    seen = None if reference is None else alignment.gyro_delay(imu, reference)
     if reference is None or seen is None:
-        rates.verdict, rates.text = "unknown", "The vehicle turns too little to show a delay."
-        return [own, rates]
-    late, sigma = 1e3 * seen[0], math.hypot(1.5e3 * seen[1], IMU_FLOOR_MS)
-    rates.value, rates.unit = round(late, 2), "ms"
+        return made("unknown", "The vehicle turns too little to show a delay.")
+    late, sigma = 1e3 * seen[0], math.hypot(STANDARD_ERRORS * 1e3 * seen[1], IMU_FLOOR_MS)
+    made = partial(made, value=round(late, 2), unit="ms")
     off = late - by_filter
     known = f"its filter's {by_filter:.1f} ms" if by_filter > 0 else "no filter"
     agrees = HIDDEN_MS if imu.filtered in ("unknown", "driver") else AGREES_MS
-    if -AGREES_MS <= off <= agrees or abs(off) <= IMU_DELAY_SIGMAS * sigma:
-        rates.text = f"Against {reference.source} the rates of {rates.sensor} are late by {late:.1f} ms: {known}."
-    elif off < 0 and reference.kind == "onboard":
-        rates.text = (
-            f"{reference.source} comes {-off:.1f} ms later than {rates.sensor}: the attitude, not the IMU, is late."
-        )
-    else:
-        way = "later" if off > 0 else "earlier"
-        rates.text = (
-            f"{rates.sensor} comes {abs(off):.1f} ms {way} ({interval_text(abs(off), sigma, 1)}, 95 %) against "
-        )
-        rates.text += f"{reference.source} than {known} makes it: {late:.1f} ms in all."
-        rates.verdict = "fault" if abs(off) > WRONG_CLOCK_MS else "warning"
-        rates.why_no_setting = "No parameter moves the inertial samples: look at their filter and at the logger."
-    return [own, rates]
+    if -AGREES_MS <= off <= agrees or abs(off) <= IMU_SIGMAS * sigma:
+        return made("ok", f"Against {reference.source} the rates of {source} are late by {late:.1f} ms: {known}.")
+    if off < 0 and reference.kind == "onboard":
+        text = f"{reference.source} comes {-off:.1f} ms later than {source}: the attitude, not the IMU, is late."
+        return made("ok", text)
+    text = f"{source} comes {abs(off):.1f} ms {'later' if off > 0 else 'earlier'} "
+    text += f"({interval_text(abs(off), sigma, 1)}, 95 %) against "
+    text += f"{reference.source} than {known} makes it: {late:.1f} ms in all."
+    why = "No parameter moves the inertial samples: look at their filter and at the logger."
+    return made("fault" if abs(off) > WRONG_CLOCK_MS else "warning", text, why_no_setting=why)
 
 
-# How late is GNSS, and does the onboard estimator know it?
-#
-# Estimates with little in common: the fit of velocities by :mod:`attlog.health.delays`, and the likelihood of
-# the
-# smoother, without and with the compass. Their mean is told; half their range is part of its error.
+# Delay of an aid against the onboard estimator's parameter.
 
-GNSS_OFF_MS, GNSS_SIGMAS, GNSS_FLOOR_MS = 20.0, 3.0, 8.0
-"""Offered beyond both. On 24 simulated flights both estimates lie within 18 ms of the truth; floor: their scatter."""
+
+@dataclass(frozen=True, slots=True)
+class DelayLimits:
+    """Limits of an aid's delay: beyond ``off_ms`` and 3 sigma it is wrong; ``floor_ms`` belongs to every sigma.
+
+    ``source``: their origin; ``fly``: how to show a delay better.
+    """
+
+    question: str
+    off_ms: float
+    floor_ms: float
+    source: str
+    fly: str
+
+    @property
+    def text(self) -> str:
+        """The limits in words."""
+        return f"ok within {self.off_ms:.0f} ms or {SIGMAS:.0f} sigma of what is set"
+
+
+SIGMAS = 3.0
+# Settings are multiples of this: no delay is known better.
+ROUND_MS = 5.0
+# On 24 simulated flights fits and smoothers are within 18 ms of the true GNSS delay, with a scatter of 8 ms; the
+# compass's delay scatters by 5 ms (44 to 53, and -2 to 2 ms).
+GNSS = DelayLimits("gnss_delay", 20.0, 8.0, "planted delays on 24 simulated flights", "accelerate and brake more")
+COMPASS = DelayLimits("magnetometer_delay", 20.0, 5.0, "24 simulated flights", "turn more")
+
+
+def delay_check(
+    limits: DelayLimits,
+    sensor: str,
+    late: float,
+    sigma: float,
+    parameter: DelayParameter | str,
+    buffer: DelayParameter | None = None,
+) -> Check:
+    """Check a delay in ms against its parameter, or say why that is not known; offer a value where it is wrong.
+
+    ``buffer``: the parameter of the longest delay that the estimator can hold.
+    """
+    text = f"{sensor} is {late:.0f} ms late ({late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}, 95 %)"
+    check = Check(limits.question, "ok", f"{text}.", unit="ms", threshold=limits.text, sensor=sensor)
+    check.source = limits.source
+    check.measure(late, sigma, 1)
+    if isinstance(parameter, str):
+        check.verdict, check.why_no_setting = "unknown", parameter
+        return check
+    check.text = f"{text}; {parameter.words}."
+    off = max(parameter.low - late, late - parameter.high, 0.0)
+    if off <= max(limits.off_ms, SIGMAS * sigma):
+        if off > limits.off_ms:
+            check.evidence.append(f"A difference of {off:.0f} ms is within {SIGMAS:.0f} sigma: {limits.fly}.")
+        if limits is GNSS and parameter.low < parameter.high:
+            check.verdict = "unknown"
+            check.why_no_setting = "The log does not name the receiver's hardware: log from boot on."
+        return check
+    check.verdict, new = "warning", ROUND_MS * round(late / ROUND_MS)
+    if not 0.0 < new <= parameter.most:
+        check.why_no_setting = "No parameter holds this delay of a compass."
+        if limits is GNSS:
+            delays_it = "look for what delays the receiver"
+            check.why_no_setting = f"{parameter.name} ends at {parameter.most:.0f} ms: {delays_it}."
+        return check
+    check.settings = [Setting(parameter.name, parameter.old, new, "ms")]
+    if buffer is not None and new > buffer.old:
+        check.settings.append(Setting(buffer.name, buffer.old, new, "ms"))
+    check.action = f"Set {parameter.name} to {new:.0f} ms, reboot, and compare test ratios of the next flight."
+    return check
+
+
+# GNSS. Estimates with little in common, the fit of velocities and the likelihood of the smoother without and with the
+# compass, are averaged; half their range is part of the error.
+
+# Change of the horizontal force that shows a delay (RMS), and the flight it takes.
 MIN_FORCE_CHANGE_M_S2, MIN_GNSS_S = 0.4, 15.0
-"""Change of the horizontal force that shows a delay (RMS), and how much flight."""
+# Estimates further apart than this contradict each other.
 GNSS_APART_MS = 40.0
-"""Estimates further apart than this tell nothing."""
+# The equations are linear in a turn of the heading up to this.
 MAX_TURN_DEG = 10.0
-"""The equations are linear in a turn of the heading: up to so much."""
+# A larger sigma is too large to report a delay.
 GNSS_SURE_MS = 30.0
-"""A delay known less well than this (one sigma) is not told."""
-GNSS_ROUND_MS = 5.0
-GNSS_DELAY_LIMIT = f"ok within {GNSS_OFF_MS:.0f} ms or {GNSS_SIGMAS:.0f} sigma of what is set"
-GNSS_DELAY_SOURCE = "planted delays on 24 simulated flights"
 
 
 def gnss_delays(case: HealthCase) -> list[Check]:
-    """The delay of each receiver that had fixes in flight against the parameter that flew."""
-    flown = flight_spans(case)
+    """Check the delay of each receiver that had fixes in flight."""
+    flown = driven_spans(case)
     receivers = [g for g in case.log.gnss if (g.fix >= FIX_3D).sum() > MIN_DELAY_SAMPLES]
     if not flown or not receivers:
         return []
@@ -347,70 +360,34 @@ def gnss_delays(case: HealthCase) -> list[Check]:
     return [_gnss_delay(case, one, path, flown) for one in receivers]
 
 
-def _gnss_delay(case: HealthCase, receiver: Gnss, path: AttitudePath | None, flown: list[tuple[float, float]]) -> Check:
+def _gnss_delay(case: HealthCase, receiver: Gnss, path: AttitudePath | None, flown: list[Span]) -> Check:
     imu = case.log.replay_imu
+    made = partial(Check, GNSS.question, sensor=receiver.source, threshold=GNSS.text, source=GNSS.source)
     if imu is None or path is None:
-        return unknown(
-            "gnss_delay", reason_no_path(case), GNSS_DELAY_LIMIT, sensor=receiver.source, source=GNSS_DELAY_SOURCE
-        )
+        return made("unknown", reason_no_path(case))
     smoothed = _smoother_delays(case, receiver)
     found = fit_gnss_delay(imu, receiver, path, flown, 1e-3 * smoothed[0] if smoothed else 0.1)
-    why = _gnss_delay_doubt(found, smoothed)
-    if found is None or why:
-        return unknown("gnss_delay", why, GNSS_DELAY_LIMIT, sensor=receiver.source, source=GNSS_DELAY_SOURCE)
+    if found is None:
+        return made("unknown", "Too few GNSS velocities in flight to find their delay.")
+    if why := gnss_reason_unsure(found, smoothed):
+        return made("unknown", why)
     own = 1e3 * found.delay
     every = [own, *smoothed]
-    late, apart = sum(every) / len(every), 0.5 * (max(every) - min(every))
-    sigma = math.sqrt((1.5e3 * found.sigma) ** 2 + GNSS_FLOOR_MS**2 + apart**2)
-    parameter = aiding.gnss_delay_parameter(case.log, receiver, flown[0][0])
-    told = _gnss_delay_assessment(receiver, late, sigma, parameter, aiding.buffer(case.log, flown[0][0]))
-    told.n, told.seconds = found.n, round(found.seconds, 1)
-    told.evidence.insert(0, f"By {path.name} the velocities are {own:.0f} ms late in {found.seconds:.0f} s of flight.")
+    apart = 0.5 * (max(every) - min(every))
+    sigma = math.sqrt((STANDARD_ERRORS * 1e3 * found.sigma) ** 2 + GNSS.floor_ms**2 + apart**2)
+    begin = flown[0][0]
+    parameter, buffer = aiding.gnss_delay_parameter(case.log, receiver, begin), aiding.buffer(case.log, begin)
+    check = delay_check(GNSS, receiver.source, sum(every) / len(every), sigma, parameter, buffer)
+    check.n, check.seconds = found.n, round(found.seconds, 1)
+    evidence = [f"By {path.name} the velocities are {own:.0f} ms late in {found.seconds:.0f} s of flight."]
     if smoothed:
-        shown = " and ".join(f"{x:.0f} ms" for x in smoothed)
-        told.evidence.insert(1, f"The likelihood of the smoother finds {shown}.")
-    return told
-
-
-def _gnss_delay_assessment(
-    receiver: Gnss, late: float, sigma: float, parameter: DelayParameter | str, buffer: DelayParameter | None
-) -> Check:
-    """The delay beside the parameter; a value where it is off by more than both limits."""
-    interval = f"{late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}"
-    text = f"{receiver.source} is {late:.0f} ms late ({interval}, 95 %)"
-    found = Check(
-        "gnss_delay", "ok", f"{text}.", sensor=receiver.source, threshold=GNSS_DELAY_LIMIT, source=GNSS_DELAY_SOURCE
-    )
-    found.value, found.unit = round(late, 1), "ms"
-    found.ci95 = (round(late - 1.96 * sigma, 1), round(late + 1.96 * sigma, 1))
-    if isinstance(parameter, str):
-        found.verdict, found.why_no_setting = "unknown", parameter
-        return found
-    found.text = f"{text}; {parameter.words}."
-    off = max(parameter.low - late, late - parameter.high, 0.0)
-    if off <= max(GNSS_OFF_MS, GNSS_SIGMAS * sigma):
-        if off > GNSS_OFF_MS:
-            found.evidence.append(
-                f"A difference of {off:.0f} ms is within {GNSS_SIGMAS:.0f} sigma: accelerate and brake more."
-            )
-        if parameter.low < parameter.high:
-            found.verdict = "unknown"
-            found.why_no_setting = "The log does not name the receiver's hardware: log from boot on."
-        return found
-    found.verdict = "warning"
-    new = GNSS_ROUND_MS * round(late / GNSS_ROUND_MS)
-    if not 0.0 < new <= parameter.most:
-        found.why_no_setting = f"{parameter.name} ends at {parameter.most:.0f} ms: look for what delays the receiver."
-        return found
-    found.settings = [Setting(parameter.name, parameter.old, new, "ms")]
-    if buffer is not None and new > buffer.old:
-        found.settings.append(Setting(buffer.name, buffer.old, new, "ms"))
-    found.action = f"Set {parameter.name} to {new:.0f} ms, reboot, and compare test ratios of the next flight."
-    return found
+        evidence.append(f"The likelihood of the smoother finds {' and '.join(f'{x:.0f} ms' for x in smoothed)}.")
+    check.evidence = [*evidence, *check.evidence]
+    return check
 
 
 def _smoother_delays(case: HealthCase, receiver: Gnss) -> list[float]:
-    """What smoothers without and with the compass find in ms since a record's receipt, of the receiver they use."""
+    """Return the delays in ms since receipt that smoothers without and with compass find of the receiver they use."""
     used = next((g for g in case.log.gnss if (g.fix >= FIX_3D).sum() > 1), None)
     qualities = [] if case.motion is None else [case.motion.quality]
     if case.reference is not None and case.reference.kind == "smoother":
@@ -421,27 +398,25 @@ def _smoother_delays(case: HealthCase, receiver: Gnss) -> list[float]:
 
 
 def _write_delay_s(receiver: Gnss) -> float:
-    """How long after its receipt a record was written, s: the median."""
+    """Return the median time from receipt to the record, s."""
     if receiver.received is None or len(receiver.t) == 0:
         return 0.0
     between = sorted((receiver.t - receiver.received).tolist())
     return float(between[len(between) // 2])
 
 
-def _gnss_delay_doubt(found: DelayFit | None, smoothed: list[float]) -> str:
-    """Why a fit is not believed; empty where it is."""
-    if found is None:
-        return "Too few GNSS velocities in flight to find their delay."
+def gnss_reason_unsure(found: DelayFit, smoothed: list[float]) -> str:
+    """Return why a fit is no estimate of the delay; empty where it is."""
     if found.seconds < MIN_GNSS_S:
         return f"{found.seconds:.0f} s of flight with GNSS velocities; {MIN_GNSS_S:.0f} s are needed for their delay."
     if found.moving < MIN_FORCE_CHANGE_M_S2:
         return f"The force changes by {found.moving:.2f} m/s^2 only; accelerate and brake to show the delay of GNSS."
-    if 1.5e3 * found.sigma > GNSS_SURE_MS:
-        return f"The delay of GNSS is known to {1.5e3 * found.sigma:.0f} ms only; accelerate and brake more."
+    sigma_ms = STANDARD_ERRORS * 1e3 * found.sigma
+    if sigma_ms > GNSS_SURE_MS:
+        return f"The delay of GNSS is known to {sigma_ms:.0f} ms only; accelerate and brake more."
     if abs(found.turn_deg) > MAX_TURN_DEG:
-        return (
-            f"The attitude's heading is {abs(found.turn_deg):.0f} deg off GNSS velocities: no delay can be determined."
-        )
+        off = f"{abs(found.turn_deg):.0f} deg off GNSS velocities"
+        return f"The attitude's heading is {off}: no delay can be determined."
     if any(abs(1e3 * found.delay - late) > GNSS_APART_MS for late in smoothed):
         shown = " and ".join(f"{x:.0f}" for x in (1e3 * found.delay, *smoothed))
         return f"Estimates of the GNSS delay differ: {shown} ms."
@@ -451,85 +426,44 @@ def _gnss_delay_doubt(found: DelayFit | None, smoothed: list[float]) -> str:
     return ""
 
 
-# How late is the compass, and does the onboard estimator know it? And how late are the inertial samples?
+# The compass.
 
-COMPASS_OFF_MS, COMPASS_SIGMAS, COMPASS_FLOOR_MS, COMPASS_SURE_MS = 20.0, 3.0, 5.0, 15.0
-"""Told beyond both; the floor is the scatter over 24 simulated flights (44 to 53, and -2 to 2 ms)."""
+COMPASS_SURE_MS = 15.0
+# The field must change so fast (RMS), for so long.
 MIN_FIELD_CHANGE_UT_S, MIN_COMPASS_S = 1.5, 20.0
-"""The field must change so fast (RMS), for so long."""
-COMPASS_APART_MS = 25.0
-COMPASS_ROUND_MS = 5.0
-COMPASS_DELAY_LIMIT = f"ok within {COMPASS_OFF_MS:.0f} ms or {COMPASS_SIGMAS:.0f} sigma of what is set"
-COMPASS_DELAY_SOURCE = "24 simulated flights"
+# Halves of the flight agree within this or three sigmas of their difference.
+COMPASS_APART_MS, HALVES_SIGMAS = 25.0, 8.5
 
 
 def compass_delay(case: HealthCase) -> list[Check]:
-    """The delay of the compass that is replayed; nothing without one, or where nothing flew."""
-    log = case.log
+    """Check the delay of the compass in use; nothing without one, or where nothing flew."""
+    log, flown = case.log, driven_spans(case)
     model = None if log.mag is None else alignment.earth_field(log)
-    flown = flight_spans(case)
     if log.mag is None or model is None or not flown:
         return []
     field = log.mags[log.mag].field
+    made = partial(Check, COMPASS.question, sensor=field.source, threshold=COMPASS.text, source=COMPASS.source)
     path = None if log.replay_imu is None else attitude_path(case)
     if path is None:
-        return [
-            unknown(
-                "magnetometer_delay",
-                reason_no_path(case),
-                COMPASS_DELAY_LIMIT,
-                sensor=field.source,
-                source=COMPASS_DELAY_SOURCE,
-            )
-        ]
+        return [made("unknown", reason_no_path(case))]
     use = inside(field.t_best, flown) & rotation.finite_rows(field.x)
     found = fit_compass_delay(field.t_best[use], 1e6 * field.x[use], 1e6 * np.array(model.ned_t), path)
-    why = _compass_delay_doubt(found)
-    if found is None or why:
-        return [
-            unknown("magnetometer_delay", why, COMPASS_DELAY_LIMIT, sensor=field.source, source=COMPASS_DELAY_SOURCE)
-        ]
-    told = _compass_delay_assessment(field.source, found, aiding.of_compass(log, flown[0][0]))
-    told.n, told.seconds = found.n, round(found.seconds, 1)
-    told.evidence = [f"Found by {path.name} in {found.seconds:.0f} s of flight."]
-    return [told]
-
-
-def _compass_delay_assessment(source: str, found: DelayFit, parameter: DelayParameter | str) -> Check:
-    late, sigma = 1e3 * found.delay, math.hypot(1.5e3 * found.sigma, COMPASS_FLOOR_MS)
-    text = f"{source} is {late:.0f} ms late ({late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}, 95 %)"
-    told = Check(
-        "magnetometer_delay",
-        "ok",
-        f"{text}.",
-        sensor=source,
-        threshold=COMPASS_DELAY_LIMIT,
-        source=COMPASS_DELAY_SOURCE,
-    )
-    told.value, told.unit = round(late, 1), "ms"
-    told.ci95 = (round(late - 1.96 * sigma, 1), round(late + 1.96 * sigma, 1))
-    if isinstance(parameter, str):
-        told.verdict, told.why_no_setting = "unknown", parameter
-        return told
-    told.text = f"{text}; {parameter.words}."
-    if max(parameter.low - late, late - parameter.high) <= max(COMPASS_OFF_MS, COMPASS_SIGMAS * sigma):
-        return told
-    told.verdict, new = "warning", COMPASS_ROUND_MS * round(late / COMPASS_ROUND_MS)
-    if not 0.0 < new <= parameter.most:
-        told.why_no_setting = "No parameter holds this delay of a compass."
-        return told
-    told.settings = [Setting(parameter.name, parameter.old, new, "ms")]
-    told.action = f"Set {parameter.name} to {new:.0f} ms, reboot, and compare test ratios of the next flight."
-    return told
-
-
-def _compass_delay_doubt(found: DelayFit | None) -> str:
-    """Why a fit is not believed; empty where it is."""
     if found is None:
-        return "Too few samples of the compass in flight fit the attitude to find their delay."
+        return [made("unknown", "Too few samples of the compass in flight fit the attitude to find their delay.")]
+    if why := compass_reason_unsure(found):
+        return [made("unknown", why)]
+    sigma = math.hypot(STANDARD_ERRORS * 1e3 * found.sigma, COMPASS.floor_ms)
+    check = delay_check(COMPASS, field.source, 1e3 * found.delay, sigma, aiding.of_compass(log, flown[0][0]))
+    check.n, check.seconds = found.n, round(found.seconds, 1)
+    check.evidence = [f"Found by {path.name} in {found.seconds:.0f} s of flight.", *check.evidence]
+    return [check]
+
+
+def compass_reason_unsure(found: DelayFit) -> str:
+    """Return why a fit is no estimate of the delay; empty where it is."""
     if found.seconds < MIN_COMPASS_S or found.moving < MIN_FIELD_CHANGE_UT_S:
         return f"The field changes by {found.moving:.1f} uT/s in {found.seconds:.0f} s; turn more to show its delay."
-    one, two = (1e3 * x for x in found.halves)
-    if 1.5e3 * found.sigma > COMPASS_SURE_MS or not abs(one - two) <= max(COMPASS_APART_MS, 8.5e3 * found.sigma):
-        return f"The delay of the compass is known to {1.5e3 * found.sigma:.0f} ms only; its field may be disturbed."
+    sigma_ms, (one, two) = STANDARD_ERRORS * 1e3 * found.sigma, (1e3 * x for x in found.halves)
+    if sigma_ms > COMPASS_SURE_MS or not abs(one - two) <= max(COMPASS_APART_MS, HALVES_SIGMAS * 1e3 * found.sigma):
+        return f"The delay of the compass is known to {sigma_ms:.0f} ms only; its field may be disturbed."
     return ""

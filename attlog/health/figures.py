@@ -1,146 +1,124 @@
-"""Which samples of a stream a figure keeps: before the first crash, few enough, gaps as gaps."""
+"""Figures of sensors and onboard estimator: traces without a row, up to the first crash, with gaps as gaps.
+
+``compass``: the field (uT, body axes) of a compass (``key``), the one in use first: x y z measured, expected_x ... the
+earth's field turned by an attitude, corrected_x ... less the offset that is offered; value ``by_motion`` 1 where that
+attitude has its heading by motion alone.
+``interference``: ``residual`` (uT), size of the field less the earth's, against the drive ``t`` (A with ``key``
+current, % with ``key`` throttle); values ``slope`` (uT per unit of the drive), ``start`` (uT), ``r``, ``seconds``.
+``levels``: vibration in flight (m/s^2) second by second by the firmware's measure, ``key`` its record; values
+``p50 p80 worst``, and ``limit`` and ``fault`` of the firmware where it has one.
+``clipping``: clipped samples of the accelerometer second by second, of the counter (``key``) with most; value
+``samples`` in all.
+``rotor``: rotors' fundamental and harmonics (Hz, ``t``), ``low`` and ``high`` their range in flight.
+``notches``: middle of the gyro's notch filters (Hz, ``t``), ``low`` and ``high`` their edges, ``key`` set or proposed.
+``ratios``: test ratio of an aid (``key``) of the onboard estimator, above 1 rejected.
+``track``: path over ground by GNSS (``key`` the receiver): see :func:`track_path`; it does not end at a crash.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TypeVar, cast
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.spans import Span, inside
-from attlog.flight.model import Array, Attitude, Gnss, Mag, covered_seconds, guarded_part, without_pauses
-from attlog.flight.vehicle import VehicleKind
-from attlog.health import compass, compass_fit, innovations, notch, vibration
-from attlog.health.check import Check, HealthCase
-from attlog.health.compass_fit import (
-    MAX_SIGMA_HEADING_RAD,
-    MIN_CURRENT_RANGE_A,
-    MIN_THROTTLE_RANGE,
-    CompassStudy,
-    Power,
-    compass_flight_spans,
-    compass_studies,
-    motor_drive,
-    power_at,
+from attlog.flight.model import (
+    FIX_3D,
+    VIBRATION_LIMITS,
+    Array,
+    Attitude,
+    Gnss,
+    Mag,
+    covered_seconds,
+    guarded_part,
+    without_pauses,
 )
-from attlog.health.flown import crash_spans
+from attlog.flight.vehicle import VehicleKind
+from attlog.health import notch, vibration
+from attlog.health.check import Check, HealthCase
+from attlog.health.compass_offset import MAX_SIGMA_HEADING_RAD, compass_studies, reason_no_heading
+from attlog.health.compass_power import MIN_RANGES, motor_drive, power_at
+from attlog.health.flown import first_crash, flight_before_crash
 from attlog.metrics.trace import Trace
 from attlog.reference import alignment
-from attlog.segments.model import Segments, select_rising
+from attlog.segments.model import select_rising
 from attlog.story.flight_events import clipping_spans
 
-MAX_LINE_SAMPLES = 1500
-"""Samples of a line: a figure is at most as many pixels wide."""
+# A figure is at most as many pixels wide.
+MAX_POINTS = 1500
+AXES = ("x", "y", "z")
 
 
-def figure_end(segments: Segments) -> float:
-    """Where figures end, s: at the first crash, else never."""
-    wrecks = crash_spans(segments)
-    return wrecks[0][0] if wrecks else math.inf
-
-
-def flight_before_crash(segments: Segments) -> list[Span]:
-    """Spans in the air before the first crash, s."""
-    end = figure_end(segments)
-    spans = segments.spans("airborne")
-    return [(a, min(b, end)) for a, b in spans if a < end]
+def traces(case: HealthCase, found: list[Check]) -> list[Trace]:
+    """Return every trace that the log can fill; ``found``: its checks, which say what is offered."""
+    parts: dict[str, Callable[[], list[Trace]]] = {
+        "The figure of the field": partial(field_traces, case, found),
+        "The figure of the interference": partial(interference_traces, case),
+        "The figure of the vibration": lambda: [*level_traces(case), *clipping_traces(case)],
+        "The bands of the spectrum": lambda: [*rotor_traces(case), *notch_traces(case)],
+        "The figure of the test ratios": partial(ratio_traces, case),
+        "The ground track": partial(track_traces, case),
+    }
+    return [trace for name, make in parts.items() for trace in guarded_part(case.log, name, make, list[Trace])]
 
 
 def break_at_pauses(t: Array, columns: Array) -> Array:
-    """Columns (n,) or (n, k) with NaN at the first sample after a pause, so that no line crosses it."""
+    """Return columns (n,) or (n, k) with NaN at the first sample after a pause, so that no line crosses it."""
     out = np.array(columns, np.float64)
     if len(t) > 1:
         out[1:][~without_pauses(t)] = np.nan
     return out
 
 
-# The arrays that figures of the compasses are drawn from.
+# Compasses.
 
+# The attitude by motion is drawn with where its heading is known in this share of the flight.
 MIN_SURE_SHARE = 0.5
-"""The attitude by motion is drawn with where its heading is sure in this share of the flight."""
-MAX_COMPASS_SAMPLES = 1500
-"""A figure is not wider than so many dots."""
+MIN_FIELD_SAMPLES, MIN_INTERFERENCE_POINTS = 10, 50
 
 
-@dataclass(frozen=True, slots=True)
-class FieldHistory:
-    """The field of one compass at ``t`` (n,) s in body axes, all (n, 3) uT.
-
-    ``measured`` as logged, ``expected`` the earth's by an attitude (NaN where there is none), ``corrected`` as logged
-    less the offset that is offered, None where none is. ``by``: whose attitude.
-    """
-
-    source: str
-    t: Array
-    measured: Array
-    expected: Array
-    corrected: Array | None
-    by: str
-
-
-@dataclass(frozen=True, slots=True)
-class Interference:
-    """The motors' power against the field of one compass in flight: ``power`` (n,) in A or 0 to 1 as ``kind`` says,
-    ``excess`` (n,) uT how much larger the field is than the earth's.
-    """
-
-    source: str
-    kind: Power
-    power: Array
-    excess: Array
-
-
-def field_against_expected(case: HealthCase) -> list[FieldHistory]:
-    """Every compass over the whole log, at most POINTS samples each; nothing without an attitude or a position."""
-    model = alignment.earth_field(case.log)
-    attitude = _compass_attitude(case)
+def field_traces(case: HealthCase, found: list[Check]) -> list[Trace]:
+    """Return the field of every compass beside the earth's; nothing without position or attitude."""
+    model, attitude = alignment.earth_field(case.log), field_attitude(case)
     if model is None or attitude is None:
         return []
     t, q, segment, by = attitude
-    offered = {study.samples.source: study for study in compass_studies(case)[0]}
-    found = []
-    for mag in case.log.mags:
-        at, measured = _thinned_field(mag, np.ones(len(mag.field.t_best), bool))
+    offered = {check.sensor for check in found if check.question == "compass_offset" and check.settings}
+    studies = {study.samples.source: study for study in compass_studies(case)[0] if study.samples.source in offered}
+    drawn = []
+    for mag in mags_in_use_first(case):
+        at, measured = thinned_field(mag, np.ones(len(mag.field.t_best), bool))
         turned, _ = rotation.slerp_in_segments(t, q, segment, at)
-        expected = np.full(measured.shape, np.nan)
-        known = rotation.finite_rows(turned)
-        if known.any():
-            expected[known] = rotation.rotate_inverse(turned[known], 1e6 * np.array(model.ned_t))
-        corrected = _corrected_field(case, offered.get(mag.field.source), measured)
-        found.append(FieldHistory(mag.field.source, at, measured, expected, corrected, by))
-    return found
+        use = (at < first_crash(case.segments)) & rotation.finite_rows(turned)
+        if np.count_nonzero(use) < MIN_FIELD_SAMPLES:
+            continue
+        parts = {"": measured[use], "expected_": rotation.rotate_inverse(turned[use], 1e6 * np.array(model.ned_t))}
+        if mag.field.source in studies:
+            parts["corrected_"] = measured[use] - studies[mag.field.source].air.offset
+        columns = {
+            f"{name}{axis}": column
+            for name, part in parts.items()
+            for axis, column in zip(AXES, break_at_pauses(at[use], part).T, strict=True)
+        }
+        values = {"by_motion": float(by == "motion")}
+        drawn.append(Trace("compass", "", at[use], columns, mag.field.source, values=values))
+    return drawn
 
 
-def interference_points(case: HealthCase) -> list[Interference]:
-    """Power against the field's size for every compass in flight; nothing without position, flight or power."""
-    model = alignment.earth_field(case.log)
-    kind, drive = motor_drive(case.log)
-    if model is None or drive is None:
-        return []
-    flown, earth = compass_flight_spans(case.segments), 1e6 * model.strength_t
-    found = []
-    for mag in case.log.mags:
-        at, field = _thinned_field(mag, inside(mag.field.t_best, flown))
-        power = power_at(drive, at)
-        known = np.isfinite(power)
-        if known.any():
-            excess = np.linalg.norm(field[known], axis=1) - earth
-            found.append(Interference(mag.field.source, kind, power[known], excess))
-    return found
+def field_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, str] | None:
+    """Return times, quaternions, segments and name of the attitude that turns the earth's field; None without heading.
 
-
-def _compass_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, str] | None:
-    """The attitude by motion where its heading judges compasses, else the reference of the analysis, else (of a log
-    that is not replayed) the onboard one: times, quaternions, segments and a name. None where nobody knows heading."""
-    known, own = case.motion, case.log.onboard_attitude
-    if known is not None and not compass_fit.reason_no_heading(case):
+    Motion alone where its heading is known, else the reference, else (of a log that is not replayed) the onboard one.
+    """
+    known, own, reference = case.motion, case.log.onboard_attitude, case.reference
+    if known is not None and not reason_no_heading(case):
         sure = known.sigma_heading <= MAX_SIGMA_HEADING_RAD
-        if sure[inside(known.t, compass_flight_spans(case.segments))].mean() >= MIN_SURE_SHARE:
+        if sure[inside(known.t, flight_before_crash(case.segments))].mean() >= MIN_SURE_SHARE:
             return known.t, np.where(sure[:, None], known.q, np.nan), known.segment, "motion"
-    reference = case.reference
     if reference is None and own is not None and len(own.t) > 1:
         return own.t, own.q, None, own.source
     if reference is None or reference.kind == "none" or len(reference.t) < 2:
@@ -150,52 +128,27 @@ def _compass_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None
     return reference.t, reference.q, reference.gap_segment, reference.source
 
 
-def _corrected_field(case: HealthCase, study: CompassStudy | None, measured: Array) -> Array | None:
-    """The field less the offset that may be set; None where none may."""
-    if study is None or not study.air.counts or compass.offset_refusal(case, study):
-        return None
-    return np.asarray(measured - study.air.offset)
-
-
-def _thinned_field(mag: Mag, use: np.ndarray) -> tuple[Array, Array]:
-    """Times and field (uT) of at most POINTS of the samples that may be used and are numbers."""
-    where = np.flatnonzero(use & rotation.finite_rows(mag.field.x))
-    where = where[:: max(1, -(-len(where) // MAX_COMPASS_SAMPLES))]
-    return mag.field.t_best[where], 1e6 * mag.field.x[where]
-
-
-# Does each compass show the earth's field, before and after, and does it follow the motors? Arrays of the question.
-
-Shown = TypeVar("Shown", FieldHistory, Interference)
-AXES = ("x", "y", "z")
-MIN_FIELD_SAMPLES, MIN_INTERFERENCE_POINTS = 10, 50
-DRIVE_RANGES = {"current": (1.0, MIN_CURRENT_RANGE_A), "throttle": (100.0, MIN_THROTTLE_RANGE)}
-"""By drive: from its own unit to A or %, and the range in its own unit that shows anything."""
-
-
-def field_traces(case: HealthCase, found: list[Check]) -> list[Trace]:
-    """The field of every compass over the flight, the one in use first; nothing without a place or an attitude.
-
-    ``found``: what the questions answered; only an offset that they offer is drawn as a correction.
-    """
-    offered = {a.sensor for a in found if a.question == "compass_offset" and a.settings}
-    histories = _in_use_first(case, field_against_expected(case))
-    drawn = (_history_trace(one, one.source in offered, figure_end(case.segments)) for one in histories)
-    return [trace for trace in drawn if trace is not None]
-
-
 def interference_traces(case: HealthCase) -> list[Trace]:
-    """Points and line of the compass in use; nothing where the drive does not vary in flight."""
-    for one in _in_use_first(case, interference_points(case))[:1]:
-        scale, least = DRIVE_RANGES[one.kind]
-        if len(one.power) >= MIN_INTERFERENCE_POINTS and np.ptp(np.quantile(one.power, [0.05, 0.95])) >= least:
-            seconds = sum(b - a for a, b in flight_before_crash(case.segments))
-            return [interference_trace(one.kind, scale * one.power, one.excess, seconds)]
+    """Return the field of the compass in use against the motors' power; nothing where that does not vary in flight."""
+    model = alignment.earth_field(case.log)
+    kind, drive = motor_drive(case.log)
+    for mag in mags_in_use_first(case) if model is not None and drive is not None else []:
+        assert model is not None
+        at, field = thinned_field(mag, inside(mag.field.t_best, flight_before_crash(case.segments)))
+        power = power_at(drive, at)
+        known = np.isfinite(power)
+        if not known.any():
+            continue
+        power, residual = power[known], np.linalg.norm(field[known], axis=1) - 1e6 * model.strength_t
+        if len(power) < MIN_INTERFERENCE_POINTS or np.ptp(np.quantile(power, [0.05, 0.95])) < MIN_RANGES[kind]:
+            return []
+        seconds = sum(b - a for a, b in flight_before_crash(case.segments, 0.0))
+        return [interference_trace(kind, (1.0 if kind == "current" else 100.0) * power, residual, seconds)]
     return []
 
 
-def interference_trace(key: str, power: np.ndarray, residual: np.ndarray, seconds: float) -> Trace:
-    """The trace of residuals (n,) uT against a drive (n,) in A or %, with the line of least squares."""
+def interference_trace(key: str, power: Array, residual: Array, seconds: float) -> Trace:
+    """Return residuals (n,) uT against a drive (n,) in A or %, with the line of least squares."""
     slope, start = np.polyfit(power, residual, 1)
     spread = float(np.std(power) * np.std(residual))
     r = float(np.mean((power - power.mean()) * (residual - residual.mean()))) / spread if spread > 0 else 0.0
@@ -203,52 +156,43 @@ def interference_trace(key: str, power: np.ndarray, residual: np.ndarray, second
     return Trace("interference", "", power, {"residual": residual}, key, values=values)
 
 
-def _in_use_first(case: HealthCase, each: list[Shown]) -> list[Shown]:
-    log = case.log
-    used = "" if log.mag is None else log.mags[log.mag].field.source
-    return sorted(each, key=lambda one: one.source != used)
+def mags_in_use_first(case: HealthCase) -> list[Mag]:
+    """Return the compasses, the one in use first."""
+    return sorted(case.log.mags, key=lambda mag: case.log.mag is None or mag is not case.log.mags[case.log.mag])
 
 
-def _history_trace(one: FieldHistory, offered: bool, end: float) -> Trace | None:
-    """The trace of one compass up to ``end`` s; None where hardly any sample has an attitude."""
-    use = (one.t < end) & rotation.finite_rows(one.expected)
-    if np.count_nonzero(use) < MIN_FIELD_SAMPLES:
-        return None
-    t = one.t[use]
-    parts = {"": one.measured, "expected_": one.expected}
-    if one.corrected is not None and offered:
-        parts["corrected_"] = one.corrected
-    columns = {
-        f"{name}{axis}": column
-        for name, part in parts.items()
-        for axis, column in zip(AXES, break_at_pauses(t, part[use]).T, strict=True)
-    }
-    return Trace("compass", "", t, columns, one.source, values={"by_motion": float(one.by == "motion")})
+def thinned_field(mag: Mag, use: np.ndarray) -> tuple[Array, Array]:
+    """Return times and field (uT) of at most MAX_POINTS of the selected finite samples."""
+    where = np.flatnonzero(use & rotation.finite_rows(mag.field.x))
+    where = where[:: max(1, -(-len(where) // MAX_POINTS))]
+    return mag.field.t_best[where], 1e6 * mag.field.x[where]
 
 
-# How strongly does it vibrate in flight, what was clipped, how fast are rotors, and where are notches?
+# Vibration.
 
 MIN_LEVELS = 10
 CLIPPING_BIN_S = 1.0
+# Of the rotors' speed: one blade out of balance, two blades, their next.
 HARMONICS = 3
-"""Of the rotors' speed: one blade out of balance, two blades, their next."""
+# Slower is starting or stopping.
 TURNING_RPM = 300.0
-"""Slower is starting or stopping."""
 
 
 def level_traces(case: HealthCase) -> list[Trace]:
-    """The level of each IMU in flight by the firmware's own measure, second by second, with its percentiles."""
-    found = []
-    for one in vibration.level_figures(case):
-        t, level, fault = np.asarray(one["t"]), np.asarray(one["level"]), one["fault"]
-        limits = (float(str(one["warning"])), math.nan if fault is None else float(str(fault)))
-        if len(t) >= MIN_LEVELS:
-            found.append(level_trace(str(one["source"]), t, level, *limits))
+    """Return the vibration of each IMU in flight by the firmware's measure; long flights as maxima of neighbours."""
+    within, found = vibration.sound_flight(case.segments, case.log), []
+    for one in vibration.imu_vibrations(case.log):
+        t, level = vibration.levels_in_flight(one, within)
+        groups = np.arange(0, len(t), max(1, -(-len(t) // MAX_POINTS)))
+        limits = VIBRATION_LIMITS[one.measure]
+        if len(groups) >= MIN_LEVELS:
+            level = np.maximum.reduceat(level, groups)
+            found.append(level_trace(one.source, t[groups], level, limits.warning, limits.fault))
     return found
 
 
 def level_trace(source: str, t: Array, level: Array, limit: float, fault: float) -> Trace:
-    """The trace of levels (n,) m/s^2 with their percentiles, and the firmware's limits (m/s^2, NaN: none)."""
+    """Return levels (n,) m/s^2 with their percentiles and the firmware's limits (m/s^2, not finite: none)."""
     p50, p80 = np.quantile(level, [0.5, 0.8])
     values = {"p50": float(p50), "p80": float(p80), "worst": float(level.max()), "limit": limit}
     values |= {"fault": fault} if math.isfinite(fault) else {}
@@ -256,7 +200,7 @@ def level_trace(source: str, t: Array, level: Array, limit: float, fault: float)
 
 
 def clipping_traces(case: HealthCase) -> list[Trace]:
-    """Samples that the vehicle counted as clipped, of the unit that clipped most, while it flew or was driven."""
+    """Return the clipped samples of the unit with most, in flight or while driven."""
     within = clipping_spans(case.segments)
     found: list[Trace] = []
     for one in case.log.vibration.clippings:
@@ -264,18 +208,18 @@ def clipping_traces(case: HealthCase) -> list[Trace]:
         if one.sensor == "accelerometer" and mine.any():
             second, place = np.unique(np.floor(one.t[mine] / CLIPPING_BIN_S), return_inverse=True)
             samples = np.bincount(place, one.new[mine].astype(np.float64)).astype(np.float64)
-            kept = np.sort(np.argsort(-samples, kind="stable")[:MAX_LINE_SAMPLES])
+            kept = np.sort(np.argsort(-samples, kind="stable")[:MAX_POINTS])
             at, total = CLIPPING_BIN_S * (second + 0.5), {"samples": float(samples.sum())}
             found.append(Trace("clipping", "", at[kept], {"samples": samples[kept]}, one.source, values=total))
     return sorted(found, key=lambda trace: -trace.values["samples"])[:1]
 
 
 def rotor_traces(case: HealthCase) -> list[Trace]:
-    """The rotors' fundamental in flight and its harmonics, where their speed was logged."""
+    """Return the rotors' fundamental in flight and its harmonics, where their speed was logged."""
     rpm = case.log.power.rpm
     if rpm is None or len(rpm.t) < MIN_LEVELS:
         return []
-    x = rpm.x[inside(rpm.t, flight_before_crash(case.segments))]
+    x = rpm.x[inside(rpm.t, flight_before_crash(case.segments, 0.0))]
     turning = x[np.isfinite(x) & (x > TURNING_RPM)]
     if len(turning) < MIN_LEVELS:
         return []
@@ -285,52 +229,60 @@ def rotor_traces(case: HealthCase) -> list[Trace]:
 
 
 def notch_traces(case: HealthCase) -> list[Trace]:
-    """Notches of the gyro that the firmware has on, and those that are proposed, where their frequency is fixed."""
-    drawn = next((one["notches"] for one in notch.spectrum_figures(case) if one["sensor"] == "gyro"), [])
+    """Return the gyro's notches that are set and that are proposed, where their frequency is fixed."""
     found = []
-    for key, proposed in (("set", False), ("proposed", True)):
-        own = [n for n in cast("list[dict[str, float]]", drawn) if n["proposed"] == proposed]
-        if own:
-            f, width = np.array(sorted((n["frequency"], n["width"]) for n in own)).T
+    for key, bands in notch.notch_bands(case).items():
+        if bands:
+            f, width = np.array(sorted(bands)).T
             found.append(Trace("notches", "", f, {"low": f - 0.5 * width, "high": f + 0.5 * width}, key))
     return found
 
 
-# What did the onboard estimator reject, and when? Its own test ratios over time, one line for each aid.
+# Test ratios.
 
-MIN_TRACE_RATIOS = 10
+MIN_RATIOS = 10
 
 
 def ratio_traces(case: HealthCase) -> list[Trace]:
-    """One trace for each aid that was used, up to the first crash; its largest values stay."""
-    end = figure_end(case.segments)
+    """Return the test ratios of each aid that was used, thinned by maxima."""
+    end = first_crash(case.segments)
     found = []
-    for one in innovations.ratio_series(case):
-        own = one.t <= end
-        if own.sum() >= MIN_TRACE_RATIOS and one.ratio[own].any():
-            found.append(Trace("ratios", "", one.t[own], {"ratio": one.ratio[own]}, one.aid))
+    for test in case.log.estimator.innovation_tests:
+        good = np.isfinite(test.ratio) & np.isfinite(test.t)
+        t, ratio = thin_by_maxima(test.t[good], test.ratio[good])
+        own = t <= end
+        if own.sum() >= MIN_RATIOS and ratio[own].any():
+            found.append(Trace("ratios", "", t[own], {"ratio": ratio[own]}, test.aid))
     return found
 
 
-# Where did it go, and did its heading point along the course? The path over ground by GNSS, with both directions.
+def thin_by_maxima(t: Array, x: Array) -> tuple[Array, Array]:
+    """Return at most MAX_POINTS samples (n,): of equal numbers of neighbours the largest, at its own time."""
+    if len(t) <= MAX_POINTS:
+        return t, x
+    starts = np.linspace(0, len(t), MAX_POINTS + 1).astype(np.int64)[:-1]
+    part = np.searchsorted(starts, np.arange(len(t)), side="right") - 1
+    largest = np.flatnonzero(x == np.maximum.reduceat(x, starts)[part])
+    at = largest[np.unique(part[largest], return_index=True)[1]]
+    return t[at], x[at]
 
-MAX_TRACK_POINTS = 2000
-"""Points of the path."""
-MIN_TRACK_POINTS = 10
-FIX_3D = 3
+
+# The path over ground.
+
+MAX_TRACK_POINTS, MIN_TRACK_POINTS = 2000, 10
+# Of latitude on a sphere of the earth's mean radius; a flight is too short for more.
 M_PER_DEG = 6371008.8 * math.pi / 180.0
-"""Of latitude on a sphere of the earth's mean radius; a flight is too short for more."""
+# A path is a path from 5 m on where velocities show a course for 3 s, else from 15 m: a receiver at rest strays less.
 MIN_COURSE_M, MIN_PATH_M, MIN_COURSE_S = 5.0, 15.0, 3.0
-"""So far goes what shows a course for MOVED_S; without velocities a receiver wanders by less than WANDER_M."""
+# Slower than this GNSS shows no course.
 SLOW_M_S = 1.0
-"""Slower than this GNSS tells no course."""
+# From this speed on (a plane: from that) heading and course are compared.
 FAST_M_S, WINGED_M_S = 2.0, 5.0
-"""From this speed on (a plane: from that) heading and course are compared."""
 MAX_ATTITUDE_DISTANCE_S = 1.0
 
 
 def track_traces(case: HealthCase) -> list[Trace]:
-    """The path of the receiver with most fixes; nothing where the vehicle stayed in its place while driven."""
+    """Return the path of the receiver with most fixes; nothing where the vehicle stayed in its place."""
     log = case.log
     receiver = max(log.gnss, key=lambda g: int(np.count_nonzero(_has_position(g))), default=None)
     if receiver is None or np.count_nonzero(_has_position(receiver)) < MIN_TRACK_POINTS:
@@ -338,7 +290,7 @@ def track_traces(case: HealthCase) -> list[Trace]:
     spans = case.segments.spans("airborne" if log.kind.flies else "armed")
     forward = log.kind.fixed_wing or log.kind in (VehicleKind.ROVER, VehicleKind.BOAT)
     least = WINGED_M_S if log.kind.fixed_wing else FAST_M_S
-    found = track_path(receiver, log.onboard_attitude, spans, least, figure_end(case.segments))
+    found = track_path(receiver, log.onboard_attitude, spans, least, first_crash(case.segments))
     driven = found.columns["driven"] > 0 if spans else np.ones(len(found.t), bool)
     moving = driven & np.isfinite(found.columns["course"])
     enough = MIN_COURSE_M if covered_seconds(found.t[moving]) >= MIN_COURSE_S else MIN_PATH_M
@@ -349,11 +301,12 @@ def track_traces(case: HealthCase) -> list[Trace]:
 
 
 def track_path(receiver: Gnss, attitude: Attitude | None, spans: list[Span], least: float, end: float) -> Trace:
-    """The path of a receiver: north and east (m), heading and course (deg), speed (m/s), driven 1 within ``spans``.
+    """Return the path of a receiver, with the heading of the onboard attitude beside the course.
 
-    Course and heading are NaN below SLOW_M_S. Values: ``lat``, ``lon`` (deg) of zero; ``difference``, ``low``,
-    ``high``: median and quartiles of heading minus course (deg) while driven before ``end`` s at ``least`` m/s or more,
-    and ``seconds`` of it.
+    Columns: ``north east`` (m), ``heading course`` (deg, NaN below SLOW_M_S), ``speed`` (m/s), ``driven`` 1 within
+    ``spans``. Values: ``lat lon`` (deg) of zero; ``forward`` 1 where heading and course agree by design; ``least``
+    speed and ``difference low high``: median and quartiles of heading minus course (deg) while driven before ``end`` s
+    at that speed, over ``seconds``.
     """
     use = _has_position(receiver)
     t, x = select_rising(
@@ -379,7 +332,7 @@ def track_path(receiver: Gnss, attitude: Attitude | None, spans: list[Span], lea
 
 
 def heading_at(attitude: Attitude | None, t: Array) -> Array:
-    """Heading (n,) deg of an attitude at ``t`` (n,) s; NaN where no sample is near."""
+    """Return the heading (n,) deg of an attitude at ``t`` (n,) s; NaN where no sample is near."""
     if attitude is None or len(attitude.t) < 2:
         return np.full(len(t), np.nan)
     at, q = select_rising(attitude.t, attitude.q)
@@ -391,7 +344,7 @@ def heading_at(attitude: Attitude | None, t: Array) -> Array:
 
 
 def off_course(t: Array, difference: Array, use: NDArray[np.bool_]) -> dict[str, float]:
-    """Median and quartiles (deg) of angles (n,) about their circular mean; nothing from fewer than FEWEST."""
+    """Return median and quartiles (deg) of angles (n,) about their circular mean; nothing from few."""
     use = use & np.isfinite(difference)
     if np.count_nonzero(use) < MIN_TRACK_POINTS:
         return {}
@@ -404,55 +357,12 @@ def off_course(t: Array, difference: Array, use: NDArray[np.bool_]) -> dict[str,
 
 
 def _has_position(receiver: Gnss) -> NDArray[np.bool_]:
-    """Which records (n,) hold a position with a 3D fix; 0, 0 is none."""
+    """Select the records (n,) with a position and a 3D fix; 0, 0 is none."""
     known = np.isfinite(receiver.lat) & np.isfinite(receiver.lon) & (receiver.fix >= FIX_3D)
     return np.asarray(known & ((receiver.lat != 0.0) | (receiver.lon != 0.0)))
 
 
 def _extent_m(found: Trace, use: NDArray[np.bool_]) -> float:
-    """The larger side (m) of the box that holds all points but the outermost hundredth on either end."""
+    """Return the larger side (m) of the box of all points but the outermost hundredths."""
     sides = [np.nanquantile(found.columns[name][use], [0.01, 0.99]) for name in ("north", "east")]
     return max(float(high - low) for low, high in sides)
-
-
-# Figures of the questions about the sensors, drawn from the questions' own arrays; they go packed into the page.
-#
-# Traces without a row, all but the track ending at the first crash, with at most MOST samples each:
-# ``compass``: the field (uT, body axes) over time, ``key`` the compass, the one in use first: x y z measured,
-# expected_x ... of the earth's field turned by an attitude, corrected_x ... less what is offered as an offset; value
-# ``by_motion`` 1 where that attitude has its heading by motion alone;
-# ``interference``: residual (uT), the field's size less the earth's, against ``t``, which is the drive: A with
-# ``key``
-# current, % with ``key`` throttle; values ``slope`` (uT per unit of the drive), ``start`` (uT), ``r``, ``seconds``;
-# ``levels``: level of vibration in flight (m/s^2) by the firmware's own measure, second by second, ``key`` its
-# record;
-# values ``p50 p80 worst``, and ``limit`` and ``fault`` of the firmware where it has one;
-# ``clipping``: samples of the accelerometer that the vehicle counted as clipped, of the unit with most, by the second
-# in
-# which they came (where there are any), ``key`` the counter; value ``samples`` in all;
-# ``rotor``: ``t`` the rotors' fundamental and its harmonics (Hz), low and high: how far they went in flight;
-# ``notches``: ``t`` the middle of notch filters of the gyro (Hz), low and high their edges, ``key`` set or proposed;
-# ``ratios``: test ratio of an aid of the onboard estimator, above 1 rejected, ``key`` the aid;
-# ``track``: the path over ground by GNSS: north east (m), heading of the onboard attitude and course (deg, NaN where
-# too
-# slow), speed (m/s), driven (1 in the air, of ground vehicles armed), ``key`` the receiver; values ``lat lon`` of
-# zero,
-# ``least`` speed for a course, ``forward`` 1 where heading and course agree by design, and where there are enough
-# ``difference low high``: median and quartiles of heading minus course, and ``seconds``.
-
-
-def traces(case: HealthCase, found: list[Check]) -> list[Trace]:
-    """All traces that the log can fill; ``found``: what the questions answered, which says what is offered."""
-    parts = [
-        guarded_part(case.log, "The figure of the field", lambda: field_traces(case, found), list[Trace]),
-        guarded_part(case.log, "The figure of the interference", lambda: interference_traces(case), list[Trace]),
-        guarded_part(
-            case.log, "The figure of the vibration", lambda: [*level_traces(case), *clipping_traces(case)], list[Trace]
-        ),
-        guarded_part(
-            case.log, "The bands of the spectrum", lambda: [*rotor_traces(case), *notch_traces(case)], list[Trace]
-        ),
-        guarded_part(case.log, "The figure of the test ratios", lambda: ratio_traces(case), list[Trace]),
-        guarded_part(case.log, "The ground track", lambda: track_traces(case), list[Trace]),
-    ]
-    return [trace for part in parts for trace in part]

@@ -15,7 +15,7 @@ from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.health.check import BUG, TROUBLE, Check, Weight, agreed_settings, as_sentence, settings_sentence
 from attlog.health.gravity import MEAN_GRAVITY
 from attlog.health.gyro import UNUSABLE_DPS
-from attlog.health.registry import CHECKS
+from attlog.health.registry import CAUSES, CHECKS
 from attlog.reference.model import Reference
 from attlog.story.estimator_events import is_estimator_jump
 from attlog.story.flight_events import CRASHES, Event
@@ -178,7 +178,7 @@ def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> 
         unit=check.unit if check.value is not None else "",
         about=check.about or check.question,
         evidence=list(check.evidence),
-        cause="" if harmless else check.cause or row.cause,
+        cause="" if harmless else check.cause or CAUSES.get(check.question, ""),
         action="" if harmless else action,
     )
 
@@ -318,8 +318,7 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             about = {"clipping": "clipping", "realigned": "heading", "vibration": "vibration"}.get(event.kind, "")
             sign = replace(sign, about=about, action=EVENT_ACTIONS.get(event.kind, ""))
             if about == "vibration":
-                row = CHECKS["vibration_level"]
-                sign = replace(sign, cause=row.cause, action=log.remedy("vibration"))
+                sign = replace(sign, cause=CAUSES["vibration_level"], action=log.remedy("vibration"))
             found.append(sign)
     counted = [sign for sign in found if sign.kind == "crash" or not _is_within(sign.t, wrecks)]
     return [replace(sign, evidence=sign.evidence[:MAX_EVIDENCE]) for sign in counted]
@@ -778,7 +777,7 @@ def settings_advice(checks: Sequence[Check], log: FlightLog) -> dict[str, tuple[
     to_set: dict[str, dict[str, str]] = {}
     to_do: dict[str, tuple[str, str]] = {}
     for check in _settings_first(c for c in checks if c.in_use):
-        kind, cause = check_sign(check, log).kind, CHECKS[check.question].cause if check.question in OFFERS else ""
+        kind, cause = check_sign(check, log).kind, CAUSES[check.question] if check.question in OFFERS else ""
         if check.settings and all(setting.name in agreed for setting in check.settings):
             to_set.setdefault(kind, {})[settings_text(check)] = cause
         elif check.action and kind == "compass" and check.question in OFFERS:

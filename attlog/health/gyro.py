@@ -1,9 +1,9 @@
-"""The gyro in flight against the attitude that did not come from it: its scale, and a bias that steps.
+"""Gyro: dead, range, bias at rest and in flight, scale, and steps of the bias.
 
-Over intervals of SPAN_S the attitude turned by ``a = S g + b`` where the gyro turned by ``g``. Off-diagonal elements of
-S are the mounting, the diagonal is one over the gyro's scale, -b its bias. A smoother is made of this very gyro and
-cannot judge its scale: truth or the onboard attitude does, whose aids keep it from turning as far as a wrong scale.
-Whether the bias steps a smoother with GNSS knows best, by likelihood: where it is the reference its word is taken.
+Over intervals the attitude turns by ``a = S g + b`` where the gyro turns by ``g``: the diagonal of S is one over the
+gyro's scale, its other elements the mounting, -b the bias. A smoother is made of this gyro and shows no scale; truth or
+the onboard attitude does, whose aids keep it from turning as far as a wrong scale. A smoother with GNSS finds steps of
+the bias best, by likelihood.
 """
 
 from __future__ import annotations
@@ -15,20 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.kinematics import body_rates
 from attlog.flight.model import Array, FlightLog, Imu
-from attlog.health.check import Check, HealthCase, Verdict, graded, measured, unknown
-from attlog.health.flown import before_crashes
-from attlog.health.imu import (
-    Blocks,
-    SensorBias,
-    axes_text,
-    dead_reason,
-    flight_spans,
-    smoothed_gyro_bias,
-    still_spans,
-    stream_blocks,
-    usable_imus,
-)
+from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
+from attlog.health.flown import before_crashes, flight_spans, still_spans
+from attlog.health.imu import Blocks, SensorBias, axes_text, dead_reason, smoothed_gyro_bias, stream_blocks, usable_imus
 from attlog.health.imu_pairs import difference_in_flight
 from attlog.health.regression import BLOCK_S, RobustFit, interval_text, robust_fit
 from attlog.health.timing import frozen_gyro_reason
@@ -36,33 +27,32 @@ from attlog.reference.model import GyroJump, Reference
 from attlog.segments import increments
 from attlog.segments.model import Segments
 
-INTERVAL_S = 0.3
-"""Long enough that noise, vibration and a delay of some milliseconds do not lower the slope (0.98 at 0.1 s, 1.00 here,
-on flights whose scale is right), short enough for turns."""
+# Short enough for turns, long enough that noise, vibration and a delay of some milliseconds do not lower the slope:
+# 0.98 at 0.1 s, 1.00 here, on flights whose scale is right.
+INTERVAL_S, MAX_INTERVAL_S, MAX_INTERVAL_RAD = 0.3, 0.7, 1.0
+# An axis that turns less (standard deviation) does not show its scale to a percent.
 MIN_TURN_DPS = 8.0
-"""An axis that turns less (standard deviation) does not tell its scale to a percent."""
 MIN_INTERVALS, MIN_BLOCKS, MIN_FLIGHT_S = 60, 6, 20.0
-MAX_INTERVAL_RAD = 1.0
+# 2 % is seven times what sound flights show; 10 % is another range or unit.
 SCALE_OFF, SCALE_FAR = 0.02, 0.1
-SCALE_SIGMAS, SCALE_FLOOR = 4.0, 0.006
-"""Told above four times sqrt((1.5 standard errors)^2 + 0.006^2): slopes of sound flights are 0.99 to 1.01."""
+# A scale counts from four sigmas of 1.5 standard errors and 0.006: slopes of sound flights are 0.99 to 1.01.
+SCALE_SIGMAS, STANDARD_ERRORS, SCALE_FLOOR = 4.0, 1.5, 0.006
 TURN_ADVICE = "Fly turns of 90 deg and quick steps of 15 deg about all axes."
 NO_SCALE_SETTING = "No parameter scales a gyro."
 SCALE_LIMIT = (
     f"ok within {100 * SCALE_OFF:.0f} % or {SCALE_SIGMAS:.0f} sigma of 1, fault beyond {100 * SCALE_FAR:.0f} %"
 )
+# What an estimator learns unnoticed, and what it does not learn in a flight.
 STEP_DPS, STEP_FAR_DPS = 0.5, 3.0
+# Six sigmas: the clearest of many possible times is taken.
 STEP_SIGMAS, STEP_FLOOR_DPS = 6.0, 0.03
+# Blocks of 5 s before and after a step.
 STEP_BLOCKS = 3
-"""Blocks of 5 s before and after a step at least."""
 STEP_LIMIT = f"ok: no step above {STEP_DPS} deg/s and {STEP_SIGMAS:.0f} sigma; fault above {STEP_FAR_DPS:.0f} deg/s"
 
 
 def turn_checks(case: HealthCase) -> list[Check]:
-    """Check scale and steps of the bias of the replayed gyro in flight.
-
-    Steps are those of a smoother as reference, else of the rates of an attitude that is not made of this gyro.
-    """
+    """Check scale and steps of the bias of the replayed gyro in flight."""
     imu = case.log.replay_imu
     if imu is None or not case.segments.spans("airborne"):
         return []
@@ -81,95 +71,82 @@ def turn_checks(case: HealthCase) -> list[Check]:
 
 def _rate_checks(imu: Imu, segments: Segments, reference: Reference | None) -> tuple[Check, Check]:
     """Return scale and bias step by the rates of an attitude."""
-    if reference is None or reference.kind not in ("truth", "onboard") or reference.faults.gyro:
-        why = "No attitude that is not made of this gyro can be trusted."
-        return unknown("gyro_scale", why, SCALE_LIMIT), unknown("gyro_bias_step", why, STEP_LIMIT)
-    t, g, a = interval_rates(imu, reference)
-    use = segments.mask(t, "airborne") & (t < reference.scoring.end)
-    t, g, a = t[use], g[use], a[use]
-    columns = np.concatenate([g, np.ones((len(g), 1))], axis=1)
-    if len(t) < MIN_INTERVALS or len(t) * INTERVAL_S < MIN_FLIGHT_S:
+    why = "No attitude that is not made of this gyro can be trusted."
+    if reference is not None and reference.kind in ("truth", "onboard") and not reference.faults.gyro:
+        t, g, a = interval_rates(imu, reference)
+        use = segments.mask(t, "airborne") & (t < reference.scoring.end)
+        t, g, a = t[use], g[use], a[use]
+        if len(t) >= MIN_INTERVALS and len(t) * INTERVAL_S >= MIN_FLIGHT_S:
+            columns = np.concatenate([g, np.ones((len(g), 1))], axis=1)
+            found = [robust_fit(t, columns[:, None, :], a[:, k : k + 1]) for k in range(3)]
+            return _scale_check(imu, reference, t, g, found), _step_check(imu, reference, t, columns, a, found)
         why = f"{len(t)} intervals of {INTERVAL_S} s in flight can be compared; "
         why += f"{MIN_INTERVALS} and {MIN_FLIGHT_S:.0f} s are needed."
-        return unknown("gyro_scale", why, SCALE_LIMIT), unknown("gyro_bias_step", why, STEP_LIMIT)
-    found = [robust_fit(t, columns[:, None, :], a[:, k : k + 1]) for k in range(3)]
-    return _scale_check(imu, reference, t, g, found), _step_check(imu, reference, t, columns, a, found)
+    return unknown("gyro_scale", why, SCALE_LIMIT), unknown("gyro_bias_step", why, STEP_LIMIT)
 
 
 def interval_rates(imu: Imu, reference: Reference) -> tuple[Array, Array, Array]:
-    """Begin (n,) s, and mean rates (n, 3) rad/s by gyro and attitude over SPAN_S; not across gaps and resets."""
-    t, q = reference.t, reference.q
-    summed = increments.gyro_increments(imu)
-    if len(t) < 3 or len(summed.t) < 3 or reference.rate <= 0:
+    """Return begin (n,) s and mean rates (n, 3) rad/s by gyro and attitude over intervals without gaps and resets."""
+    if len(reference.t) < 3 or len(imu.gyro.t) < 3 or reference.rate <= 0:
         return np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))
     step = max(1, round(INTERVAL_S * reference.rate))
-    first = np.arange(0, len(t) - step, step)
-    start, end = t[first], t[first + step]
-    good = (end - start < 2.0 * INTERVAL_S + 0.1) & (reference.segment[first] == reference.segment[first + step])
-    good &= (start >= reference.scoring.start) & summed.known(start, end) & (end > start)
-    by_attitude, by_gyro = rotation.relative_rotvecs(q[first], q[first + step]), summed.between(start, end)
-    good &= (
-        rotation.finite_rows(by_attitude)
-        & rotation.finite_rows(by_gyro)
-        & (rotation.length(by_gyro) < MAX_INTERVAL_RAD)
-    )
-    dt = (end - start)[good, None]
-    return start[good], by_gyro[good] / dt, by_attitude[good] / dt
+    rates = body_rates(reference.t, reference.q, reference.segment, step, step, MAX_INTERVAL_S)
+    gyro = increments.gyro_increments(imu).mean_rates(rates.start, rates.end)
+    good = rotation.finite_rows(gyro) & (rates.start >= reference.scoring.start)
+    good &= rotation.length(gyro) * (rates.end - rates.start) < MAX_INTERVAL_RAD
+    return rates.start[good], gyro[good], rates.rate[good]
 
 
 def _smoother_step_check(imu: Imu, jumps: tuple[GyroJump, ...]) -> Check:
-    """The step of the bias that a smoother found by likelihood."""
+    """Return the step of the bias that a smoother found by likelihood."""
+    made = partial(Check, "gyro_bias_step", threshold=STEP_LIMIT)
     if not jumps:
-        return Check(
-            "gyro_bias_step",
-            "ok",
-            f"The smoother finds no step of the bias of {imu.gyro.source}.",
-            threshold=STEP_LIMIT,
-        )
+        return made("ok", f"The smoother finds no step of the bias of {imu.gyro.source}.")
     jump = jumps[0]
     axis = int(np.argmax(np.abs(jump.size_dps)))
     size, sigma = jump.size_dps[axis], math.hypot(jump.sigma_dps[axis], STEP_FLOOR_DPS)
-    verdict = graded(abs(size), STEP_DPS, STEP_FAR_DPS)
     text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
     text += f"({interval_text(size, sigma, 2)}, 95 %) at {jump.t:.0f} s by the smoother, which models it."
-    ci95 = round(size - 1.96 * sigma, 2), round(size + 1.96 * sigma, 2)
-    return Check("gyro_bias_step", verdict, text, round(size, 2), "deg/s", STEP_LIMIT, t=round(jump.t, 1), ci95=ci95)
+    check = made(graded(abs(size), STEP_DPS, STEP_FAR_DPS), text, unit="deg/s", t=round(jump.t, 1))
+    return check.measure(size, sigma, 2)
 
 
 def _scale_check(imu: Imu, reference: Reference, t: Array, g: Array, found: list[RobustFit | None]) -> Check:
     moving = np.degrees(g.std(axis=0))
-    told: list[tuple[float, float, int]] = []
+    errors: list[tuple[float, float, int]] = []
     for k, one in enumerate(found):
         if one is not None and moving[k] >= MIN_TURN_DPS and one.blocks >= MIN_BLOCKS and one.x[k] > 0.1:
-            sigma = math.hypot(1.5 * float(one.sigma[k]), SCALE_FLOOR)
-            told.append((1.0 / float(one.x[k]) - 1.0, sigma / float(one.x[k]) ** 2, k))
-    if not told:
+            sigma = math.hypot(STANDARD_ERRORS * float(one.sigma[k]), SCALE_FLOOR)
+            errors.append((1.0 / float(one.x[k]) - 1.0, sigma / float(one.x[k]) ** 2, k))
+    if not errors:
         shown = ", ".join(f"{v:.0f}" for v in moving)
         why = f"In flight x, y, z turn by {shown} deg/s (standard deviation); {MIN_TURN_DPS:.0f} are needed."
         return unknown("gyro_scale", why, SCALE_LIMIT)
-    error, sigma, _ = max(told, key=lambda one: abs(one[0]) / one[1])
-    off = [one for one in told if abs(one[0]) > max(SCALE_OFF, SCALE_SIGMAS * one[1])]
+    error, sigma, _ = max(errors, key=lambda one: abs(one[0]) / one[1])
+    off = [one for one in errors if abs(one[0]) > max(SCALE_OFF, SCALE_SIGMAS * one[1])]
     seconds = len(t) * INTERVAL_S
-    ci95 = round(100.0 * error - 196.0 * sigma, 2), round(100.0 * error + 196.0 * sigma, 2)
-    made = partial(Check, "gyro_scale", unit="%", threshold=SCALE_LIMIT, ci95=ci95, n=len(t), seconds=round(seconds, 1))
     if not off:
-        shown = ", ".join(f"{'xyz'[k]} {1.0 + e:.3f}" for e, _, k in told)
+        verdict: Verdict = "ok"
+        shown = ", ".join(f"{'xyz'[k]} {1.0 + e:.3f}" for e, _, k in errors)
         text = f"{imu.gyro.source} against {reference.source} turns {shown} times as far in {seconds:.0f} s of flight."
-        return made("ok", text, round(100.0 * error, 2))
-    verdict: Verdict = "fault" if max(abs(one[0]) for one in off) > SCALE_FAR else "warning"
-    which = ", ".join("xyz"[k] for _, _, k in off)
-    text = f"{imu.gyro.source} reads {100 * abs(error):.1f} % too {'much' if error > 0 else 'little'} about {which} "
-    text += f"({interval_text(100 * abs(error), 100 * sigma, 1)}, 95 %) against {reference.source}, "
-    text += f"{len(t)} intervals in {seconds:.0f} s of flight."
-    return made(verdict, text, round(100.0 * error, 2))
+    else:
+        verdict = "fault" if max(abs(one[0]) for one in off) > SCALE_FAR else "warning"
+        which = ", ".join("xyz"[k] for _, _, k in off)
+        text = (
+            f"{imu.gyro.source} reads {100 * abs(error):.1f} % too {'much' if error > 0 else 'little'} about {which} "
+        )
+        text += f"({interval_text(100 * abs(error), 100 * sigma, 1)}, 95 %) against {reference.source}, "
+        text += f"{len(t)} intervals in {seconds:.0f} s of flight."
+    check = Check("gyro_scale", verdict, text, unit="%", threshold=SCALE_LIMIT, n=len(t), seconds=round(seconds, 1))
+    return check.measure(100.0 * error, 100.0 * sigma, 2)
 
 
 def _step_check(
     imu: Imu, reference: Reference, t: Array, columns: Array, a: Array, found: list[RobustFit | None]
 ) -> Check:
-    """The clearest step of the bias between two parts of the flight.
+    """Return the clearest step of the bias between two parts of the flight.
 
-    About z truth alone tells: a compass drags an onboard heading by degrees per second, as a bias would.
+    About z only truth shows steps: a compass drags an onboard heading by degrees per second, as a bias would.
     """
     solved = [one for one in found if one is not None]
     if len(solved) < 3:
@@ -179,28 +156,26 @@ def _step_check(
     numbers = np.unique(block)
     bias = np.array([np.median(left[block == n], axis=0) for n in numbers])
     if len(bias) < 2 * STEP_BLOCKS:
-        return unknown(
-            "gyro_bias_step", f"{len(bias)} blocks of {BLOCK_S:.0f} s; {2 * STEP_BLOCKS} are needed.", STEP_LIMIT
-        )
+        why = f"{len(bias)} blocks of {BLOCK_S:.0f} s; {2 * STEP_BLOCKS} are needed."
+        return unknown("gyro_bias_step", why, STEP_LIMIT)
     size, sigma, axis, at = largest_step(bias if reference.kind == "truth" else bias[:, :2])
-    when = _step_time(t, left[:, axis], float(numbers[at]) * BLOCK_S)
     if abs(size) <= max(STEP_DPS, STEP_SIGMAS * sigma):
         text = f"The bias of {imu.gyro.source} steps by less than {max(STEP_DPS, abs(size)):.1f} deg/s about "
         text += f"{'x, y and z' if reference.kind == 'truth' else 'x and y'} in flight."
         return Check("gyro_bias_step", "ok", text, round(size, 2), "deg/s", STEP_LIMIT)
-    verdict: Verdict = "fault" if abs(size) > STEP_FAR_DPS else "warning"
+    when = _step_time(t, left[:, axis], float(numbers[at]) * BLOCK_S)
     text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
     text += f"({interval_text(size, sigma, 2)}, 95 %) at {when:.0f} s against {reference.source}."
-    ci95 = round(size - 1.96 * sigma, 2), round(size + 1.96 * sigma, 2)
-    seconds = round(len(t) * INTERVAL_S, 1)
-    told = partial(Check, "gyro_bias_step", verdict, text, round(size, 2), "deg/s", STEP_LIMIT, t=round(when, 1))
-    return told(ci95=ci95, n=len(t), seconds=seconds)
+    verdict: Verdict = "fault" if abs(size) > STEP_FAR_DPS else "warning"
+    check = Check("gyro_bias_step", verdict, text, unit="deg/s", threshold=STEP_LIMIT, t=round(when, 1))
+    check.n, check.seconds = len(t), round(len(t) * INTERVAL_S, 1)
+    return check.measure(size, sigma, 2)
 
 
 def largest_step(bias: Array) -> tuple[float, float, int, int]:
-    """Size and standard error of the clearest step of block means (n, axes), its axis, and the first block after it.
+    """Return size and error of the clearest step of block means (n, axes), its axis, and the first block after it.
 
-    Medians before and after; the scatter of a block from the differences of neighbours, which one step hardly widens.
+    The size is that of medians before and after; the scatter is that of neighbours, which one step hardly changes.
     """
     scatter = 1.4826 * np.median(np.abs(np.diff(bias, axis=0)), axis=0) / math.sqrt(2.0)
     found = [_step_at(bias[:, axis], float(scatter[axis])) for axis in range(bias.shape[1])]
@@ -210,7 +185,7 @@ def largest_step(bias: Array) -> tuple[float, float, int, int]:
 
 
 def _step_at(bias: Array, scatter: float) -> tuple[float, float, int]:
-    """Size and standard error of a step of one axis (n,), where the squares left by two means are the least."""
+    """Return size, error and place of the step of one axis (n,) whose two means leave the least squares."""
     parts = range(STEP_BLOCKS, len(bias) - STEP_BLOCKS + 1)
     at = min(parts, key=lambda k: float(np.var(bias[:k]) * k + np.var(bias[k:]) * (len(bias) - k)))
     size = float(np.median(bias[at:]) - np.median(bias[:at]))
@@ -219,7 +194,7 @@ def _step_at(bias: Array, scatter: float) -> tuple[float, float, int]:
 
 
 def _step_time(t: Array, left: Array, near: float) -> float:
-    """The time within a block either way of ``near`` at which the residual's mean changes most."""
+    """Return the time within two blocks of ``near`` s at which the residual's mean changes most."""
     around: NDArray[np.int64] = np.flatnonzero(np.abs(t - near) <= 2.0 * BLOCK_S)
     if len(around) < 8:
         return near
@@ -228,27 +203,32 @@ def _step_time(t: Array, left: Array, near: float) -> float:
     return float(t[around[k + 1]])
 
 
-# Bias at rest and in flight, saturation, dead sensors.
+# Dead sensor, range, and bias at rest and in flight.
 
+# What estimators learn within seconds.
 BIAS_DPS = (1.0, 3.0)
-# From here on no filter can be judged: results show how it copes with a broken gyro.
+BIAS_SOURCE = "what estimators learn within seconds"
+# From here on results show how a filter copes with a broken gyro, not which filter is best.
 UNUSABLE_DPS = 10.0
 # Resolution of the gyro in old logs.
 BIAS_FLOOR_DPS = 0.01
 BIAS_LIMIT = f"ok up to {BIAS_DPS[0]:.0f} deg/s, fault above {BIAS_DPS[1]:.0f} deg/s; the same for its change"
-BIAS_SOURCE = "what estimators learn within seconds"
+# A change of the bias from rest to flight counts above so many joint errors.
+CHANGE_SIGMAS = 4.0
+MIN_REST_SAMPLES = 10
 NO_BIAS_SETTING = "Gyro offsets are measured while the vehicle stands still, not in a log."
 STAND_ADVICE = "Log 10 s standing still before take-off."
 # Ranges of autopilot gyros; 2000 deg/s is the usual one.
 RANGES_DPS = (125.0, 250.0, 500.0, 1000.0, 2000.0)
-# Share of the range within which a sample lies at its end.
+RANGE_LIMIT = "warning from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
+# Share of the range within which a sample is at its end.
 AT_LIMIT = 0.0005
 # Samples in a row at the end of a smaller range that are no chance.
 FLAT_SAMPLES = 3
 
 
 def gyro_checks(case: HealthCase) -> list[Check]:
-    """Check whether the gyro in use is dead, else its saturation."""
+    """Check whether the gyro in use is dead, else its range."""
     log = case.log
     if not log.imus:
         return []
@@ -256,14 +236,12 @@ def gyro_checks(case: HealthCase) -> list[Check]:
     if why := dead_reason(imu.gyro.x, imu.gyro.source, "gyro"):
         return [Check("gyro_dead", "fault", why, threshold="every axis must change", sensor=imu.gyro.source)]
     whole = before_crashes(case.segments, imu.gyro.t)
-    flown = imu.gyro.x[whole] if whole.any() else imu.gyro.x  # a wreck turns as it will
-    peak = float(np.degrees(np.abs(flown).max()))
-    limit = "warning from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
-    clipped = count_at_limit(np.degrees(np.abs(flown).max(axis=1)))
+    rates = np.degrees(np.abs(imu.gyro.x[whole] if whole.any() else imu.gyro.x).max(axis=1))
+    peak, clipped = float(rates.max()), count_at_limit(rates)
     samples = "1 sample is" if clipped == 1 else f"{clipped} samples are"
     text = f"Largest rate {peak:.0f} deg/s" + (f"; {samples} at the sensor's limit." if clipped else ".")
     verdict: Verdict = "warning" if clipped else "ok"
-    return [Check("gyro_range", verdict, text, round(peak, 1), "deg/s", limit, sensor=imu.gyro.source)]
+    return [Check("gyro_range", verdict, text, round(peak, 1), "deg/s", RANGE_LIMIT, sensor=imu.gyro.source)]
 
 
 def count_at_limit(rate: Array) -> int:
@@ -280,7 +258,7 @@ def count_at_limit(rate: Array) -> int:
 
 
 def gyro_bias_checks(case: HealthCase) -> list[Check]:
-    """Check the bias of each gyro at rest and in flight; the gyro in use by short rests too."""
+    """Check the bias of each gyro at rest and in flight; of the gyro in use by short rests too."""
     units = usable_imus(case)
     found = [one for imu in units if (one := _bias_check(case, imu)) is not None]
     imu = case.log.imus[case.log.imu or 0] if case.log.imus else None
@@ -296,7 +274,7 @@ def gyro_bias_checks(case: HealthCase) -> list[Check]:
 
 
 def unusable_gyro(log: FlightLog, segments: Segments, reference: Reference) -> str:
-    """Return why no filter can be judged with this gyro: contradicted, far from zero at rest, frozen; else empty."""
+    """Return why no filter can be compared with this gyro: contradicted, far off at rest, frozen; else empty."""
     imu = log.replay_imu
     if reference.faults.gyro:
         return f"{reference.faults.gyro[0].lower()}{reference.faults.gyro[1:].rstrip('.')}"
@@ -307,26 +285,26 @@ def unusable_gyro(log: FlightLog, segments: Segments, reference: Reference) -> s
 
 
 def _rest_bias(imu: Imu, segments: Segments) -> Check | None:
-    """Return the median rate at rest, else on the ground with motors on, and how far it moved between rests."""
+    """Return the median rate at rest, else on the ground with motors on, and its change between rests."""
     for kind, where in (("rest", "Standing still"), ("idle", "On the ground with motors on")):
         mask = segments.mask(imu.gyro.t, kind) & rotation.finite_rows(imu.gyro.x)
-        if mask.sum() < 10:
+        if mask.sum() < MIN_REST_SAMPLES:
             continue
         x, y, z = (float(v) for v in np.degrees(np.median(imu.gyro.x[mask], axis=0)))
-        worst = max(x, y, z, key=abs)
+        largest = max(x, y, z, key=abs)
         text = f"{where} the gyro reads {x:.2f}, {y:.2f}, {z:.2f} deg/s about x, y, z."
-        verdict = graded(abs(worst), *BIAS_DPS)
+        verdict = graded(abs(largest), *BIAS_DPS)
         moved = _moved_bias(imu, segments) if kind == "rest" and verdict != "fault" else None
-        return moved or Check("gyro_bias", verdict, text, round(worst, 3), "deg/s", BIAS_LIMIT)
+        return moved or Check("gyro_bias", verdict, text, round(largest, 3), "deg/s", BIAS_LIMIT)
     return None
 
 
 def _moved_bias(imu: Imu, segments: Segments) -> Check | None:
-    """Return the check of two rests that disagree by more than BIAS_DPS, which their common median hides."""
+    """Return the check of two rests that differ by more than BIAS_DPS, which their common median hides."""
     t = imu.gyro.t
     good = rotation.finite_rows(imu.gyro.x)
     rests = [(a, b, imu.gyro.x[good & (t >= a) & (t <= b)]) for a, b in segments.spans("rest")]
-    known = [(a, b, np.degrees(np.median(x, axis=0))) for a, b, x in rests if len(x) >= 10]
+    known = [(a, b, np.degrees(np.median(x, axis=0))) for a, b, x in rests if len(x) >= MIN_REST_SAMPLES]
     if len(known) < 2:
         return None
     readings = np.array([x for _, _, x in known])
@@ -340,9 +318,9 @@ def _moved_bias(imu: Imu, segments: Segments) -> Check | None:
         f"Standing still the gyro reads {before} deg/s about x, y, z until {known[low][1]:.0f} s, and {after} from "
         f"{known[high][0]:.0f} s on: its bias moved by {change:.2f} deg/s about {'xyz'[axis]}."
     )
-    worst = float(readings.ravel()[np.argmax(np.abs(readings))])
-    verdict = graded(max(change, abs(worst)), *BIAS_DPS)
-    return Check("gyro_bias", verdict, text, round(worst, 3), "deg/s", BIAS_LIMIT, t=known[high][0])
+    largest = float(readings.ravel()[np.argmax(np.abs(readings))])
+    verdict = graded(max(change, abs(largest)), *BIAS_DPS)
+    return Check("gyro_bias", verdict, text, round(largest, 3), "deg/s", BIAS_LIMIT, t=known[high][0])
 
 
 def _bias_check(case: HealthCase, imu: Imu) -> Check | None:
@@ -358,39 +336,27 @@ def _bias_check(case: HealthCase, imu: Imu) -> Check | None:
         mean, sigma, n, seconds, where = air.mean, air.sigma, air.n, air.seconds, "in flight"
     else:
         return None
-    worst = int(np.argmax(np.abs(mean)))
+    largest = int(np.argmax(np.abs(mean)))
     change = _bias_change_dps(rest, air)
     verdict = graded(max(float(np.abs(mean).max()), change), *BIAS_DPS)
     text = f"{imu.gyro.source} reads {axes_text(mean)} deg/s {where} (± {1.96 * float(sigma.max()):.2f}, 95 %)."
-    found = Check(
-        "gyro_bias",
-        verdict,
-        text,
-        unit="deg/s",
-        threshold=BIAS_LIMIT,
-        sensor=imu.gyro.source,
-        **measured(float(mean[worst]), float(sigma[worst]), 3),
-        vector=[round(float(v), 3) for v in mean],
-        vector_ci95=[round(1.96 * float(v), 3) for v in sigma],
-        n=n,
-        seconds=round(seconds, 1),
-        source=BIAS_SOURCE,
-    )
+    check = Check("gyro_bias", verdict, text, unit="deg/s", threshold=BIAS_LIMIT, sensor=imu.gyro.source)
+    check.n, check.seconds, check.source = n, round(seconds, 1), BIAS_SOURCE
+    check.measure(float(mean[largest]), float(sigma[largest]), 3).measure_axes(mean, sigma, 3)
     if rest is not None and air is not None:
-        found.evidence = [
-            f"In flight it reads {axes_text(air.mean)} deg/s by {air.by} (± {1.96 * air.sigma.max():.2f})."
-        ]
+        in_flight = f"{axes_text(air.mean)} deg/s by {air.by} (± {1.96 * air.sigma.max():.2f})"
+        check.evidence = [f"In flight it reads {in_flight}."]
     if imu is case.log.replay_imu and (short := _rest_bias(imu, case.segments)) is not None:
-        found.verdict = max(short.verdict, graded(change, *BIAS_DPS), key=("ok", "warning", "fault").index)
+        check.verdict = max(short.verdict, graded(change, *BIAS_DPS), key=("ok", "warning", "fault").index)
         if short.t is not None:
-            found.text, found.t, found.evidence = short.text, short.t, [text, *found.evidence]
-    if found.is_trouble:
-        found.why_no_setting, found.action = NO_BIAS_SETTING, case.log.remedy("gyro_bias")
-    return found
+            check.text, check.t, check.evidence = short.text, short.t, [text, *check.evidence]
+    if check.is_trouble:
+        check.why_no_setting, check.action = NO_BIAS_SETTING, case.log.remedy("gyro_bias")
+    return check
 
 
 def _bias_in_flight(case: HealthCase, imu: Imu) -> SensorBias | None:
-    """Return the bias in flight by the smoother; of another unit with the mean difference from the replayed one."""
+    """Return the bias in flight by the smoother; of another unit with its mean difference added."""
     found, replayed = smoothed_gyro_bias(case), case.log.replay_imu
     if found is None or not found.sure or replayed is None or not flight_spans(case.segments):
         return None
@@ -406,9 +372,9 @@ def _bias_in_flight(case: HealthCase, imu: Imu) -> SensorBias | None:
 
 
 def _bias_change_dps(rest: Blocks | None, air: SensorBias | None) -> float:
-    """Return the significant change of the bias from rest to flight about its worst axis; 0 where one is unknown."""
+    """Return the significant change of the bias from rest to flight; 0 where one is unknown."""
     if rest is None or air is None:
         return 0.0
     change = np.abs(air.mean - np.degrees(rest.middle))
     sigma = np.hypot(air.sigma, np.degrees(rest.sigma(0.0)))
-    return float(np.max(np.where(change > 4.0 * sigma, change, 0.0)))
+    return float(np.max(np.where(change > CHANGE_SIGMAS * sigma, change, 0.0)))

@@ -1,7 +1,8 @@
-"""Do the inertial units of a vehicle agree, standing still and in flight, and if not, which one is off?
+"""IMUs of a vehicle against each other, standing still and in flight, and which one is off.
 
-The faster unit is interpolated to the samples of the slower one; medians over blocks of 5 s part a lasting difference
-from noise and vibration. Which one is off gravity and zero rate tell at rest, the smoother's biases in flight.
+The faster unit is interpolated to the samples of the slower one; medians over blocks of 5 s separate a lasting
+difference from noise and vibration. The unit that is off is the one further from gravity or zero rate at rest, else by
+the smoother's biases.
 """
 
 from __future__ import annotations
@@ -16,18 +17,16 @@ from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span
 from attlog.flight.model import Array, Imu, Stream
 from attlog.health import gravity
-from attlog.health.check import Check, HealthCase, Verdict, measured, unknown
+from attlog.health.check import Check, HealthCase, Verdict, unknown
+from attlog.health.flown import flight_spans, still_spans
 from attlog.health.gravity import expected_gravity
 from attlog.health.imu import (
     Blocks,
-    SensorBias,
     axes_text,
     blocks,
     finite_samples,
-    flight_spans,
     smoothed_acc_bias,
     smoothed_gyro_bias,
-    still_spans,
     stream_blocks,
     usable_imus,
 )
@@ -37,7 +36,10 @@ Kind = Literal["acc", "gyro"]
 
 @dataclass(frozen=True, slots=True)
 class PairLimits:
-    """How far two units may differ: ``ok`` up to ``off``, a fault beyond ``far``; an error below ``least`` is none."""
+    """Limits of a difference: ok up to ``off``, fault beyond ``far``; an error of one unit counts from ``least``.
+
+    ``floor``: error of every difference.
+    """
 
     unit: str
     off: float
@@ -48,7 +50,7 @@ class PairLimits:
 
     @property
     def text(self) -> str:
-        """In words."""
+        """The limits in words."""
         return f"ok up to {self.off:g} {self.unit} or {SIGMAS:.0f} sigma, fault above {self.far:g}"
 
 
@@ -57,31 +59,31 @@ PAIR_LIMITS: dict[Kind, PairLimits] = {
     "acc": PairLimits("m/s^2", 0.5, 0.75, 0.15, 0.02, "3 deg of tilt; arming checks refuse from 0.7 to 0.75 m/s^2"),
     "gyro": PairLimits("deg/s", 1.0, 5.0, 0.5, 0.02, "the limit of a gyro's bias; arming checks refuse from 5 deg/s"),
 }
+# m/s^2 and rad/s, about every axis: a hundredth of what simulated sensors without noise differ by.
 DUPLICATE_DIFFERENCE = 1e-5
-"""m/s^2 and rad/s, about every axis: a hundredth of what simulated sensors without noise differ by."""
-LEAST_FLOWN_HZ, IN_FLIGHT = 10.0, "in flight"
-"""Slower samples of a vibrating unit fold: units logged at 2 Hz seem to differ by 1.3 m/s^2, and do not at rest."""
+# Slower samples of a vibrating unit fold: units logged at 2 Hz seem to differ by 1.3 m/s^2, and do not at rest.
+MIN_FLOWN_HZ, IN_FLIGHT = 10.0, "in flight"
+# One unit is off where its error is so many times the other's.
 LARGER_FACTOR = 2.0
-"""One unit is off where its error is so many times the other's."""
 
 
 def imu_differences(case: HealthCase) -> list[Check]:
-    """Two assessments, accelerometer and gyro, for each unit beside the one that is replayed; none for a single one."""
+    """Check accelerometer and gyro of each further unit against the replayed one; nothing for a single unit."""
     units = usable_imus(case)
     if len(units) < 2:
         return []
     pairs = [(kind, units[0], other) for other in units[1:] for kind in PAIR_LIMITS]
-    found = [one for pair in pairs if (one := _pair_check(case, *pair)) is not None]
-    why = "The units share too little time, at rest or in flight, or shake too much to be compared."
-    return found or [
-        unknown(
-            "imu_instances", why, PAIR_LIMITS["acc"].text, sensor=units[0].acc.source, source=PAIR_LIMITS["acc"].source
-        )
-    ]
+    if found := [one for pair in pairs if (one := _pair_check(case, *pair)) is not None]:
+        return found
+    why, limits = (
+        "The units share too little time, at rest or in flight, or shake too much to be compared.",
+        PAIR_LIMITS,
+    )
+    return [unknown("imu_instances", why, limits["acc"].text, sensor=units[0].acc.source, source=limits["acc"].source)]
 
 
 def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
-    """How much ``b`` reads more than ``a`` over blocks (n, 3) within ``spans``; None where they share no time."""
+    """Return blocks of what ``b`` reads more than ``a`` within ``spans``; None where they share no time."""
     if not spans:
         return None
     fast, slow, sign = (a, b, 1.0) if a.rate >= b.rate else (b, a, -1.0)
@@ -98,13 +100,13 @@ def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
 
 @cached_per_log
 def difference_in_flight(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Blocks | None:
-    """How much ``b`` reads more than ``a`` in flight, rad/s or m/s^2; None where they share no flight."""
+    """Return blocks of what ``b`` reads more than ``a`` in flight, rad/s or m/s^2; None without any."""
     return difference(getattr(a, kind), getattr(b, kind), flight_spans(case.segments))
 
 
 @dataclass(frozen=True, slots=True)
 class ImuDifference:
-    """How much one unit reads more than another, ``middle`` with one ``sigma`` (3,), and its size, in a phase."""
+    """Difference of two units in a ``phase``: ``middle`` (3,) with its ``sigma`` (3,), and its size."""
 
     middle: Array
     sigma: Array
@@ -118,25 +120,25 @@ class ImuDifference:
 
     @property
     def unsure(self) -> float:
-        """One sigma of the size."""
+        """Error of the size."""
         along = float(np.sqrt(np.sum((self.middle * self.sigma) ** 2)))
         return along / self.size if self.size > 0.0 else float(self.sigma.max())
 
     def text(self, unit: str) -> str:
-        """The size in words."""
+        """Return the size in words."""
         return f"{self.size:.2f} ± {1.96 * self.unsure:.2f} {unit} {self.phase}"
 
 
 def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDifference]:
-    """At rest and in flight, in deg/s or m/s^2, where it is known as well as it counts."""
+    """Return the significant differences at rest and in flight, in deg/s or m/s^2."""
     limits, factor = PAIR_LIMITS[kind], 1.0 if kind == "acc" else float(np.degrees(1.0))
     one, two = (getattr(imu, kind) for imu in (a, b))
     rest, where = still_spans(case.segments)
-    told = [(difference(one, two, rest), where)]
-    if min(one.rate, two.rate) >= LEAST_FLOWN_HZ:
-        told.append((difference_in_flight(case, kind, a, b), IN_FLIGHT))
+    phases = [(difference(one, two, rest), where)]
+    if min(one.rate, two.rate) >= MIN_FLOWN_HZ:
+        phases.append((difference_in_flight(case, kind, a, b), IN_FLIGHT))
     found = []
-    for more, phase in told:
+    for more, phase in phases:
         if more is not None:
             sigma = np.hypot(factor * more.sigma(0.0), limits.floor)
             found.append(ImuDifference(factor * more.middle, sigma, more, phase))
@@ -144,7 +146,7 @@ def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDi
 
 
 def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
-    """The difference of two units where it is larger, at rest or in flight."""
+    """Check the larger difference of two units, at rest or in flight."""
     limits, every = PAIR_LIMITS[kind], _imu_differences(case, kind, a, b)
     if not every:
         return None
@@ -159,27 +161,17 @@ def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
         else:
             wrong, why = _faulty_imu(case, kind, a, b, worst.middle)
     text = f"{b.acc.source} and {a.acc.source} differ by {worst.text(limits.unit)} ({axes_text(worst.middle)})."
-    return Check(
-        "imu_instances",
-        verdict,
-        f"{text} {why}".strip(),
-        sensor=(wrong or (b if verdict == "ok" or not why else a)).acc.source,
-        unit=limits.unit,
-        **measured(worst.size, worst.unsure, 3, 0.0),
-        vector=[round(float(v), 3) for v in worst.middle],
-        vector_ci95=[round(1.96 * float(v), 3) for v in worst.sigma],
-        n=worst.blocks.samples,
-        seconds=round(worst.blocks.seconds, 1),
-        threshold=limits.text,
-        source=limits.source,
-        kind="gyro_bias" if kind == "gyro" else "",
-        action="" if verdict == "ok" else remedy,
-        evidence=[f"They differ by {d.text(limits.unit)}." for d in every if d is not worst],
-    )
+    sensor = (wrong or (b if verdict == "ok" or not why else a)).acc.source
+    check = Check("imu_instances", verdict, f"{text} {why}".strip(), unit=limits.unit, sensor=sensor)
+    check.threshold, check.source = limits.text, limits.source
+    check.n, check.seconds = worst.blocks.samples, round(worst.blocks.seconds, 1)
+    check.kind, check.action = "gyro_bias" if kind == "gyro" else "", "" if verdict == "ok" else remedy
+    check.evidence = [f"They differ by {d.text(limits.unit)}." for d in every if d is not worst]
+    return check.measure(worst.size, worst.unsure, 3, least=0.0).measure_axes(worst.middle, worst.sigma, 3)
 
 
 def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> tuple[Imu | None, str]:
-    """Which of two units is off, and by what that is known; None with the reason where it is not.
+    """Return which of two units is off and by what that is known; None with the reason where it is not.
 
     ``apart`` (3,) m/s^2 or deg/s: what b reads more than a.
     """
@@ -198,7 +190,7 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
     if wrong is None and len(sizes) > 1 and min(sizes) >= LARGER_FACTOR * least:
         return None, f"Both are off by {by}."
     if wrong is None:
-        bias: SensorBias | None = smoothed_acc_bias(case) if kind == "acc" else smoothed_gyro_bias(case)
+        bias = smoothed_acc_bias(case) if kind == "acc" else smoothed_gyro_bias(case)
         if bias is not None and bias.sure and a is case.log.replay_imu:
             sizes = [float(rotation.length(x[None])[0]) for x in (bias.mean, bias.mean + apart)]
             wrong, by = _larger_index(sizes, least), "its bias in flight"
@@ -208,7 +200,7 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
 
 
 def _larger_index(sizes: list[float], least: float) -> int | None:
-    """Which of two errors is clearly the larger one."""
+    """Return the index of the clearly larger of two errors."""
     if len(sizes) < 2:
         return None
     k = int(np.argmax(sizes))

@@ -1,4 +1,4 @@
-"""How strongly does the vehicle vibrate, at which frequencies, and which notch helps?"""
+"""Gyro spectrum in flight, and the notch filter that removes the rotors' vibration."""
 
 from __future__ import annotations
 
@@ -36,25 +36,23 @@ from attlog.health.spectrum import (
     track_peak,
     window_means,
 )
-from attlog.health.vibration import MAX_FIGURE_POINTS, sound_flight
+from attlog.health.vibration import sound_flight
 
-# Would a notch filter take the rotors' vibration out of the gyro, and with which parameters?
-#
-# A notch at a false frequency only delays the gyro, so a peak counts where its frequency is known, where it follows
-# throttle or rotors, is large, and stands on every IMU that could show it.
+# A notch at a wrong frequency only delays the gyro. So a peak counts where its frequency is known, where it follows
+# throttle or rotors, is large, and is on every IMU that could show it.
 
+# Smaller peaks (1 sigma) are not worth a notch: a low-pass at 40 Hz leaves 0.3 deg/s of them at 100 Hz.
 MIN_PEAK_DPS = 2.0
-"""Smaller peaks (1 sigma) are not worth a notch: a low-pass at 40 Hz leaves 0.3 deg/s of them at 100 Hz."""
+# Windows of 2 s, or bursts, that must show the peak.
 MIN_WINDOWS, MIN_BURSTS = 10, 5
-"""So many windows of 2 s, or bursts, must show the peak."""
+# A notch that is on lowers a peak by more than this.
 LOWERED_DB = 6.0
-"""A notch that is on lowers a peak by more than this."""
 NOTCH_LIMIT = f"a peak of {MIN_PEAK_DPS:g} deg/s that follows throttle or rotors in 60 % of the windows"
 NOTCH_SOURCE = "ardupilot.org, Managing Gyro Noise; docs.px4.io, MC Filter Tuning"
 
 
 def notch_filter(case: HealthCase) -> list[Check]:
-    """The notch that would help, the one that does already, or what to log to know."""
+    """Check for the notch that would help, the one that does already, or what to log to know."""
     log, within = case.log, sound_flight(case.segments, case.log)
     if not log.kind.hovers or not filters_gyro(log):
         return []
@@ -80,7 +78,7 @@ def notch_filter(case: HealthCase) -> list[Check]:
 
 
 def _refusal(log: FlightLog, spectra: Spectra, peak: Peak, sources: list[Spectra]) -> str:
-    """Why a peak gives no notch, a sentence; empty where it does."""
+    """Return why a peak gives no notch, a sentence; empty where it does."""
     shown = f"The gyro's peak at {peak.frequency:.0f} Hz"
     if peak.true is None:
         others = " or ".join(f"{f:.0f}" for f in peak.possible[:3])
@@ -103,46 +101,42 @@ def _refusal(log: FlightLog, spectra: Spectra, peak: Peak, sources: list[Spectra
 
 
 def min_windows(spectra: Spectra) -> int:
-    """How many windows must show a peak, or the lack of one."""
+    """Return how many windows must show a peak, or the lack of one."""
     return MIN_BURSTS if spectra.seconds < 1.0 else MIN_WINDOWS
 
 
 def _no_peak(log: FlightLog, spectra: Spectra, active: list[ActiveNotch]) -> Check:
-    """No strong peak: what that means depends on what the source could have shown."""
+    """Return the check without a strong peak, by what the source could have shown."""
     if spectra.rate < TRUSTED_RATE_HZ:
-        return _unknown_notch(
-            f"{spectra.source} at {spectra.rate:.0f} Hz is too slow to show the rotors' vibration.", log
-        )
+        slow = f"{spectra.source} at {spectra.rate:.0f} Hz is too slow to show the rotors' vibration."
+        return _unknown_notch(slow, log)
     if len(spectra.t) < min_windows(spectra):
-        return _unknown_notch(
-            f"{len(spectra.t)} windows of flight show no peak; {min_windows(spectra)} are needed.", log
-        )
+        few = f"{len(spectra.t)} windows of flight show no peak; {min_windows(spectra)} are needed."
+        return _unknown_notch(few, log)
     text = f"No peak of the gyro reaches {MIN_PEAK_DPS:g} deg/s in flight, so that no further notch is needed."
     if spectra.filtered:
         text = f"Behind the filters no peak of the gyro reaches {MIN_PEAK_DPS:g} deg/s in flight."
-    return _notch_assessment("ok", text, spectra, evidence=[f"{n.name} is on." for n in active])
+    return _notch_check("ok", text, spectra, [f"{n.name} is on." for n in active])
 
 
 def _covered_peak(log: FlightLog, spectra: Spectra, peak: Peak, active: ActiveNotch, within: list[Span]) -> Check:
-    """A notch that is on already, and by how much it lowers the peak where bursts behind the filters tell."""
+    """Return the check of a notch that is on, and by how much it lowers the peak where bursts show it."""
     text = f"{active.name} covers the gyro's peak at {peak.true:.0f} Hz already."
     if active.follows == "measurement":
         text = f"{active.name} follows the gyro's peak at {peak.true:.0f} Hz already."
     verdict: Verdict = "ok"
-    evidence, lowered = (
-        [f"The peak is {peak.rms:.1f} deg/s before the filters."],
-        reduction_db(log, spectra, peak, within),
-    )
+    evidence = [f"The peak is {peak.rms:.1f} deg/s before the filters."]
+    lowered = reduction_db(log, spectra, peak, within)
     if lowered is not None:
         evidence.append(f"Behind the filters it is {lowered:.0f} dB lower.")
         if lowered < LOWERED_DB:
             verdict = "warning"
             text = f"{active.name} is on, but lowers the peak at {peak.true:.0f} Hz by only {lowered:.0f} dB."
-    return _notch_assessment(verdict, text, spectra, peak, evidence=evidence)
+    return _notch_check(verdict, text, spectra, evidence, peak)
 
 
 def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span]) -> float | None:
-    """How many dB lower a peak is behind the autopilot's filters, by bursts from there; None without them."""
+    """Return how many dB lower a peak is behind the autopilot's filters, by bursts from there; None without."""
     behind = burst_spectra(
         [b for b in log.vibration.bursts if b.sensor == "gyro" and b.unit == spectra.unit and b.filtered], within
     )
@@ -157,7 +151,7 @@ def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span
 
 
 def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Check:
-    """The parameters of a notch for a peak, or why this firmware has none."""
+    """Return the parameters of a notch for a peak, or why this firmware has none."""
     values = notch_parameters(log, wanted_notch(log, spectra, peak))
     settings = [Setting(n, log.param(n), value, unit) for n, (value, unit) in values.items()]
     changed = [s for s in settings if s.old is None or abs(s.old - s.new) > 1e-3 * max(1.0, abs(s.new))]
@@ -166,7 +160,7 @@ def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Check:
     evidence = [
         f"{peak.height:.0f} dB above the floor in {100 * peak.share:.0f} % of {len(spectra.t)} windows: {peak.why}."
     ]
-    found = _notch_assessment("warning", text, spectra, peak, evidence=evidence)
+    found = _notch_check("warning", text, spectra, evidence, peak)
     if not settings:
         found.why_no_setting = "This firmware's log names no notch parameter that could be set for it."
         return found
@@ -180,7 +174,7 @@ def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Check:
 
 
 def wanted_notch(log: FlightLog, spectra: Spectra, peak: Peak) -> WantedNotch:
-    """The notch for a peak whose frequency is known."""
+    """Return the notch for a peak whose frequency is known."""
     speeds = rotor_speeds(log, spectra)
     throttle = (
         None
@@ -200,32 +194,23 @@ def wanted_notch(log: FlightLog, spectra: Spectra, peak: Peak) -> WantedNotch:
 
 
 def _unknown_notch(why: str, log: FlightLog) -> Check:
-    """A refusal with what to log."""
-    found = unknown("notch", why, NOTCH_LIMIT, sensor="GYR", source=NOTCH_SOURCE)
-    found.why_no_setting = found.action = advise_fast_gyro(log)
-    return found
+    """Return a refusal with what to log."""
+    check = unknown("notch", why, NOTCH_LIMIT, sensor="GYR", source=NOTCH_SOURCE)
+    check.why_no_setting = check.action = advise_fast_gyro(log)
+    return check
 
 
-def _notch_assessment(
-    verdict: Verdict, text: str, spectra: Spectra, peak: Peak | None = None, evidence: list[str] | None = None
-) -> Check:
-    return Check(
-        "notch",
-        verdict,
-        text,
-        sensor=f"GYR.{spectra.unit}",
-        value=None if peak is None or peak.true is None else round(peak.true, 1),
-        unit="" if peak is None else "Hz",
-        ci95=None if peak is None else frequency_interval(spectra, peak),
-        n=len(spectra.t),
-        seconds=round(len(spectra.t) * spectra.seconds, 1),
-        threshold=NOTCH_LIMIT,
-        source=NOTCH_SOURCE,
-        evidence=evidence or [],
-    )
+def _notch_check(verdict: Verdict, text: str, spectra: Spectra, evidence: list[str], peak: Peak | None = None) -> Check:
+    check = Check("notch", verdict, text, threshold=NOTCH_LIMIT, evidence=evidence, sensor=f"GYR.{spectra.unit}")
+    check.n, check.seconds = len(spectra.t), round(len(spectra.t) * spectra.seconds, 1)
+    check.source = NOTCH_SOURCE
+    if peak is not None:
+        check.value = None if peak.true is None else round(peak.true, 1)
+        check.unit, check.ci95 = "Hz", frequency_interval(spectra, peak)
+    return check
 
 
-# At which frequencies does the gyro vibrate in flight, and how sure is each of them?
+# The gyro's spectrum.
 
 PEAK_LIMIT = f"a peak stands {PROMINENT_DB:.0f} dB above its floor"
 FOLLOWS_TEXT = {
@@ -237,7 +222,7 @@ FOLLOWS_TEXT = {
 
 
 def gyro_spectrum(case: HealthCase) -> list[Check]:
-    """The peaks of every gyro's fastest source, with their true frequencies where those are known."""
+    """Check the peaks of every gyro's fastest source, with their true frequencies where those are known."""
     log, within = case.log, sound_flight(case.segments, case.log)
     if not within or not log.kind.flies:
         return []  # without flight the level says so already, and for all questions of vibration
@@ -249,7 +234,7 @@ def gyro_spectrum(case: HealthCase) -> list[Check]:
     first: dict[int, Spectra] = {}
     for one in sources:
         first.setdefault(one.unit, one)
-    return [_spectrum_assessment(log, one, analyse_peaks(log, one, within)) for one in first.values()]
+    return [_spectrum_check(log, one, analyse_peaks(log, one, within)) for one in first.values()]
 
 
 def _too_slow(log: FlightLog) -> str:
@@ -261,7 +246,7 @@ def _too_slow(log: FlightLog) -> str:
     return f"No {WINDOW_S:.0f} s of sound flight without a gap are logged."
 
 
-def _spectrum_assessment(log: FlightLog, spectra: Spectra, found: list[Peak]) -> Check:
+def _spectrum_check(log: FlightLog, spectra: Spectra, found: list[Peak]) -> Check:
     sensor = f"GYR.{spectra.unit}"
     seen = f"{spectra.source} at {spectra.rate:.0f} Hz, {len(spectra.t)} windows of {spectra.seconds:.1f} s"
     seen += ", behind the autopilot's filters." if spectra.filtered else "."
@@ -290,58 +275,22 @@ def _spectrum_assessment(log: FlightLog, spectra: Spectra, found: list[Peak]) ->
 
 
 def _peak_text(peak: Peak) -> str:
-    told = f"{peak.frequency:.0f} Hz: {peak.rms:.2f} deg/s along {'xyz'[peak.axis]}, {peak.height:.0f} dB, "
-    told += FOLLOWS_TEXT[peak.follows]
+    text = f"{peak.frequency:.0f} Hz: {peak.rms:.2f} deg/s along {'xyz'[peak.axis]}, {peak.height:.0f} dB, "
+    text += FOLLOWS_TEXT[peak.follows]
     if peak.true is None:
-        return f"{told}; possible {', '.join(f'{f:.0f}' for f in peak.possible)} Hz."
+        return f"{text}; possible {', '.join(f'{f:.0f}' for f in peak.possible)} Hz."
     if abs(peak.true - peak.frequency) > 1.0:
-        return f"{told}; truly {peak.true:.0f} Hz: {peak.why}."
-    return f"{told}."
+        return f"{text}; truly {peak.true:.0f} Hz: {peak.why}."
+    return f"{text}."
 
 
-def spectrum_figures(case: HealthCase) -> list[dict[str, object]]:
-    """For a figure, one dictionary for each source of gyro and accelerometer, at most 1500 lines each.
-
-    ``sensor``, ``unit``, ``source``, ``rate`` Hz, ``filtered``; ``density_unit``; ``frequency`` (k,) Hz and ``density``
-    (k, 3) of the usual window in flight, body axes; ``fold`` Hz: half the rate, what is faster is shown below it;
-    ``peaks``: dictionaries of ``frequency``, ``label``, ``possible`` (k,) and ``true`` (None where not known);
-    ``rotors``: frequencies in Hz of the first to fourth harmonic; ``notches``: dictionaries of ``name``, ``frequency``,
-    ``width`` Hz and ``proposed``.
-    """
-    log, within = case.log, sound_flight(case.segments, case.log)
-    drawn = [
-        {"name": n.name, "frequency": n.frequency, "width": n.width, "proposed": False}
-        for n in active_notches(log)
-        if n.frequency > 0.0
-    ]
-    drawn += _proposed_notches([s for a in notch_filter(case) for s in a.settings])
-    found: list[dict[str, object]] = []
-    for sensor, unit in (("gyro", "(deg/s)^2/Hz"), ("accelerometer", "(m/s^2)^2/Hz")):
-        for one in all_spectra(log, within, sensor):
-            step = -(-len(one.frequency) // MAX_FIGURE_POINTS)
-            groups = np.arange(0, len(one.frequency), step)
-            speeds = rotor_speeds(log, one)
-            turns = float(np.nanmedian(speeds)) if speeds is not None else 0.0
-            found.append({
-                "sensor": sensor, "unit": one.unit, "source": one.source, "rate": one.rate, "filtered": one.filtered,
-                "density_unit": unit, "frequency": one.frequency[groups],
-                "density": np.maximum.reduceat(one.median, groups, axis=0), "fold": 0.5 * one.rate,
-                "peaks": [_peak_label(p) for p in analyse_peaks(log, one, within)],
-                "rotors": [k * turns for k in (1, 2, 3, 4)] if turns else [],
-                "notches": drawn if sensor == "gyro" else [],
-            })  # fmt: skip
-    return found
-
-
-def _peak_label(peak: Peak) -> dict[str, object]:
-    label = f"{peak.frequency:.0f} Hz" + ("" if peak.true is not None else ", folded?")
-    return {"frequency": peak.frequency, "label": label, "possible": peak.possible, "true": peak.true}
-
-
-def _proposed_notches(settings: list[Setting]) -> list[dict[str, object]]:
-    """The notch that settings make, none where they have no fixed frequency."""
-    found = fixed_notch({s.name: s.new for s in settings})
-    if found is None:
-        return []
-    name, frequency, width = found
-    return [{"name": name, "frequency": frequency, "width": width, "proposed": True}]
+def notch_bands(case: HealthCase) -> dict[str, list[tuple[float, float]]]:
+    """Return frequency and width in Hz of the gyro's notches with a fixed frequency: ``set`` and ``proposed``."""
+    log = case.log
+    if not all_spectra(log, sound_flight(case.segments, log)):
+        return {}
+    proposed = fixed_notch({s.name: s.new for check in notch_filter(case) for s in check.settings})
+    return {
+        "set": [(n.frequency, n.width) for n in active_notches(log) if n.frequency > 0.0],
+        "proposed": [] if proposed is None else [proposed[1:]],
+    }

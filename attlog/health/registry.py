@@ -1,4 +1,4 @@
-"""Registry of checks: one row a question with its maker, its kind of finding, its cause and its remedy."""
+"""Registry of checks: one row a question with its maker, its kind of finding and its remedy; usual causes."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ Maker = Callable[[HealthCase], list[Check]]
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One question: what it is called, what makes it, and what a warning or a fault of it means.
+    """Question: its title, its maker, and what a warning or a fault of it means.
 
-    ``kind``: kind of finding; ``warning``, ``fault``: its severity by verdict; ``cause``: usual cause; ``remedy``: key
-    of :meth:`FlightLog.remedy`, None where the check itself names the action.
+    ``kind``: kind of finding; ``warning``, ``fault``: its severity by verdict; ``remedy``: key of
+    :meth:`FlightLog.remedy`, None where the check itself names the action.
     """
 
     title: str
@@ -43,268 +43,86 @@ class Row:
     kind: str
     warning: Weight = "warning"
     fault: Weight = "warning"
-    cause: str = ""
     remedy: str | None = None
 
 
-_STOPPED = "The sensor, its driver or its bus stopped."
-_DEAD = "The sensor does not answer: its wiring, its bus or the sensor itself."
-_WRONG_ATTITUDE = "The onboard estimator was not aligned, or learned a wrong bias or a wrong field."
-_ASKEW = "The accelerometer is mounted otherwise than set, or its axes are mixed up."
-
-# Rows stand in the order of tables and of equally bad signs of one finding. A maker runs at its first row, so that a
-# check that reads others (``HealthCase.found``) stands after them; those in LAST run after all.
+# In the order of tables and of equally bad signs of one finding. A maker runs at its first row, so that a check that
+# reads others (``HealthCase.found``) follows them; those in LAST run after all.
 CHECKS: Mapping[str, Row] = {
-    "rate": Row("IMU rate", timing.timing_checks, "rate", "note", "serious"),
-    "gaps": Row(
-        "gaps of the IMU",
-        timing.timing_checks,
-        "gaps",
-        cause="The logger lost records: card or link are too slow.",
-        remedy="gaps",
-    ),
-    "jitter": Row("jitter", timing.timing_checks, "jitter", "note", "note", "The logger was busy.", "gaps"),
-    "filter_delay": Row(
-        "delay of the gyro's filter",
-        delays.imu_delay_checks,
-        "delay",
-        "note",
-        cause="Low-pass filters ahead of the logger, or another clock.",
-    ),
-    "imu_delay": Row(
-        "IMU delay",
-        delays.imu_delay_checks,
-        "imu_delay",
-        fault="serious",
-        cause="Samples are stamped when published, wait in a queue, or pass a filter that no parameter shows.",
-        remedy="clock",
-    ),
-    "gyro_dead": Row("dead gyro", gyro.gyro_checks, "gyro", fault="serious", cause=_DEAD),
-    "gyro_range": Row(
-        "gyro range", gyro.gyro_checks, "gyro_range", cause="A blow or vibration beyond the sensor's range."
-    ),
-    "gyro_bias": Row(
-        "gyro bias",
-        gyro.gyro_bias_checks,
-        "gyro_bias",
-        fault="serious",
-        cause="The gyro was not calibrated, was moved while it started, or warms up.",
-        remedy="gyro_bias",
-    ),
-    "frozen_gyro": Row("frozen gyro", timing.frozen_checks, "frozen_gyro", "warning", "serious", _STOPPED, "bus"),
-    "frozen_sensors": Row(
-        "frozen sensors", timing.frozen_checks, "frozen_sensors", "warning", "serious", _STOPPED, "bus"
-    ),
-    "gyro_spikes": Row(
-        "gyro spikes",
-        timing.sensor_fault_checks,
-        "gyro_spikes",
-        fault="serious",
-        cause="Errors on the sensor's bus, or samples that leave its range.",
-        remedy="bus",
-    ),
+    "rate": Row("IMU rate", timing.timing_checks, "rate", warning="note", fault="serious"),
+    "gaps": Row("gaps of the IMU", timing.timing_checks, "gaps", remedy="gaps"),
+    "jitter": Row("jitter", timing.timing_checks, "jitter", warning="note", fault="note", remedy="gaps"),
+    "filter_delay": Row("delay of the gyro's filter", delays.imu_delay_checks, "delay", warning="note"),
+    "imu_delay": Row("IMU delay", delays.imu_delay_checks, "imu_delay", fault="serious", remedy="clock"),
+    "gyro_dead": Row("dead gyro", gyro.gyro_checks, "gyro", fault="serious"),
+    "gyro_range": Row("gyro range", gyro.gyro_checks, "gyro_range"),
+    "gyro_bias": Row("gyro bias", gyro.gyro_bias_checks, "gyro_bias", fault="serious", remedy="gyro_bias"),
+    "frozen_gyro": Row("frozen gyro", timing.frozen_checks, "frozen_gyro", fault="serious", remedy="bus"),
+    "frozen_sensors": Row("frozen sensors", timing.frozen_checks, "frozen_sensors", fault="serious", remedy="bus"),
+    "gyro_spikes": Row("gyro spikes", timing.sensor_fault_checks, "gyro_spikes", fault="serious", remedy="bus"),
     "accelerometer_axes": Row(
-        "accelerometer axes", timing.sensor_fault_checks, "accelerometer_axes", "warning", "serious", _ASKEW, "mounting"
+        "accelerometer axes", timing.sensor_fault_checks, "accelerometer_axes", fault="serious", remedy="mounting"
     ),
     "accelerometer_delay": Row(
-        "accelerometer delay",
-        timing.sensor_fault_checks,
-        "accelerometer_delay",
-        fault="serious",
-        cause="Its samples wait in a queue, or are stamped by another clock.",
-        remedy="bus",
+        "accelerometer delay", timing.sensor_fault_checks, "accelerometer_delay", fault="serious", remedy="bus"
     ),
     "compass_axes": Row(
-        "compass axes",
-        timing.sensor_fault_checks,
-        "compass",
-        fault="serious",
-        cause="The compass is mounted otherwise than set, or its axes are mixed up.",
-        remedy="compass_mounting",
+        "compass axes", timing.sensor_fault_checks, "compass", fault="serious", remedy="compass_mounting"
     ),
-    "onboard_against_truth": Row(
-        "attitude against truth", attitude.smoother_checks, "attitude", fault="serious", cause=_WRONG_ATTITUDE
-    ),
-    "onboard_against_smoother": Row(
-        "attitude against smoother", attitude.smoother_checks, "attitude", fault="serious", cause=_WRONG_ATTITUDE
-    ),
+    "onboard_against_truth": Row("attitude against truth", attitude.smoother_checks, "attitude", fault="serious"),
+    "onboard_against_smoother": Row("attitude against smoother", attitude.smoother_checks, "attitude", fault="serious"),
     "heading_by_gnss": Row(
-        "heading by GNSS",
-        attitude.gnss_heading_checks,
-        "compass",
-        fault="serious",
-        cause="The compass is turned, badly calibrated or disturbed, or the declination is wrong.",
-        remedy="compass",
+        "heading by GNSS", attitude.gnss_heading_checks, "compass", fault="serious", remedy="compass"
     ),
-    "vibration_level": Row(
-        "vibration",
-        vibration.vibration_checks,
-        "vibration",
-        cause="Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.",
-        remedy="vibration",
-    ),
+    "vibration_level": Row("vibration", vibration.vibration_checks, "vibration", remedy="vibration"),
     "clipping": Row("clipping", vibration.vibration_checks, "vibration"),
     "vertical_force": Row(
-        "vertical force",
-        vibration.vertical_force_check,
-        "vibration",
-        fault="serious",
-        cause="Vibration that clips or is rectified in the sensor becomes a constant force.",
-        remedy="vibration",
+        "vertical force", vibration.vertical_force_check, "vibration", fault="serious", remedy="vibration"
     ),
-    "gyro_scale": Row(
-        "gyro scale",
-        gyro.turn_checks,
-        "gyro_scale",
-        fault="serious",
-        cause="The gyro's own scale or its range setting; no calibration corrects it.",
-        remedy="gyro_scale",
-    ),
-    "gyro_bias_step": Row(
-        "step of the gyro bias",
-        gyro.turn_checks,
-        "gyro_bias",
-        cause="The gyro warmed up or was struck, or its driver lost its calibration.",
-        remedy="gyro_scale",
-    ),
+    "gyro_scale": Row("gyro scale", gyro.turn_checks, "gyro_scale", fault="serious", remedy="gyro_scale"),
+    "gyro_bias_step": Row("step of the gyro bias", gyro.turn_checks, "gyro_bias", remedy="gyro_scale"),
     "force_axes": Row(
         "axes of the force",
         accelerometer.accelerometer_checks,
         "accelerometer_axes",
-        "warning",
-        "serious",
-        _ASKEW,
-        "mounting",
-    ),
-    "accelerometer_offset": Row(
-        "accelerometer offset",
-        accelerometer.accelerometer_checks,
-        "accelerometer",
-        cause="The accelerometer was not calibrated, or on a slope or at another temperature.",
-        remedy="accelerometer",
-    ),
-    "accelerometer_dead": Row("dead accelerometer", gravity.gravity_checks, "accelerometer", cause=_DEAD),
-    "accelerometer_rest": Row(
-        "gravity at rest",
-        gravity.gravity_checks,
-        "accelerometer",
-        cause="The accelerometer is not calibrated, has the wrong range set, or vibrates.",
-        remedy="accelerometer",
-    ),
-    "gravity_in_flight": Row(
-        "gravity in flight",
-        gravity.gravity_checks,
-        "accelerometer",
-        cause="Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.",
-        remedy="accelerometer",
-    ),
-    "gravity_direction": Row(
-        "direction of gravity",
-        gravity.gravity_checks,
-        "mounting",
         fault="serious",
-        cause="The sensor is mounted otherwise than set, or the onboard estimator failed.",
         remedy="mounting",
     ),
-    "onboard_acc_bias": Row(
-        "onboard accelerometer bias",
-        gravity.onboard_acc_bias_check,
-        "accelerometer",
-        cause="The accelerometer is off, was calibrated on a slope, or the estimator has learned wrongly.",
-        remedy="accelerometer",
+    "accelerometer_offset": Row(
+        "accelerometer offset", accelerometer.accelerometer_checks, "accelerometer", remedy="accelerometer"
     ),
-    "coverage": Row("attitude coverage", attitude.attitude_checks, "coverage", "note"),
+    "accelerometer_dead": Row("dead accelerometer", gravity.gravity_checks, "accelerometer"),
+    "accelerometer_rest": Row("gravity at rest", gravity.gravity_checks, "accelerometer", remedy="accelerometer"),
+    "gravity_in_flight": Row("gravity in flight", gravity.gravity_checks, "accelerometer", remedy="accelerometer"),
+    "gravity_direction": Row(
+        "direction of gravity", gravity.gravity_checks, "mounting", fault="serious", remedy="mounting"
+    ),
+    "onboard_acc_bias": Row(
+        "onboard accelerometer bias", gravity.onboard_acc_bias_check, "accelerometer", remedy="accelerometer"
+    ),
+    "coverage": Row("attitude coverage", attitude.attitude_checks, "coverage", warning="note"),
     "gyro_against_attitude": Row(
         "gyro against attitude",
         attitude.attitude_checks,
         "mounting",
-        "note",
-        "serious",
-        "A wrong scale, unit, orientation or clock of the logged gyro, or a slow or filtered attitude.",
-        "mounting",
+        warning="note",
+        fault="serious",
+        remedy="mounting",
     ),
-    "trim": Row(
-        "trim",
-        attitude.attitude_checks,
-        "trim",
-        "note",
-        cause="The level was calibrated on a slope, or the autopilot is mounted tilted.",
-        remedy="trim",
-    ),
+    "trim": Row("trim", attitude.attitude_checks, "trim", warning="note", remedy="trim"),
     "attitude_jumps": Row("attitude jumps", attitude.jump_checks, "reset"),
     "second_source": Row("second attitude", sources.source_checks, "attitude"),
-    "compass_dead": Row(
-        "dead compass",
-        compass.field_checks,
-        "mag_dead",
-        cause="Its wiring, its bus or the compass itself.",
-        remedy="compass_wiring",
-    ),
-    "field": Row(
-        "field",
-        compass.field_checks,
-        "compass",
-        cause="The compass is not calibrated, or iron is near.",
-        remedy="compass",
-    ),
-    "field_against_attitude": Row(
-        "field against attitude",
-        compass.field_checks,
-        "compass",
-        cause="A disturbed or badly calibrated compass, or an attitude that turns away.",
-        remedy="compass",
-    ),
-    "declination": Row(
-        "declination",
-        compass.field_checks,
-        "compass",
-        "note",
-        cause="The compass does not point forward, or the heading is not of true north.",
-        remedy="compass",
-    ),
-    "declination_set": Row(
-        "declination set",
-        compass.declination_checks,
-        "declination",
-        cause="A value set by hand, or kept from another place.",
-        remedy="declination",
-    ),
-    "compass_offset": Row(
-        "compass offset",
-        compass.compass_checks,
-        "compass",
-        cause="Iron or a current near the compass that its calibration does not know.",
-        remedy="compass",
-    ),
-    "compass_turn": Row(
-        "compass turn",
-        compass.compass_checks,
-        "compass",
-        fault="serious",
-        cause="The compass is mounted turned against what is set, or the attitude's heading is off.",
-        remedy="compass_mounting",
-    ),
-    "compass_motors": Row(
-        "compass and motor current",
-        compass.compass_checks,
-        "compass",
-        cause="Currents of motors and battery bend the field at the compass.",
-        remedy="interference",
-    ),
+    "compass_dead": Row("dead compass", compass.field_checks, "mag_dead", remedy="compass_wiring"),
+    "field": Row("field", compass.field_checks, "compass", remedy="compass"),
+    "field_against_attitude": Row("field against attitude", compass.field_checks, "compass", remedy="compass"),
+    "declination": Row("declination", compass.field_checks, "compass", warning="note", remedy="compass"),
+    "declination_set": Row("declination set", compass.declination_checks, "declination", remedy="declination"),
+    "compass_offset": Row("compass offset", compass.compass_checks, "compass", remedy="compass"),
+    "compass_turn": Row("compass turn", compass.compass_checks, "compass", fault="serious", remedy="compass_mounting"),
+    "compass_motors": Row("compass and motor current", compass.compass_checks, "compass", remedy="interference"),
     "soft_iron": Row("compass soft iron", compass.compass_checks, "compass"),
-    "compass_choice": Row(
-        "compass in use",
-        compass.compass_checks,
-        "compass",
-        cause="The compass in use is disturbed or badly calibrated; another one is not.",
-    ),
-    "gnss_quality": Row(
-        "GNSS quality",
-        gnss.gnss_checks,
-        "gnss",
-        cause="Bad view of the sky, interference, or a receiver that failed.",
-        remedy="gnss",
-    ),
+    "compass_choice": Row("compass in use", compass.compass_checks, "compass"),
+    "gnss_quality": Row("GNSS quality", gnss.gnss_checks, "gnss", remedy="gnss"),
     "gnss_jumps": Row("GNSS jumps", gnss.gnss_checks, "gnss"),
     "gnss_interference": Row("GNSS interference", gnss.gnss_checks, "gnss"),
     "innovations": Row("test ratios", innovations.innovation_checks, "estimator"),
@@ -321,11 +139,55 @@ CHECKS: Mapping[str, Row] = {
     "lanes": Row("estimator lane in use", sources.lane_errors, "estimator"),
     "barometer_noise": Row("barometer noise", baro.barometer_noise, "estimator"),
 }
+
+# Usual causes of a warning or a fault.
+CAUSES: Mapping[str, str] = {
+    "gaps": "The logger lost records: card or link are too slow.",
+    "jitter": "The logger was busy.",
+    "filter_delay": "Low-pass filters ahead of the logger, or another clock.",
+    "imu_delay": "Samples are stamped when published, wait in a queue, or pass a filter that no parameter shows.",
+    "gyro_dead": "The sensor does not answer: its wiring, its bus or the sensor itself.",
+    "gyro_range": "A blow or vibration beyond the sensor's range.",
+    "gyro_bias": "The gyro was not calibrated, was moved while it started, or warms up.",
+    "frozen_gyro": "The sensor, its driver or its bus stopped.",
+    "frozen_sensors": "The sensor, its driver or its bus stopped.",
+    "gyro_spikes": "Errors on the sensor's bus, or samples that leave its range.",
+    "accelerometer_axes": "The accelerometer is mounted otherwise than set, or its axes are mixed up.",
+    "accelerometer_delay": "Its samples wait in a queue, or are stamped by another clock.",
+    "compass_axes": "The compass is mounted otherwise than set, or its axes are mixed up.",
+    "onboard_against_truth": "The onboard estimator was not aligned, or learned a wrong bias or a wrong field.",
+    "onboard_against_smoother": "The onboard estimator was not aligned, or learned a wrong bias or a wrong field.",
+    "heading_by_gnss": "The compass is turned, badly calibrated or disturbed, or the declination is wrong.",
+    "vibration_level": "Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.",
+    "vertical_force": "Vibration that clips or is rectified in the sensor becomes a constant force.",
+    "gyro_scale": "The gyro's own scale or its range setting; no calibration corrects it.",
+    "gyro_bias_step": "The gyro warmed up or was struck, or its driver lost its calibration.",
+    "force_axes": "The accelerometer is mounted otherwise than set, or its axes are mixed up.",
+    "accelerometer_offset": "The accelerometer was not calibrated, or on a slope or at another temperature.",
+    "accelerometer_dead": "The sensor does not answer: its wiring, its bus or the sensor itself.",
+    "accelerometer_rest": "The accelerometer is not calibrated, has the wrong range set, or vibrates.",
+    "gravity_in_flight": "Wrong scale, vibration that the sensor rectifies or clips, or a wrong attitude.",
+    "gravity_direction": "The sensor is mounted otherwise than set, or the onboard estimator failed.",
+    "onboard_acc_bias": "The accelerometer is off, was calibrated on a slope, or the estimator has learned wrongly.",
+    "gyro_against_attitude": "A wrong scale, unit, orientation or clock of the gyro, or a slow or filtered attitude.",
+    "trim": "The level was calibrated on a slope, or the autopilot is mounted tilted.",
+    "compass_dead": "Its wiring, its bus or the compass itself.",
+    "field": "The compass is not calibrated, or iron is near.",
+    "field_against_attitude": "A disturbed or badly calibrated compass, or an attitude that turns away.",
+    "declination": "The compass does not point forward, or the heading is not of true north.",
+    "declination_set": "A value set by hand, or kept from another place.",
+    "compass_offset": "Iron or a current near the compass that its calibration does not know.",
+    "compass_turn": "The compass is mounted turned against what is set, or the attitude's heading is off.",
+    "compass_motors": "Currents of motors and battery bend the field at the compass.",
+    "compass_choice": "The compass in use is disturbed or badly calibrated; another one is not.",
+    "gnss_quality": "Bad view of the sky, interference, or a receiver that failed.",
+}
+
 LAST = (attitude.smoother_checks,)
 
 
 def run_checks(case: HealthCase) -> list[Check]:
-    """Make every check of a log, in the order of the rows; one that ends in a bug is unknown and says so."""
+    """Return every check of a log in the order of the rows; one that ends in a bug is unknown and says so."""
     makers: dict[Maker, str] = {}
     for question, row in sorted(CHECKS.items(), key=lambda item: item[1].make in LAST):
         makers.setdefault(row.make, question)

@@ -1,4 +1,4 @@
-"""Robust least squares of a sensor's faults, with standard errors that neighbours in time cannot make small."""
+"""Robust least squares and medians whose errors come from blocks of seconds: neighbours in time err together."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 
 from attlog.flight.model import Array
 
+# Errors of an attitude last for seconds: samples of one block are one cluster.
 BLOCK_S = 5.0
-"""Errors of an attitude last for seconds: samples of one block count as one cluster."""
+# Residuals beyond so many robust deviations are weighted down (Huber1964).
 HUBER = 2.0
-"""Residuals beyond so many robust deviations are weighted down (Huber1964)."""
 HUBER_PASSES = 6
 
 
@@ -68,8 +68,16 @@ def robust_fit(
 
 
 def interval_text(value: float, sigma: float, digits: int) -> str:
-    """The 95 % interval in words: ``1.2 to 1.8``."""
+    """Return the 95 % interval in words: ``1.2 to 1.8``."""
     return f"{value - 1.96 * sigma:.{digits}f} to {value + 1.96 * sigma:.{digits}f}"
 
 
-# Faults of sensors fitted over a flight: scale, axes, offset and mounting, each with its 95 % interval.
+def median_interval(t: Array, x: Array) -> tuple[float, float]:
+    """Return the 95 % interval of the median of ``x`` (n,) at ``t`` (n,) s, by order statistics of block medians."""
+    block = (t // BLOCK_S).astype(np.int64)
+    starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
+    medians = np.sort([float(np.median(part)) for part in np.split(x, starts[1:])])
+    n = len(medians)
+    reach = 0.98 * np.sqrt(n)
+    low, high = int(np.floor(0.5 * n - reach)), int(np.ceil(0.5 * n + reach))
+    return float(medians[max(low, 0)]), float(medians[min(high, n - 1)])

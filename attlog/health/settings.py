@@ -12,20 +12,18 @@ import numpy as np
 from attlog import __version__
 from attlog.flight import limits as ranges
 from attlog.flight import parameters, recalibration
-from attlog.flight.calibration import CalibrationUnknownError
+from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag
 from attlog.health.check import Setting
 
-# May a parameter be set so? It exists in this firmware, is within its documented range, and is not set so already.
-
+# Parameters are 32-bit floats: values that differ by a smaller share are equal.
 PARAMETER_TOLERANCE = 1e-5
-"""Parameters are 32-bit floats: values that differ by less than this part of them are the same."""
 
 
 def range_refusal(log: FlightLog, settings: Sequence[Setting]) -> str:
-    """Why one of the settings cannot be made, as a sentence; empty where all can.
+    """Return why one of the settings cannot be made, as a sentence; empty where all can.
 
-    A parameter exists in a firmware where the log's own table holds it. A file given beside a log proves nothing.
+    A parameter exists in a firmware where the log's own table holds it; a file given beside a log proves nothing.
     """
     for setting in settings:
         limits = ranges.documented_range(setting.name)
@@ -39,20 +37,17 @@ def range_refusal(log: FlightLog, settings: Sequence[Setting]) -> str:
 
 
 def changing(log: FlightLog, settings: Sequence[Setting]) -> list[Setting]:
-    """Those of ``settings`` that change something; none where one cannot be made, because they belong together."""
+    """Return the settings that change something; none where one cannot be made, because they belong together."""
     return [] if range_refusal(log, settings) else [setting for setting in settings if not is_set(log, setting)]
 
 
 def is_set(log: FlightLog, setting: Setting) -> bool:
-    """Whether a parameter has the new value already, at the end of the log."""
+    """Return whether a parameter has the new value already, at the end of the log."""
     line = log.parameters.lines.get(setting.name)
     last = None if line is None or not line.value else float(line.value[-1])
     return last is not None and math.isclose(
         last, setting.new, rel_tol=PARAMETER_TOLERANCE, abs_tol=PARAMETER_TOLERANCE
     )
-
-
-# What to set for an error of a sensor, or why nothing can be set.
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +59,9 @@ class Proposal:
 
 
 def make_proposal(log: FlightLog, values: Mapping[str, float], units: Mapping[str, str], digits: int) -> Proposal:
-    """The proposal to set ``values`` (by name, in ``units``): all that are new, or none and the reason.
+    """Return the proposal to set ``values`` (by name, in ``units``): all that are new, or none and the reason.
 
-    One that differs from what flew in decimals beyond ``digits`` alone stays: a rounded value is no correction.
+    A value that differs from what flew only in decimals beyond ``digits`` stays as it was.
     """
     old = recalibration.flown_parameters(log)
     new = {name: old[name] if name in old and round(old[name], digits) == v else v for name, v in values.items()}
@@ -75,26 +70,15 @@ def make_proposal(log: FlightLog, values: Mapping[str, float], units: Mapping[st
     return Proposal(refused=why) if why else Proposal(changing(log, wanted))
 
 
-# Which parameters take an offset of an accelerometer out of its values?
-
-
 def accelerometer_proposal(log: FlightLog, imu: Imu, bias: Array) -> Proposal:
-    """What to set where the logged accelerometer reads ``bias`` (3,) m/s^2 too much, in body axes."""
+    """Return the parameters that remove an offset ``bias`` (3,) m/s^2 of the logged accelerometer, in body axes."""
     try:
         found = recalibration.flown_accelerometer(log, imu)
-        if moved := recalibration.changed_sensor_order(log, found):
-            raise CalibrationUnknownError(f"{moved[0]} was set after take-off. Reboot and fly once.")
+        check_sensor_order(log, found)
     except CalibrationUnknownError as why:
         return Proposal(refused=str(why))
     values = found.offset_values(found.correction.offset_without(np.asarray(bias, float)))
     return make_proposal(log, values, found.units, found.digits)
-
-
-# Which parameters take an offset of a compass, or the motors' field in it, out of its values?
-#
-# The parameters are those of the device, whichever slot holds it; what the firmware did to the logged values, and so
-# the
-# signs, stands in ``flight/calibration``.
 
 
 def compass_proposal(
@@ -104,15 +88,15 @@ def compass_proposal(
     motor_t: Array | None = None,
     power: Literal["current", "throttle"] = "current",
 ) -> Proposal:
-    """What to set where the logged field reads ``offset_t`` (3,) too much, and ``motor_t`` (3,) times the power.
+    """Return the parameters that remove an offset and the motors' field from the logged field.
 
-    Both in tesla and body axes (forward, right, down), ``motor_t`` per ampere, or per unit of throttle (0 to 1).
-    Offsets and motor values are set together: each is right only with the other.
+    ``offset_t`` (3,) and ``motor_t`` (3,), per ampere or unit of throttle (0 to 1): what it reads too much, tesla in
+    body axes. Both are set together, because each is right only with the other. The parameters are those of the device,
+    whichever slot holds it; :mod:`attlog.flight.calibration` defines what the firmware did to the logged values.
     """
     try:
         found = recalibration.flown_compass(log, mag)
-        if moved := recalibration.changed_sensor_order(log, found):
-            raise CalibrationUnknownError(f"{moved[0]} was set after take-off. Reboot and fly once.")
+        check_sensor_order(log, found)
         error = np.asarray(offset_t, float) - recalibration.learned_compass_bias(log, mag, found)
         values, units = found.offset_values(found.correction.offset_without(error)), found.units
         if motor_t is not None:
@@ -125,7 +109,13 @@ def compass_proposal(
     return make_proposal(log, values, units, found.digits)
 
 
-# The settings of a log as a file that ground stations load, with what each was when the log was flown.
+def check_sensor_order(log: FlightLog, found: Calibration) -> None:
+    """Raise CalibrationUnknownError where a parameter that orders sensors was set after take-off."""
+    if moved := recalibration.changed_sensor_order(log, found):
+        raise CalibrationUnknownError(f"{moved[0]} was set after take-off. Reboot and fly once.")
+
+
+# A file of settings that ground stations load, with the value of each when the log was flown.
 
 FILE_WARNING = (
     "These values hold only for the vehicle of this log, and only where its parameters are still those named below.",
@@ -134,7 +124,8 @@ FILE_WARNING = (
 
 
 def param_file(firmware: str, log_name: str, settings: Sequence[Setting], vehicle: int = 1) -> str:
-    """The file's text; of a parameter that is named twice the first counts. Empty without settings.
+    """Return the text of a parameter file; of a parameter that is named twice the first counts. Empty without
+    settings.
 
     ``firmware``: PX4 or ArduPilot; ``vehicle``: its MAVLink id.
     """
@@ -150,7 +141,7 @@ def param_file(firmware: str, log_name: str, settings: Sequence[Setting], vehicl
 
 
 def _before(setting: Setting) -> str:
-    """What a parameter was when the log was flown."""
+    """Return the value of a parameter when the log was flown, in words."""
     if setting.old is None:
         return f"{setting.name}: its value is not in the log"
     unit = f" {setting.unit}" if setting.unit else ""

@@ -15,24 +15,26 @@ from attlog.segments import model
 
 Array = NDArray[np.float64]
 
+# Windows of a stream, and their segments' lengths, which overlap by half: 2 Hz at 2 s.
 WINDOW_S, WINDOW_SEGMENTS = 2.0, 4
-"""A window of a stream is cut into so many lengths of a segment, which overlap by half: 2 Hz at 2 s."""
+# Segments of a burst, which is 0.5 s long: 4 Hz.
 BURST_SEGMENTS = 2
-"""Of a burst, which is 0.5 s long: 4 Hz."""
+# Limits of a source, evenly spread over the flight: hours of it, or 8 kHz, cost no more.
 MAX_WINDOWS, MAX_SAMPLES = 150, 200_000
-"""Of a source, evenly spread over the flight: hours of it, or 8 kHz, cost no more than these."""
+# Rotors turn 30 to 250 times a second: a slower stream shows nothing of them but aliases of aliases.
 MIN_RATE_HZ = 90.0
-"""Rotors turn 30 to 250 times a second: a slower stream shows nothing of them but aliases of aliases."""
+# A window holds no interval longer than 5 usual ones, and lacks at most a tenth of its samples: loggers drop single
+# ones, which are interpolated.
 GAP_STEPS, MAX_LOST_SHARE = 5.0, 0.1
-"""A window holds no interval longer than 5 usual ones, and lacks at most a tenth of its samples: loggers drop single
-ones, which are interpolated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Spectra:
-    """Spectra of one sensor: ``density`` (w, k, 3) of windows with their middle at ``t`` (w,) s over ``frequency`` (k,)
-    Hz, body axes, in (deg/s)^2/Hz or (m/s^2)^2/Hz. ``rate`` Hz is the source's, ``seconds`` one window's length;
-    ``filtered``: behind low-pass and notches of the autopilot."""
+    """Spectra of one sensor in windows with their middle at ``t`` (w,) s over ``frequency`` (k,) Hz.
+
+    ``density`` (w, k, 3) along body axes in (deg/s)^2/Hz or (m/s^2)^2/Hz. ``rate`` Hz of the source, ``seconds`` of a
+    window; ``filtered``: behind low-pass and notches of the autopilot.
+    """
 
     sensor: str
     unit: int
@@ -46,7 +48,7 @@ class Spectra:
 
     @property
     def median(self) -> Array:
-        """The usual window's density (k, 3)."""
+        """Density (k, 3) of the median window."""
         middle: Array = np.median(self.density, axis=0)
         return middle
 
@@ -63,7 +65,7 @@ class Spectra:
 
 
 def all_spectra(log: FlightLog, within: list[Span], sensor: str = "gyro") -> list[Spectra]:
-    """Spectra of every unit's fastest source in the ``within`` spans, unfiltered and fast ones first."""
+    """Return the spectra of every unit's sources in spans, fast ones first."""
     found = []
     for unit in sorted({imu.index for imu in log.imus} | {b.unit for b in log.vibration.bursts}):
         raw = [b for b in log.vibration.bursts if (b.sensor, b.unit, b.filtered) == (sensor, unit, False)]
@@ -78,7 +80,7 @@ def all_spectra(log: FlightLog, within: list[Span], sensor: str = "gyro") -> lis
 
 
 def stream_spectra(stream: Stream, within: list[Span], sensor: str, unit: int, filtered: bool) -> Spectra | None:
-    """Spectra of 2 s windows of a stream without gaps, None where it is too slow or no window is whole."""
+    """Return spectra of 2 s windows without gaps; None where the stream is too slow or no window is whole."""
     t = stream.t_best
     if len(t) < 8:
         return None
@@ -103,8 +105,10 @@ def stream_spectra(stream: Stream, within: list[Span], sensor: str, unit: int, f
 
 
 def sample_numbers(t: Array) -> tuple[Array, float]:
-    """The number (n,) of each sample at t (n,) s, one more for each that was lost between, and the seconds between
-    two numbers. By numbers and not by times, because interpolation between samples would take high frequencies out."""
+    """Return the number (n,) of each sample at ``t`` (n,) s, lost ones counted, and the seconds between two numbers.
+
+    By numbers and not by times, because interpolation between samples would remove high frequencies.
+    """
     steps = np.diff(t)
     usual = float(np.median(steps))
     if not usual > 0:
@@ -116,7 +120,7 @@ def sample_numbers(t: Array) -> tuple[Array, float]:
 
 
 def _whole_windows(t: Array, number: Array, within: list[Span], dt: float, n: int) -> Array:
-    """First numbers (m,) of windows of ``n`` numbers that lie in the spans, have no gap and few lost samples."""
+    """Return first numbers (m,) of windows of ``n`` numbers in spans, without gaps and with few lost samples."""
     found: list[Array] = []
     for part in model.segment_slices(inside(t, within), model.number_segments(t, GAP_STEPS * dt)):
         first, last = number[part.start], number[part.stop - 1]
@@ -127,7 +131,7 @@ def _whole_windows(t: Array, number: Array, within: list[Span], dt: float, n: in
 
 
 def burst_spectra(bursts: list[Burst], within: list[Span]) -> Spectra | None:
-    """Spectra of the bursts of one sensor that lie in the spans, those of the usual length and rate; None without."""
+    """Return spectra of one sensor's bursts in spans, those of the median length and rate; None without any."""
     t = np.array([b.t + 0.5 * len(b.x) / b.rate for b in bursts])
     mine = [(at, b) for at, b, good in zip(t, bursts, inside(t, within), strict=True) if good]
     if not mine:
@@ -145,8 +149,11 @@ def burst_spectra(bursts: list[Burst], within: list[Span]) -> Spectra | None:
 
 
 def welch(x: NDArray[Any], rate: float, size: int, sensor: str = "") -> tuple[Array, Array]:
-    """Frequencies (k,) Hz and one-sided densities (w, k, c) of windows x (w, n, c) by Welch's method: segments of
-    ``size`` samples that overlap by half, each without its mean, Hann. A gyro's rad/s become deg/s."""
+    """Return frequencies (k,) Hz and one-sided densities (w, k, c) of windows ``x`` (w, n, c) by Welch's method.
+
+    Segments of ``size`` samples overlap by half, each without its mean, with a Hann taper. A gyro's rad/s become
+    deg/s.
+    """
     taper = np.hanning(size + 1)[:-1][:, None]
     scale = 2.0 / (rate * float(np.sum(taper**2))) * (math.degrees(1.0) ** 2 if sensor == "gyro" else 1.0)
     frequency = np.asarray(np.fft.rfftfreq(size, 1.0 / rate), np.float64)
@@ -159,38 +166,38 @@ def welch(x: NDArray[Any], rate: float, size: int, sensor: str = "") -> tuple[Ar
     return frequency, density * (scale / len(begins))
 
 
-# Which peaks does a spectrum have, how large are they, and where is each from window to window?
+# Peaks of a spectrum, and their place in every window.
 
+# What a peak's frequency follows; empty where throttle hardly moved.
 Follows = Literal["throttle", "rotors", "nothing", ""]
-"""What a peak's frequency follows; empty where throttle hardly moved, so that nothing tells."""
 
+# What is slower is the flight itself and its control.
 LOWEST_HZ = 20.0
-"""What is slower is the flight itself and its control."""
+# Height above the floor: 6 dB would pass a peak on every log tried.
 PROMINENT_DB = 10.0
-"""Above the floor: 6 dB passes a peak on every log tried."""
+# The floor is the median within this distance on both sides.
 FLOOR_HZ = 40.0
-"""The floor is the median on both sides within this."""
+# Of closer peaks the higher one is kept.
 MIN_PEAK_DISTANCE_HZ = 12.0
-"""Of peaks closer than this the higher one is told."""
 MAX_PEAKS = 4
+# A peak is at its expected frequency within this share, or 1.5 lines.
 FREQUENCY_TOLERANCE = 0.04
-"""Of the frequency, or 1.5 lines: so near is where it was foretold."""
+# A single window shows a peak of this height above the floor.
 PRESENT_DB = 6.0
-"""In a single window a peak is there where it stands so far above the floor."""
+# Standard error of a median over that of a mean, for a normal distribution.
 MEDIAN_SD = 1.25
-"""Standard error of a median over that of a mean, for a normal distribution."""
+# Range of a peak about its usual frequency: half to twice the usual thrust.
 TRACKED_RANGE = (0.72, 1.4)
-"""A peak is looked for within these parts of its usual frequency: half to twice the usual thrust."""
 
 
 @dataclass(slots=True)
 class Peak:
-    """A peak at ``frequency`` Hz as the source shows it, ``height`` dB above the floor, ``rms`` in the sensor's unit
-    (deg/s or m/s^2) along its strongest ``axis`` (0 to 2), ``density`` that of all axes at its line.
+    """Peak at ``frequency`` Hz as the source shows it, ``height`` dB above the floor.
 
-    ``share`` of the windows show it; it ``follows`` throttle, rotors or nothing in ``windows`` that could tell.
-    ``possible``: the frequencies in Hz that a source of this rate shows here; ``true``: the one that it is, None
-    where that is not known; ``why``: what tells. ``harmonic`` of the rotors' speed, 0 for none.
+    ``rms`` in deg/s or m/s^2 along its strongest ``axis`` (0 to 2), ``density`` of all axes at its line. ``share`` of
+    the windows show it; it ``follows`` throttle, rotors or nothing in ``windows`` that could show it. ``possible``:
+    frequencies in Hz that a source of this rate shows here; ``true``: the real one, None where unknown; ``why``: the
+    reason. ``harmonic`` of the rotors' speed, 0 for none.
     """
 
     frequency: float
@@ -208,7 +215,7 @@ class Peak:
 
 
 def noise_floor(density: Array, step: float) -> Array:
-    """The local floor (k,) of a density (k,): its median within 40 Hz on both sides, lines ``step`` Hz apart."""
+    """Return the local floor (k,) of a density (k,): its median within 40 Hz on both sides, ``step`` Hz a line."""
     half = max(3, round(FLOOR_HZ / step))
     padded = np.pad(density, half, mode="reflect") if len(density) > half else np.pad(density, half, mode="edge")
     level: Array = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
@@ -216,7 +223,7 @@ def noise_floor(density: Array, step: float) -> Array:
 
 
 def find_peaks(spectra: Spectra) -> list[Peak]:
-    """The prominent peaks of the flight's usual window, the strongest first, at most four."""
+    """Return the prominent peaks of the median window, the strongest first, at most four."""
     f, usual = spectra.frequency, np.median(spectra.total, axis=0)
     low = noise_floor(usual, spectra.step)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -241,19 +248,19 @@ def find_peaks(spectra: Spectra) -> list[Peak]:
 
 
 def _hidden(ratio: float, density: float, peak: Peak) -> bool:
-    """Whether a line lies where a much stronger peak goes, so that it would be taken for that one."""
+    """Return whether a line is in the range of a much stronger peak, for which it would be taken."""
     return TRACKED_RANGE[0] <= ratio <= TRACKED_RANGE[1] and density < peak.density * 10.0 ** (-PROMINENT_DB / 10.0)
 
 
 def _interpolated_hz(density: Array, k: int, step: float) -> float:
-    """A peak's frequency in Hz, between lines, by the parabola through three logarithms."""
+    """Return a peak's frequency in Hz by the parabola through three logarithms."""
     a, b, c = np.log(np.maximum(density[k - 1 : k + 2], 1e-300))
     bend = a - 2.0 * b + c
     return float((k + (0.5 * (a - c) / bend if bend < 0 else 0.0)) * step)
 
 
 def track_peak(spectra: Spectra, frequency: float) -> Array:
-    """Where a peak is in every window (w,) in Hz, NaN where none stands above the floor."""
+    """Return a peak's frequency (w,) in Hz in every window, NaN where none is above the floor."""
     band = (spectra.frequency >= TRACKED_RANGE[0] * frequency) & (spectra.frequency <= TRACKED_RANGE[1] * frequency)
     band &= (spectra.frequency >= 0.5 * LOWEST_HZ) & (spectra.frequency <= 0.48 * spectra.rate)
     if np.count_nonzero(band) < 3:
@@ -266,12 +273,12 @@ def track_peak(spectra: Spectra, frequency: float) -> Array:
 
 
 def frequency_tolerance(spectra: Spectra, frequency: float) -> float:
-    """How near in Hz a peak must be to where it was foretold."""
+    """Return how near in Hz a peak must be to its expected frequency."""
     return max(1.5 * spectra.step, FREQUENCY_TOLERANCE * frequency)
 
 
 def frequency_interval(spectra: Spectra, peak: Peak) -> tuple[float, float] | None:
-    """95 % interval in Hz of a peak's usual frequency by its windows, no narrower than half a line; None without."""
+    """Return the 95 % interval in Hz of a peak's frequency by its windows, at least half a line each way."""
     places = track_peak(spectra, peak.frequency)
     places = places[np.isfinite(places)]
     if len(places) < 2:
@@ -281,38 +288,38 @@ def frequency_interval(spectra: Spectra, peak: Peak) -> tuple[float, float] | No
     return round(middle - half, 1), round(middle + half, 1)
 
 
-# What makes a peak of a spectrum (throttle, rotors), and which frequency does it really have?
+# Source of a peak (throttle, rotors), and its real frequency.
 
+# A peak follows something in so many of the windows with another expected frequency than the usual one.
 FOLLOWING_SHARE = 0.6
-"""A peak follows something where it does in so many of the windows that could tell."""
+# With fewer such windows it is unknown what a peak follows.
 MIN_MOVED_WINDOWS = 4
-"""So many windows must foretell another frequency than the usual one before one can say what a peak follows."""
+# Below, no rotor turns, or the throttle is not that of rotors.
 MIN_THROTTLE = 0.02
-"""Below, no rotor turns, or the throttle is not that of rotors."""
+# Rotors and their blades that shake a vehicle stay below; higher frequencies are not named as the true ones.
 MAX_TRUE_HZ = 500.0
-"""Rotors and their blades that shake a vehicle stay below; higher frequencies are not named as the true ones."""
 HARMONICS = (1, 2, 3, 4)
+# Where rotors' lines cover more of the band, a peak near one of them is no evidence.
 MAX_COVERED = 0.3
-"""Where rotors' lines cover more of the band than this, a peak near one of them tells nothing."""
+# 400 Hz, as stamps measure them. Of slower streams every prominent peak at 100 to 120 Hz was an alias.
 TRUSTED_RATE_HZ = 390.0
-"""400 Hz, as stamps measure them. Of slower streams every prominent peak at 100 to 120 Hz was an alias."""
 
 
 def fold(frequency: Array | float, rate: float) -> Array:
-    """Where samples at ``rate`` Hz show a frequency (any shape) in Hz: between 0 and half the rate."""
+    """Return where samples at ``rate`` Hz show a frequency (any shape) in Hz: between 0 and half the rate."""
     rest = np.mod(np.asarray(frequency, np.float64), rate)
     return np.minimum(rest, rate - rest)
 
 
 def aliases(frequency: float, rate: float) -> list[float]:
-    """The frequencies in Hz, up to 500, that samples at ``rate`` Hz show at ``frequency``, itself first."""
+    """Return the frequencies in Hz, up to 500, that samples at ``rate`` Hz show at ``frequency``, itself first."""
     turns = np.arange(0, int(MAX_TRUE_HZ / rate) + 2)
     found = {round(float(f), 1) for f in np.concatenate([turns * rate + frequency, turns * rate - frequency])}
     return sorted(f for f in found if frequency - 0.1 <= f <= max(MAX_TRUE_HZ, frequency))
 
 
 def find_source(log: FlightLog, spectra: Spectra, peak: Peak) -> None:
-    """Find out what a peak follows: rotors where their speed is logged, else the root of throttle as the notch does."""
+    """Set what a peak follows: rotors where their speed is logged, else the root of throttle, as the notch does."""
     seen = track_peak(spectra, peak.frequency)
     near = frequency_tolerance(spectra, peak.frequency)
     speeds = rotor_speeds(log, spectra)
@@ -321,25 +328,25 @@ def find_source(log: FlightLog, spectra: Spectra, peak: Peak) -> None:
     by = relative_throttle(log, spectra)
     if by is None:
         return
-    foretold = peak.frequency * np.sqrt(by)
-    moved = np.isfinite(foretold) & (np.abs(foretold - peak.frequency) > near)
-    moved &= (foretold > TRACKED_RANGE[0] * peak.frequency) & (foretold < TRACKED_RANGE[1] * peak.frequency)
+    expected = peak.frequency * np.sqrt(by)
+    moved = np.isfinite(expected) & (np.abs(expected - peak.frequency) > near)
+    moved &= (expected > TRACKED_RANGE[0] * peak.frequency) & (expected < TRACKED_RANGE[1] * peak.frequency)
     peak.windows = int(np.count_nonzero(moved))
     if peak.windows < MIN_MOVED_WINDOWS:
         return
     with np.errstate(invalid="ignore"):
-        if np.mean(np.abs(seen - foretold)[moved] <= near) >= FOLLOWING_SHARE:
+        if np.mean(np.abs(seen - expected)[moved] <= near) >= FOLLOWING_SHARE:
             peak.follows = "throttle"
         elif np.mean(np.abs(seen - peak.frequency)[moved] <= near) >= FOLLOWING_SHARE:
             peak.follows = "nothing"
 
 
 def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, speeds: Array) -> bool:
-    """Whether a peak is where rotors or their harmonics are shown in most windows.
+    """Return whether a peak is where rotors or their harmonics are shown in most windows.
 
-    Rotors at several speeds may cover much of the band, so that any peak is near one; and below 400 Hz their aliases
-    may lie there by chance: then the peak must also move as they do, which a fold turns around, so that it is looked
-    for as the strongest line of each window.
+    Rotors at several speeds may cover much of the band, so that any peak is near one. Below 400 Hz their aliases may
+    be there by chance: then the peak must also move as they do, which a fold reverses, so the strongest line of each
+    window is compared.
     """
     known = np.isfinite(speeds).all(axis=1)
     if np.count_nonzero(known) < MIN_MOVED_WINDOWS:
@@ -354,15 +361,15 @@ def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, spee
         if np.abs(np.median(shown, axis=0) - peak.frequency).min() > near:
             continue
         moved = np.abs(np.median(shown, axis=1) - usual) > near
-        told = hit[moved] if spectra.rate < TRUSTED_RATE_HZ else hit
+        seen_moved = hit[moved] if spectra.rate < TRUSTED_RATE_HZ else hit
         if (
             covered > MAX_COVERED
-            or len(told) < MIN_MOVED_WINDOWS
+            or len(seen_moved) < MIN_MOVED_WINDOWS
             or hit.mean() < FOLLOWING_SHARE
-            or told.mean() < FOLLOWING_SHARE
+            or seen_moved.mean() < FOLLOWING_SHARE
         ):
             continue
-        peak.follows, peak.windows, peak.harmonic = "rotors", len(told), harmonic
+        peak.follows, peak.windows, peak.harmonic = "rotors", len(seen_moved), harmonic
         peak.true = harmonic * float(np.median(speeds[known]))
         peak.why = f"the rotors turn {peak.true / harmonic:.0f} times a second"
         return True
@@ -370,7 +377,7 @@ def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, spee
 
 
 def strongest_lines(spectra: Spectra) -> Array:
-    """The strongest line (w,) of each window in Hz."""
+    """Return the strongest line (w,) of each window in Hz."""
     band = (spectra.frequency >= LOWEST_HZ) & (spectra.frequency <= 0.48 * spectra.rate)
     if not band.any():
         return np.full(len(spectra.t), np.nan)
@@ -379,7 +386,7 @@ def strongest_lines(spectra: Spectra) -> Array:
 
 
 def rotor_speeds(log: FlightLog, spectra: Spectra) -> Array | None:
-    """Rotor speeds (w, rotors) in turns per second over the windows, None where none turns."""
+    """Return rotor speeds (w, rotors) in turns per second over the windows, None where none turns."""
     if log.power.rpm is None or len(log.power.rpm.t) < 2:
         return None
     speeds = window_means(log.power.rpm, spectra) / 60.0
@@ -388,7 +395,7 @@ def rotor_speeds(log: FlightLog, spectra: Spectra) -> Array | None:
 
 
 def window_means(stream: Stream, spectra: Spectra) -> Array:
-    """Means (w, k) of a slower stream's values over each window, NaN where it has none; the nearest for a burst."""
+    """Return means (w, k) of a slower stream's values over each window, NaN without any; the nearest for a burst."""
     out = np.full((len(spectra.t), stream.x.shape[1]), np.nan)
     half = max(0.5 * spectra.seconds, 0.5)
     begin, end = np.searchsorted(stream.t, spectra.t - half), np.searchsorted(stream.t, spectra.t + half)
@@ -401,8 +408,10 @@ def window_means(stream: Stream, spectra: Spectra) -> Array:
 
 
 def find_true_frequency(spectra: Spectra, peak: Peak, onboard: OnboardSpectrum | None, within: list[Span]) -> None:
-    """Which frequency a peak really has: known above 400 Hz, or by rotors, or where the autopilot's own spectrum at
-    another rate shows one of the possible ones."""
+    """Set the real frequency of a peak: known above 400 Hz or by rotors, else by the autopilot's spectrum.
+
+    That one has another rate and may show one of the possible frequencies.
+    """
     peak.possible = aliases(peak.frequency, spectra.rate)
     if peak.true is not None:
         return
@@ -424,10 +433,10 @@ def find_true_frequency(spectra: Spectra, peak: Peak, onboard: OnboardSpectrum |
 
 
 def analyse_peaks(log: FlightLog, spectra: Spectra, within: list[Span]) -> list[Peak]:
-    """The peaks of a source, the strongest first, with what they follow and which frequency they have.
+    """Return the peaks of a source, the strongest first, with what they follow and their frequencies.
 
-    Looked for in the usual window, and in windows whose frequencies are scaled to the usual throttle: a peak that
-    moves far stands out only there.
+    They are searched in the median window, and in windows whose frequencies are scaled to the usual throttle: a peak
+    that moves far is prominent only there.
     """
     moving = find_peaks(scaled_to_usual_throttle(log, spectra))
     for peak in moving:
@@ -449,7 +458,7 @@ def analyse_peaks(log: FlightLog, spectra: Spectra, within: list[Span]) -> list[
 
 
 def relative_throttle(log: FlightLog, spectra: Spectra) -> Array | None:
-    """Throttle (w,) over the windows by its usual value, NaN where not logged; None where it tells nothing."""
+    """Return throttle (w,) over its median, NaN where not logged; None without a rotor's throttle."""
     if log.power.throttle is None or len(log.power.throttle.t) < 2:
         return None
     throttle = window_means(log.power.throttle, spectra)[:, 0]
@@ -458,7 +467,7 @@ def relative_throttle(log: FlightLog, spectra: Spectra) -> Array | None:
 
 
 def scaled_to_usual_throttle(log: FlightLog, spectra: Spectra) -> Spectra:
-    """The same spectra with the frequencies of each window scaled by the root of throttle, as rotors turn."""
+    """Return the spectra with the frequencies of each window scaled by the root of throttle."""
     by = relative_throttle(log, spectra)
     if by is None:
         return spectra

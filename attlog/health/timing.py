@@ -1,8 +1,8 @@
-"""Timing of inertial samples, and sensors that stop: rate, gaps, jitter, frozen values, spikes."""
+"""Timing of inertial samples, and sensors that stop: rate, gaps, jitter, frozen values, faults of the reference."""
 
 from __future__ import annotations
 
-from typing import TypedDict
+from functools import partial
 
 import numpy as np
 
@@ -19,16 +19,19 @@ from attlog.segments import model
 from attlog.segments.model import Segments
 from attlog.segments.rest import flag_spans
 
+# Above this the rotation between samples is small enough for every estimator.
+FULL_HZ = 95.0
+RATE_LIMIT = "ok from 95, replay from 10"
+# A shorter gap is lost records; where arming is not logged, a longer one is a pause.
 PAUSE_S, LONG_PAUSE_S, FLIGHT_MARGIN_S = 2.0, 5.0, 1.0
-"""A shorter gap is lost records; where nothing tells of arming, a longer one is none."""
+# A pause begins up to so long after disarming, and may hold this share armed.
 ARMED_MARGIN_S, ARMED_SHARE = 1.0, 0.1
-"""A pause begins up to so long after disarming, and ends with arming."""
+# So few gaps change nothing that is measured; a fifth of the time lost changes all.
 FEW_GAPS, FEW_GAPS_PCT, MANY_GAPS_PCT = 3, 1.0, 20.0
-"""So few gaps change nothing that is measured; a fifth of the time lost changes all."""
 GAP_LIMIT = f"ok: fewer than {FEW_GAPS} above 50 ms while armed, and {FEW_GAPS_PCT:.0f} % of the time; "
 GAP_LIMIT += f"fault: above {MANY_GAPS_PCT:.0f} %"
-FULL_HZ = 95.0
-"""Above this the rotation between samples is small enough for every estimator."""
+# Usual loggers scatter by a tenth of an interval; beyond the second, times of samples are guesses.
+JITTER_PCT = (15.0, 60.0)
 
 
 def timing_checks(case: HealthCase) -> list[Check]:
@@ -37,47 +40,44 @@ def timing_checks(case: HealthCase) -> list[Check]:
     if not log.imus:
         return [Check("rate", "fault", "There is no usable gyro and accelerometer data.", 0.0, "Hz", ">= 10 Hz")]
     imu = log.imus[log.imu or 0]
-    t = imu.gyro.t
+    t, source = imu.gyro.t, imu.gyro.source
     if len(t) < 3:
-        return [Check("rate", "fault", f"{imu.gyro.source}: too short, {len(t)} of 3 samples.", 0.0, "Hz", ">= 10 Hz")]
-    dt = np.diff(t)
+        return [Check("rate", "fault", f"{source}: too short, {len(t)} of 3 samples.", 0.0, "Hz", ">= 10 Hz")]
     breaks = gap_indices(t) - 1
-    steady = np.delete(dt, breaks)
-    thinned = any(p.code == "imu_decimated" and p.text.startswith(f"{imu.gyro.source}:") for p in log.problems)
-    even = [] if thinned else [jitter_check(steady)]  # a logger that drops most samples is told already
-    return [rate_check(imu.gyro.source, imu.gyro.rate), gap_check(t, breaks, log, case.segments), *even]
+    found = [rate_check(source, imu.gyro.rate), gap_check(t, breaks, log, case.segments)]
+    # A logger that drops most samples is reported already.
+    thinned = any(p.code == "imu_decimated" and p.text.startswith(f"{source}:") for p in log.problems)
+    return found if thinned else [*found, jitter_check(np.delete(np.diff(t), breaks))]
 
 
 def rate_check(source: str, rate: float) -> Check:
-    """Is the IMU logged fast enough?"""
-    verdict: Verdict = "ok" if rate >= FULL_HZ else "warning" if is_replayable_rate(rate) else "fault"
-    what = (
-        "fast enough for every figure"
-        if verdict == "ok"
-        else "usable, but vibration is aliased"
-        if rate < LOW_RATE_HZ and verdict == "warning"
-        else "usable; lags are coarser than at 100 Hz and more"
-        if verdict == "warning"
-        else f"too slow for a replay, which needs {REPLAY_MIN_HZ:.0f} Hz"
-    )
-    return Check(
-        "rate", verdict, f"{source}: {rate:.1f} Hz, {what}.", round(rate, 2), "Hz", "ok from 95, replay from 10"
-    )
+    """Check whether the IMU is logged fast enough."""
+    verdict: Verdict = "warning"
+    if rate >= FULL_HZ:
+        verdict, what = "ok", "fast enough for every figure"
+    elif not is_replayable_rate(rate):
+        verdict, what = "fault", f"too slow for a replay, which needs {REPLAY_MIN_HZ:.0f} Hz"
+    elif rate < LOW_RATE_HZ:
+        what = "usable, but vibration is aliased"
+    else:
+        what = "usable; lags are coarser than at 100 Hz and more"
+    return Check("rate", verdict, f"{source}: {rate:.1f} Hz, {what}.", round(rate, 2), "Hz", RATE_LIMIT)
 
 
 def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segments) -> Check:
-    """Are samples missing? ``breaks`` are the samples before the gaps of ``t`` (n,) s.
+    """Check for missing samples; ``breaks`` are the samples before the gaps of ``t`` (n,) s.
 
-    A gap from disarming to arming is the logger, which rests while the vehicle does; so is a long one on the ground.
+    A gap from disarming to arming is a pause of the logger; so is a long one on the ground.
     """
+    made = partial(Check, "gaps", unit="s", threshold=GAP_LIMIT)
     if len(breaks) == 0:
-        return Check("gaps", "ok", "No gap in the inertial data.", 0.0, "s", GAP_LIMIT)
+        return made("ok", "No gap in the inertial data.", value=0.0)
     begin, end = t[breaks], t[breaks + 1]
     paused = np.array([is_pause(a, b, log, segments) for a, b in zip(begin.tolist(), end.tolist(), strict=True)])
     rest = f"The logger paused {'once' if paused.sum() == 1 else f'{paused.sum()} times'} on the ground, "
     rest += f"{float((end - begin)[paused].sum()):.0f} s in all."
     if paused.all():
-        return Check("gaps", "ok", rest, 0.0, "s", GAP_LIMIT)
+        return made("ok", rest, value=0.0)
     lost = (end - begin)[~paused]
     total = float(lost.sum())
     share = 100.0 * total / float(t[-1] - t[0])
@@ -85,30 +85,19 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
     text += f", of {np.median(lost):.2f} s (median), the longest {lost.max():.2f} s" if len(lost) > 1 else ""
     few = len(lost) < FEW_GAPS and share < FEW_GAPS_PCT
     verdict: Verdict = "ok" if few else "fault" if share > MANY_GAPS_PCT else "warning"
-    seen = [rest] if paused.any() else []
+    check = made(verdict, f"{text}.", value=round(total, 2), t=float(begin[~paused][0]), count=len(lost))
+    check.evidence = [rest] if paused.any() else []
     others = count_logged_gaps(log, begin[~paused], end[~paused])
     if others:
-        seen.append(f"{log.onboard} goes on in {others} of them.")
-    cause = "The IMU, its driver or the rate of its messages: others go on in the gaps." if others else ""
-    about = "stopped" if float(lost.max()) > LONG_PAUSE_S and not others else ""
-    first = float(begin[~paused][0])
-    return Check(
-        "gaps",
-        verdict,
-        text + ".",
-        round(total, 2),
-        "s",
-        GAP_LIMIT,
-        t=first,
-        count=len(lost),
-        about=about,
-        evidence=seen,
-        cause=cause,
-    )
+        check.evidence.append(f"{log.onboard} goes on in {others} of them.")
+        check.cause = "The IMU, its driver or the rate of its messages: others go on in the gaps."
+    elif float(lost.max()) > LONG_PAUSE_S:
+        check.about = "stopped"
+    return check
 
 
 def count_logged_gaps(log: FlightLog, start: Array, end: Array) -> int:
-    """In how many gaps the attitude that flew was logged all the same: then not the card lost what is missing."""
+    """Count the gaps in which the onboard attitude was logged, so that the card did not lose the samples."""
     onboard = log.onboard_attitude
     if onboard is None or onboard.rate <= 0:
         return 0
@@ -117,9 +106,9 @@ def count_logged_gaps(log: FlightLog, start: Array, end: Array) -> int:
 
 
 def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
-    """Whether a gap from ``t0`` to ``t1`` s lies where the vehicle was disarmed; where nothing tells, a long one.
+    """Return whether the vehicle was disarmed in a gap; where arming is not logged, whether it is long.
 
-    The record of disarming is often lost with the others: a long gap that no flight goes into or comes out of counts.
+    The record of disarming is often lost too: a long gap without flight at either end counts.
     """
     if log.state.armed is None or not log.state.armed.value:
         return t1 - t0 > LONG_PAUSE_S
@@ -131,32 +120,28 @@ def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
 
 
 def jitter_check(dt: np.ndarray) -> Check:
-    """How even are the sample times?"""
+    """Check the standard deviation of the sample intervals."""
     jitter = 100.0 * float(dt.std() / np.median(dt)) if np.median(dt) > 0 else float("inf")
     text = f"Intervals {np.median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
-    return Check("jitter", graded(jitter, 15.0, 60.0), text, round(jitter, 2), "%", "ok up to 15 %, fault above 60 %")
+    limit = f"ok up to {JITTER_PCT[0]:.0f} %, fault above {JITTER_PCT[1]:.0f} %"
+    return Check("jitter", graded(jitter, *JITTER_PCT), text, round(jitter, 2), "%", limit)
 
 
-# Does a sensor say the same in every record while the vehicle moves? Then it, its driver or its bus has stopped.
+# Sensors that report equal values while the vehicle moves: the sensor, its driver or its bus has stopped.
 
+# Values may be equal for so long by chance: an IMU's noise changes its last digit at each sample, a barometer's at most
+# of them; a compass of whole milligauss may rest.
 FROZEN_IMU_S, FROZEN_MAG_S, FROZEN_BARO_S = 1.0, 5.0, 5.0
-"""So long a value may stay by chance: an IMU's noise changes its last digit at each sample, that of a barometer at most
-of them; a compass of whole milligauss may rest."""
-DOWN = np.array([0.0, 0.0, 1.0])
+# Fewer equal records in a row are a slow message.
 MIN_FROZEN_RECORDS = 20
-"""Fewer equal records in a row are a slow message."""
+# A vehicle moves where the gyro shows so much (standard deviation), attitude or field turn, or GNSS rises so far. A
+# force that shakes is no sign: engines run on the ground.
 MOVING_DPS, TURNED_DEG, CLIMBED_M = 3.0, 5.0, 10.0
-"""A vehicle that moves: the gyro shows so much (standard deviation), attitude or field turn, GNSS rises so far.
-An accelerometer that shakes is no sign of it: engines run on the ground."""
+# Share of the record with a frozen gyro from which no replay means anything.
 UNUSABLE_PCT = 5.0
-"""A gyro that stood still for more than this part of the record makes every replay wrong from there on."""
 FROZEN_LIMIT = f"ok: no value stays for {FROZEN_IMU_S:.0f} s (compass {FROZEN_MAG_S:.0f} s, "
 FROZEN_LIMIT += f"barometer {FROZEN_BARO_S:.0f} s) while the vehicle moves"
-
-
-class _FrozenTime(TypedDict, total=False):
-    t: float
-    count: int
+DOWN = np.array([0.0, 0.0, 1.0])
 
 
 def frozen_checks(case: HealthCase) -> list[Check]:
@@ -164,29 +149,29 @@ def frozen_checks(case: HealthCase) -> list[Check]:
     log, imu = case.log, case.log.replay_imu
     if imu is None:
         return []
-    stopped, lost = _frozen_gyro(log)
-    text = (
-        f"{imu.gyro.source}: {_frozen_text('gyro', stopped)}." if stopped else "The gyro never stands still in motion."
-    )
-    found = [
-        Check(
-            "frozen_gyro", "fault" if stopped else "ok", text, round(lost, 1), "%", FROZEN_LIMIT, **_first_time(stopped)
-        )
-    ]
+    gyro, lost = _frozen_gyro(log)
+    acc = [s for s in frozen_spans(imu.acc, FROZEN_IMU_S) if np.degrees(_spread(imu.gyro, s)) >= MOVING_DPS]
+    mag, baro = frozen_compass(log), _frozen_barometer(log, case.segments)
     others = {
-        f"{imu.acc.source}: {_frozen_text('accelerometer', spans)}": spans
-        for spans in [
-            [s for s in frozen_spans(imu.acc, FROZEN_IMU_S) if np.degrees(_spread(imu.gyro, s)) >= MOVING_DPS]
-        ]
+        f"{source}: {_frozen_text(sensor, spans)}": spans
+        for sensor, source, spans in (
+            ("accelerometer", imu.acc.source, acc),
+            ("compass", log.mags[log.mag or 0].field.source if mag else "", mag),
+            ("barometer", log.baro[0].source if baro else "", baro),
+        )
         if spans
     }
-    serious = bool(others)
-    others |= _frozen_compass(log) | _frozen_barometer(log, case.segments)
-    every = sorted((s for spans in others.values() for s in spans), key=lambda s: s[0] - s[1])
+    spans = [*acc, *mag, *baro]
+    text = f"{imu.gyro.source}: {_frozen_text('gyro', gyro)}." if gyro else "The gyro never stands still in motion."
+    first = Check("frozen_gyro", "fault" if gyro else "ok", text, round(lost, 1), "%", FROZEN_LIMIT)
     text = f"{'; '.join(others)}." if others else "No other sensor stands still while the vehicle moves."
-    verdict: Verdict = "fault" if serious else "warning" if others else "ok"
-    longest = round(every[0][1] - every[0][0], 1) if every else 0.0
-    return [*found, Check("frozen_sensors", verdict, text, longest, "s", FROZEN_LIMIT, **_first_time(every))]
+    verdict: Verdict = "fault" if acc else "warning" if others else "ok"
+    longest = max((b - a for a, b in spans), default=0.0)
+    second = Check("frozen_sensors", verdict, text, round(longest, 1), "s", FROZEN_LIMIT)
+    for check, stopped in ((first, gyro), (second, spans)):
+        if stopped:
+            check.t, check.count = min(a for a, _ in stopped), len(stopped)
+    return [first, second]
 
 
 def _frozen_gyro(log: FlightLog) -> tuple[list[Span], float]:
@@ -207,7 +192,7 @@ def frozen_gyro_reason(log: FlightLog) -> str:
 
 
 def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
-    """Spans (t0, t1) s in which every record holds the same finite values (all of them), for ``least_s`` and more."""
+    """Return the spans (t0, t1) s of at least ``least_s`` in which all records hold the same finite values."""
     if len(stream.t) < MIN_FROZEN_RECORDS:
         return []
     x = stream.x.reshape(len(stream.t), -1)
@@ -216,7 +201,7 @@ def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
 
 
 def frozen_compass(log: FlightLog) -> list[Span]:
-    """Where the compass in use stands still while the gyro turns; one that never changes is told as dead elsewhere."""
+    """Return when the compass in use was frozen while the gyro turned; not one that never changes (dead)."""
     imu = log.replay_imu
     if log.mag is None or imu is None:
         return []
@@ -227,31 +212,26 @@ def frozen_compass(log: FlightLog) -> list[Span]:
     ]
 
 
-def _frozen_compass(log: FlightLog) -> dict[str, list[Span]]:
-    """What is said of the compass in use that stopped, and where."""
-    spans = frozen_compass(log)
-    return {f"{log.mags[log.mag or 0].field.source}: {_frozen_text('compass', spans)}": spans} if spans else {}
-
-
-def _frozen_barometer(log: FlightLog, segments: Segments) -> dict[str, list[Span]]:
-    """The first barometer, in the air; simulated ones without noise may stay in hover."""
+def _frozen_barometer(log: FlightLog, segments: Segments) -> list[Span]:
+    """Return when the first barometer was frozen in a climb; simulated ones without noise may rest in a hover."""
     if not log.baro:
-        return {}
+        return []
     flown = intersect(frozen_spans(log.baro[0], FROZEN_BARO_S), segments.spans("airborne"))
-    flown = [s for s in flown if max((_climbed_m(gnss, s) for gnss in log.gnss), default=0.0) >= CLIMBED_M]
-    return {f"{log.baro[0].source}: {_frozen_text('barometer', flown)}": flown} if flown else {}
+    return [s for s in flown if max((_climbed_m(gnss, s) for gnss in log.gnss), default=0.0) >= CLIMBED_M]
 
 
 def _climbed_m(gnss: Gnss, span: Span) -> float:
-    """The range (m) of a receiver's height in a span, 0 where it has none."""
+    """Return the range (m) of a receiver's height in a span, 0 without any."""
     height = gnss.alt[slice(*np.searchsorted(gnss.t, span))]
     height = height[np.isfinite(height)]
     return float(np.ptp(height)) if len(height) else 0.0
 
 
 def _turned_deg(log: FlightLog, span: Span) -> float:
-    """How far (deg) down by the onboard attitude, or without one the magnetic field, is away from its middle for a
-    fifth of a span: an alignment at the start is one jump."""
+    """Return how far (deg) down, or without attitude the field, is off its median for a fifth of a span.
+
+    An alignment at the start is one jump and no turn.
+    """
     attitude = log.onboard_attitude
     if attitude is not None:
         x = rotation.rotate_inverse(attitude.q[slice(*np.searchsorted(attitude.t, span))], DOWN)
@@ -269,7 +249,7 @@ def _turned_deg(log: FlightLog, span: Span) -> float:
 
 
 def _spread(stream: Stream, span: Span) -> float:
-    """The largest standard deviation of an axis in a span."""
+    """Return the largest standard deviation of an axis in a span."""
     first, last = np.searchsorted(stream.t, span)
     inside: Array = stream.x[first:last]
     return float(np.nanmax(np.std(inside, axis=0), initial=0.0)) if len(inside) > 1 else 0.0
@@ -281,11 +261,7 @@ def _frozen_text(what: str, spans: list[Span]) -> str:
     return f"the {what} says the same {len(spans)} times, {seconds(spans):.1f} s in all, while the vehicle moves"
 
 
-def _first_time(spans: list[Span]) -> _FrozenTime:
-    return {"t": min(s[0] for s in spans), "count": len(spans)} if spans else {}
-
-
-# What the sensors have in common: compass and gyro turn alike, a gyro does not jump, forces change the velocity.
+# Sensor faults that were found while the reference was chosen.
 
 SENSOR_FAULT_LIMITS = {
     GYRO: "ok: fewer than 5 samples 20 times further from their neighbours than usual; fault above 20 deg/min of them",
@@ -296,7 +272,7 @@ SENSOR_FAULT_LIMITS = {
 
 
 def sensor_fault_checks(case: HealthCase) -> list[Check]:
-    """Return the sensor faults that were found while the reference was chosen."""
+    """Return a check for each of these faults."""
     faults = {} if case.rates is None else case.rates.faults.sensors
     return [
         Check(

@@ -1,93 +1,232 @@
-"""Vibration in the accelerometer: how strong, since when, and whether the sensor makes a constant force of it."""
+"""Vibration of the accelerometers: level, onset, clipping, and the constant force that it becomes."""
 
 from __future__ import annotations
 
 from bisect import insort
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core import rotation
-from attlog.core.spans import Span, complement, inside, intersect
-from attlog.flight.model import VIBRATION_LIMITS, Burst, FlightLog, Imu, OnboardVibration, Stream
+from attlog.core.kinematics import known_earth_force
+from attlog.core.spans import Span, inside
+from attlog.flight.model import VIBRATION_LIMITS, Array, Burst, FlightLog, Imu, OnboardVibration, Stream
 from attlog.flight.notches import advise_vibration_level, measures_differences
 from attlog.health.check import Check, HealthCase, Verdict, unknown
-from attlog.health.flown import crash_spans
+from attlog.health.flown import sound_spans
 from attlog.health.gravity import imu_attitude
 from attlog.segments.airborne import height_stream
 from attlog.segments.model import Segments
 from attlog.segments.windows import vibration_levels
 
-Array = NDArray[np.float64]
+# Level of the IMUs in flight.
 
-STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 15.0
-"""Of the logged, mostly low-passed accelerometer: measured on the logs in hand (docs/flight.md)."""
+# Cut from a flight: the low-pass of the level still holds the ground at take-off, and a touch-down is a blow.
+TAKE_OFF_S, LANDING_S = 1.0, 2.0
+# Fewer seconds of flight have no percentiles.
 MIN_FLIGHT_S = 10
-GROWTH, BEFORE_S, AFTER_S = 3.0, 20, 10
-"""Onset: the median of the next 10 s is three times the median of all flight before, at least 20 s."""
+# PX4 makes its level of samples at 200 to 250 Hz; a slower stream shows less of it.
+FULL_RATE_HZ = 150.0
+# The first low-pass of ArduPilot's VIBE: what is slower is motion, not vibration.
+FLOOR_HZ = 5.0
+# Of the logged, mostly low-passed accelerometer: measured on the logs in hand (docs/flight.md).
+STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 15.0
+# Onset: the median of the next 10 s is three times that of all flight before, at least 20 s, and 1 m/s^2.
+GROWTH, BEFORE_S, AFTER_S, MIN_GROWN_M_S2 = 3.0, 20, 10, 1.0
+# Vibration that comes with so much more throttle comes from the motors, not from a part that broke.
 MORE_POWER = 1.3
-"""Vibration that comes with so much more throttle is none that something broke."""
-FORCE_WINDOW_S, CHANGED_M_S2, WRONG_M_S2 = 10.0, 0.7, 1.5
-"""Mean vertical force over 10 s: what it may change by without a change of vertical speed that explains it."""
+# ardupilot.org, "Measuring Vibration": below 100 is likely fine, a number that keeps growing is not.
+FEW_CLIPS, MANY_CLIPS, LASTING_S = 10, 100, 3
 
 
-def vertical_force_check(case: HealthCase) -> list[Check]:
-    """Check the mean vertical force in flight against the barometer."""
-    imu = case.log.replay_imu
-    return [] if imu is None else [vertical_force(case.log, imu, case.segments.spans("airborne"))]
+def sound_flight(segments: Segments, log: FlightLog) -> list[Span]:
+    """Return the time in flight (armed, for what cannot fly) without take-off, touch-down and wrecks."""
+    spans = segments.spans("airborne" if log.kind.flies else "armed")
+    return sound_spans(segments, [(a + TAKE_OFF_S, b - LANDING_S) for a, b in spans if b - a > TAKE_OFF_S + LANDING_S])
+
+
+def vibration_checks(case: HealthCase) -> list[Check]:
+    """Check the vibration of every IMU by the firmware's measure, else by the logged samples; and its clipping."""
+    log, within = case.log, sound_flight(case.segments, case.log)
+    levels = [_level_check(log, one, within) for one in imu_vibrations(log)]
+    if all(check.verdict == "unknown" for check in levels):
+        logged = (
+            None if log.replay_imu is None else logged_vibration(log, log.replay_imu, case.segments.spans("airborne"))
+        )
+        why = levels[0].text if levels else advise_vibration_level(log)
+        levels = [unknown("vibration_level", why) if logged is None or logged.verdict == "unknown" else logged]
+    return [*levels, *clipping_checks(log, within)]
+
+
+def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
+    """Return the autopilot's levels, else those by its definition from samples that are fast enough."""
+    if log.vibration.levels:
+        return log.vibration.levels
+    if raw := [b for b in log.vibration.bursts if b.sensor == "accelerometer" and not b.filtered]:
+        return [burst_levels([b for b in raw if b.unit == unit]) for unit in sorted({b.unit for b in raw})]
+    imu = log.replay_imu
+    if imu is not None and measures_differences(log) and imu.filtered == "none" and imu.acc.rate >= FULL_RATE_HZ:
+        return [sample_levels(imu)]
+    return []
+
+
+def burst_levels(bursts: list[Burst]) -> OnboardVibration:
+    """Return ArduPilot's level (m/s^2) of the worst axis, one for each burst of one unit.
+
+    It is the RMS of what a low-pass of 5 Hz leaves; the 2 Hz low-pass of the firmware becomes the mean over the burst.
+    """
+    levels = [float(np.sqrt(np.mean(high_passed(b.x, b.rate) ** 2, axis=0)).max()) for b in bursts]
+    t = np.array([b.t + len(b.x) / b.rate for b in bursts])
+    return OnboardVibration(bursts[0].unit, "rest", bursts[0].source, t, np.array(levels))
+
+
+def high_passed(x: NDArray[np.float32], rate: float) -> Array:
+    """Return what the firmware's first-order low-pass of 5 Hz leaves of ``x`` (n, k), by its transfer function."""
+    flat = x.astype(np.float64) - x.mean(axis=0)
+    a = 1.0 / (1.0 + rate / (2.0 * np.pi * FLOOR_HZ))
+    z = np.exp(-2j * np.pi * np.fft.rfftfreq(len(flat)))
+    passed = 1.0 - a / (1.0 - (1.0 - a) * z)
+    left: Array = np.fft.irfft(np.fft.rfft(flat, axis=0) * passed[:, None], len(flat), axis=0)
+    return left
+
+
+def sample_levels(imu: Imu) -> OnboardVibration:
+    """Return PX4's level of a stream at full rate: length of the difference of successive samples, mean over 1 s."""
+    t, acc = imu.acc.t_best, imu.acc.x
+    step = np.linalg.norm(np.diff(acc, axis=0), axis=1)
+    dt = np.diff(t)
+    good = (dt > 0) & (dt < 3.0 / imu.acc.rate) & np.isfinite(step)
+    starts, level = second_means(t[1:][good], step[good])
+    return OnboardVibration(imu.index, "difference", imu.acc.source, starts + 1.0, level)
+
+
+def second_means(t: Array, x: Array) -> tuple[Array, Array]:
+    """Return starts (m,) s and means (m,) of the finite ``x`` (n,) at rising ``t`` (n,) in each second with any."""
+    good = np.isfinite(x)
+    t, x = t[good], x[good]
+    if len(t) == 0:
+        return np.zeros(0), np.zeros(0)
+    second = np.floor(t).astype(np.int64)
+    first = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
+    count = np.diff(np.append(first, len(t)))
+    return second[first].astype(np.float64), np.add.reduceat(x, first) / count
+
+
+def levels_in_flight(one: OnboardVibration, within: list[Span]) -> tuple[Array, Array]:
+    """Return starts (m,) in s and mean level (m,) in m/s^2 of the seconds of flight."""
+    mine = inside(one.t, within)
+    return second_means(one.t[mine], one.level[mine])
+
+
+def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> Check:
+    limits = VIBRATION_LIMITS[one.measure]
+    named = f"{limits.warning:g} m/s^2" + (f" and {limits.fault:g}" if np.isfinite(limits.fault) else "")
+    threshold = f"below {named} in {100 * limits.share:.0f} % of the flight"
+    sensor = f"IMU.{one.unit}"
+    t, level = levels_in_flight(one, within)
+    if len(t) < MIN_FLIGHT_S:
+        why = f"{one.source} holds {len(t)} s of sound flight, and {MIN_FLIGHT_S} are needed for percentiles."
+        return unknown("vibration_level", why, threshold, sensor=sensor, source=limits.source)
+    half, most, judged = (float(np.quantile(level, q)) for q in (0.5, 0.8, limits.share))
+    worst = int(np.argmax(level))
+    verdict: Verdict = "fault" if judged > limits.fault else "warning" if judged > limits.warning else "ok"
+    text = (
+        f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
+        f"in the worst second {level[worst]:.1f}."
+    )
+    found = Check("vibration_level", verdict, text, round(judged, 2), "m/s^2", threshold, sensor=sensor)
+    found.ci95, found.n = quantile_interval(level, limits.share), len(level)
+    found.seconds, found.source = float(len(level)), limits.source
+    found.evidence = [f"{one.source}; the worst second begins at {t[worst]:.0f} s."]
+    since = find_onset(level)
+    if since is not None and not has_more_power(log.power.throttle, t, since):
+        before, after = float(np.median(level[:since])), float(np.median(level[since:]))
+        found.t, found.verdict = float(t[since]), "fault" if verdict == "fault" else "warning"
+        found.evidence.append(f"From {t[since]:.0f} s on it is {after:.1f} m/s^2 instead of {before:.1f}.")
+    if found.verdict != "ok":
+        found.action = "Balance the propellers, look for loose parts and soften the autopilot's mounting."
+        found.why_no_setting = "No parameter removes vibration from the accelerometer."
+    return found
+
+
+def quantile_interval(level: Array, share: float) -> tuple[float, float]:
+    """Return the 95 % interval of a quantile by order statistics (binomial); seconds count as independent."""
+    n = len(level)
+    half = 1.96 * np.sqrt(n * share * (1.0 - share))
+    ordered = np.sort(level)
+    low, high = (int(np.clip(round(n * share + s * half), 0, n - 1)) for s in (-1.0, 1.0))
+    return round(float(ordered[low]), 2), round(float(ordered[high]), 2)
+
+
+def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
+    """Check accelerometers that reached the end of their range in sound flight; nothing of the others."""
+    found = []
+    limit = f"up to {FEW_CLIPS} samples; fault above {MANY_CLIPS} in {LASTING_S} seconds and more"
+    for one in (c for c in log.vibration.clippings if c.sensor == "accelerometer" and c.whole):
+        mine = inside(one.t, within) & (one.new > 0)
+        count, seconds = int(one.new[mine].sum()), len(np.unique(np.floor(one.t[mine])))
+        if count <= FEW_CLIPS:
+            continue
+        first, last = float(one.t[mine][0]), float(one.t[mine][-1])
+        check = Check(
+            "clipping",
+            "fault" if count > MANY_CLIPS and seconds >= LASTING_S else "warning",
+            f"The accelerometer of IMU {one.unit} clipped {count:,} samples in {seconds} s of flight.",
+            float(count),
+            "samples",
+            limit,
+            t=first,
+            evidence=[f"{one.source}: from {first:.0f} to {last:.0f} s."],
+            sensor=f"IMU.{one.unit}",
+            n=count,
+            seconds=float(seconds),
+            source="ardupilot.org, Measuring Vibration",
+        )
+        check.why_no_setting = "No parameter brings clipped samples back."
+        check.action = "Balance the propellers and soften the autopilot's mounting before the next flight."
+        found.append(check)
+    return found
 
 
 def logged_vibration(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
-    """Check the level of the logged samples in flight, and the time from which it has grown several times."""
+    """Check the level of the logged samples in flight, and the time from which it is several times as large."""
     limit = f"ok up to {STRONG_M_S2:.0f} m/s^2 and steady, fault above {VERY_STRONG_M_S2:.0f}"
     t, x = vibration_levels(imu, flown)
     if len(t) < MIN_FLIGHT_S:
         return unknown("vibration_level", "Too little flight to measure vibration in.", limit)
-    axis = int(np.argmax(np.median(x, axis=0)))
     strongest = x.max(axis=1)
     typical = float(np.median(strongest))
     since = find_onset(strongest)
     since = None if since is None or has_more_power(log.power.throttle, t, since) else since
-    text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
-    verdict: Verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
+    made = partial(Check, "vibration_level", unit="m/s^2", threshold=limit, sensor=imu.acc.source)
     if since is None:
-        return Check("vibration_level", verdict, text, round(typical, 2), "m/s^2", limit, sensor=imu.acc.source)
-    later = x[since:]
-    axis = int(np.argmax(np.median(later, axis=0)))
-    before, after = float(np.median(x[:since, axis])), float(np.median(later[:, axis]))
-    peak = np.quantile(later[:, axis], 0.95)
-    text = (
-        f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 instead of "
-        f"{before:.1f}."
-    )
+        axis = int(np.argmax(np.median(x, axis=0)))
+        text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
+        verdict: Verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
+        return made(verdict, text, value=round(typical, 2))
+    axis = int(np.argmax(np.median(x[since:], axis=0)))
+    before, after = float(np.median(x[:since, axis])), float(np.median(x[since:, axis]))
+    text = f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 instead of "
+    text += f"{before:.1f}."
+    peak = np.quantile(x[since:, axis], 0.95)
     seen = [f"95 % of the seconds from then on stay below {peak:.1f} m/s^2."]
     verdict = "fault" if after > STRONG_M_S2 else "warning"
-    return Check(
-        "vibration_level",
-        verdict,
-        text,
-        round(after, 2),
-        "m/s^2",
-        limit,
-        t=float(t[since]),
-        evidence=seen,
-        sensor=imu.acc.source,
-    )
+    return made(verdict, text, value=round(after, 2), t=float(t[since]), evidence=seen)
 
 
-def find_onset(level_: Array) -> int | None:
-    """Index of the window (m,) from which vibration has grown for good, None where it has not."""
-    if len(level_) < BEFORE_S + AFTER_S:
+def find_onset(level: Array) -> int | None:
+    """Return the window (m,) from which vibration has grown for good, None where it has not."""
+    if len(level) < BEFORE_S + AFTER_S:
         return None
-    k = np.arange(BEFORE_S, len(level_) - AFTER_S + 1)
-    before, rest = running_medians(level_)[k - 1], running_medians(level_[::-1])[::-1][k]
-    after = np.median(np.lib.stride_tricks.sliding_window_view(level_, AFTER_S), axis=1)[k]
-    grown = (np.minimum(after, rest) > np.maximum(GROWTH * before, 1.0)) & (level_[k] > 0.5 * GROWTH * before)
+    k = np.arange(BEFORE_S, len(level) - AFTER_S + 1)
+    before, rest = running_medians(level)[k - 1], running_medians(level[::-1])[::-1][k]
+    after = np.median(np.lib.stride_tricks.sliding_window_view(level, AFTER_S), axis=1)[k]
+    grown = (np.minimum(after, rest) > np.maximum(GROWTH * before, MIN_GROWN_M_S2)) & (level[k] > 0.5 * GROWTH * before)
     return int(k[np.argmax(grown)]) if grown.any() else None
 
 
 def running_medians(x: Array) -> Array:
-    """The median (n,) of the first 1, 2, ... n of finite numbers (n,): each is sorted in, not all anew."""
+    """Return the median (n,) of the first 1, 2, ... n of finite numbers (n,), each sorted in."""
     ordered: list[float] = []
     out = np.empty(len(x))
     for n, value in enumerate(x.tolist()):
@@ -97,18 +236,33 @@ def running_medians(x: Array) -> Array:
 
 
 def has_more_power(throttle: Stream | None, t: Array, since: int) -> bool:
-    """Whether the throttle is higher as vibration begins than before, with windows at ``t`` (m,) s."""
+    """Return whether throttle is higher as vibration begins than before, with windows at ``t`` (m,) s."""
     if throttle is None or len(throttle.t) < 2:
         return False
     x = np.interp(t, throttle.t, np.nan_to_num(throttle.x[:, 0]))
     return float(np.median(x[since : since + 3])) > MORE_POWER * float(np.median(x[:since]))
 
 
+# Mean vertical force in flight against the barometer: a sensor that vibrates may rectify it into a constant force.
+
+# Change of the mean over a window without a change of vertical speed that explains it.
+FORCE_WINDOW_S, CHANGED_M_S2, WRONG_M_S2 = 10.0, 0.7, 1.5
+# Cut from both ends of a flight.
+FORCE_EDGE_S = 2.0
+MIN_ATTITUDE_HZ, MIN_COVERED_SHARE = 5.0, 0.9
+
+
+def vertical_force_check(case: HealthCase) -> list[Check]:
+    """Check the mean vertical force in flight against the barometer."""
+    imu = case.log.replay_imu
+    return [] if imu is None else [vertical_force(case.log, imu, case.segments.spans("airborne"))]
+
+
 def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
-    """Whether the mean vertical force changes in flight without a climb that explains it (vibration rectification)."""
+    """Check whether the mean vertical force changes in flight without a climb that explains it."""
     limit = f"ok up to {CHANGED_M_S2} m/s^2 over {FORCE_WINDOW_S:.0f} s, fault above {WRONG_M_S2}"
     above, onboard = height_stream(log), log.onboard_attitude
-    if above is None or onboard is None or onboard.rate < 5.0:
+    if above is None or onboard is None or onboard.rate < MIN_ATTITUDE_HZ:
         return unknown("vertical_force", "No barometer or no attitude to compare the vertical force with.", limit)
     found = [w for span in flown for w in _force_windows(span, imu, above)]
     if len(found) < 2:
@@ -140,11 +294,11 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
 
 
 def _force_windows(span: Span, imu: Imu, above: Stream) -> list[Span]:
-    """Unbroken windows of 10 s in a span, 2 s after its start and before its end (landing is a blow)."""
+    """Return unbroken windows of 10 s in a span, without its ends."""
     t = imu.acc.t_best
     found = []
-    start = span[0] + 2.0
-    while start + FORCE_WINDOW_S <= span[1] - 2.0:
+    start = span[0] + FORCE_EDGE_S
+    while start + FORCE_WINDOW_S <= span[1] - FORCE_EDGE_S:
         i, j = np.searchsorted(t, [start, start + FORCE_WINDOW_S])
         a, b = np.searchsorted(above.t, [start, start + FORCE_WINDOW_S])
         if j - i > 10 and b - a > 10 and np.diff(t[i:j]).max() < 0.5 and np.diff(above.t[a:b]).max() < 1.0:
@@ -154,18 +308,15 @@ def _force_windows(span: Span, imu: Imu, above: Stream) -> list[Span]:
 
 
 def _mean_force(imu: Imu, t: Array, q: Array, window: Span) -> float:
-    """Mean upward specific force in m/s^2 over a window, NaN where the attitude does not cover it."""
-    at = imu.acc.t_best
-    i, j = np.searchsorted(at, window)
-    turned = rotation.slerp(t, q, at[i:j])
-    known = rotation.finite_rows(turned)
-    if known.sum() < 0.9 * (j - i):
-        return float("nan")
-    return float(-rotation.rotate(turned[known], imu.acc.x[i:j][known])[:, 2].mean())
+    """Return the mean upward specific force in m/s^2 over a window, NaN where the attitude does not cover it."""
+    use = slice(*np.searchsorted(imu.acc.t_best, window))
+    known, force = known_earth_force(imu.acc.t_best[use], imu.acc.x[use], t, q)
+    covered = len(known) >= MIN_COVERED_SHARE * (use.stop - use.start)
+    return float(-force[:, 2].mean()) if covered else float("nan")
 
 
 def _mean_acceleration(above: Stream, window: Span) -> float:
-    """Mean upward acceleration in m/s^2 over a window: the change of the climb rate between its ends."""
+    """Return the mean upward acceleration in m/s^2 over a window: change of the climb rate between its ends."""
     rates = []
     for at in window:
         i, j = np.searchsorted(above.t, [at - 1.5, at + 1.5])
@@ -175,193 +326,3 @@ def _mean_acceleration(above: Stream, window: Span) -> float:
             return float("nan")
         rates.append(float(np.polyfit(t[good] - at, x[good], 1)[0]))
     return (rates[1] - rates[0]) / (window[1] - window[0])
-
-
-# How strongly did each IMU vibrate in flight, by the firmware's own measure, and did its accelerometer clip?
-
-TAKE_OFF_S, LANDING_S = 1.0, 2.0
-"""At the ends of a flight: the low-pass of the level still holds the ground, and a touch-down is a blow."""
-MIN_LEVEL_S = 10
-"""Fewer seconds of flight have no percentiles."""
-FULL_RATE_HZ = 150.0
-"""PX4 makes its level of samples at 200 to 250 Hz; a slower stream shows less of it."""
-FLOOR_HZ = 5.0
-"""The first low-pass of ArduPilot's VIBE: what is slower is motion, not vibration."""
-FEW_CLIPS, MANY_CLIPS, LASTING_S = 10, 100, 3
-"""ardupilot.org, "Measuring Vibration": below 100 is likely fine, a number that keeps growing is not."""
-
-
-def sound_flight(segments: Segments, log: FlightLog) -> list[Span]:
-    """When vibration counts: in flight but for take-off and touch-down, never as a wreck; armed for what cannot fly."""
-    spans = segments.spans("airborne" if log.kind.flies else "armed")
-    spans = [(a + TAKE_OFF_S, b - LANDING_S) for a, b in spans if b - a > TAKE_OFF_S + LANDING_S]
-    wrecks = crash_spans(segments)
-    return intersect(spans, complement(wrecks, -1e9, 1e9)) if wrecks else spans
-
-
-def vibration_checks(case: HealthCase) -> list[Check]:
-    """Check the vibration of every IMU by the firmware's measure, else by the logged samples; and its clipping."""
-    log, within = case.log, sound_flight(case.segments, case.log)
-    levels = [_level_check(log, one, within) for one in imu_vibrations(log)]
-    if all(check.verdict == "unknown" for check in levels):
-        logged = (
-            None if log.replay_imu is None else logged_vibration(log, log.replay_imu, case.segments.spans("airborne"))
-        )
-        why = levels[0].text if levels else advise_vibration_level(log)
-        levels = [unknown("vibration_level", why) if logged is None or logged.verdict == "unknown" else logged]
-    return [*levels, *clipping_checks(log, within)]
-
-
-def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
-    """The autopilot's own levels, else what its definition gives from samples that are fast enough."""
-    if log.vibration.levels:
-        return log.vibration.levels
-    if raw := [b for b in log.vibration.bursts if b.sensor == "accelerometer" and not b.filtered]:
-        return [burst_levels([b for b in raw if b.unit == unit]) for unit in sorted({b.unit for b in raw})]
-    imu = log.replay_imu
-    if imu is not None and measures_differences(log) and imu.filtered == "none" and imu.acc.rate >= FULL_RATE_HZ:
-        return [sample_levels(imu)]
-    return []
-
-
-def burst_levels(bursts: list[Burst]) -> OnboardVibration:
-    """ArduPilot's level (m/s^2) of the worst axis, one for each burst of one unit: the root of the mean square of what
-    a low-pass of 5 Hz leaves. The 2 Hz low-pass of the firmware becomes the mean over the burst."""
-    levels = [float(np.sqrt(np.mean(high_passed(b.x, b.rate) ** 2, axis=0)).max()) for b in bursts]
-    t = np.array([b.t + len(b.x) / b.rate for b in bursts])
-    return OnboardVibration(bursts[0].unit, "rest", bursts[0].source, t, np.array(levels))
-
-
-def high_passed(x: NDArray[np.float32], rate: float) -> Array:
-    """What the firmware's first-order low-pass of 5 Hz leaves of x (n, k), by its transfer function over the burst."""
-    flat = x.astype(np.float64) - x.mean(axis=0)
-    a = 1.0 / (1.0 + rate / (2.0 * np.pi * FLOOR_HZ))
-    z = np.exp(-2j * np.pi * np.fft.rfftfreq(len(flat)))
-    passed = 1.0 - a / (1.0 - (1.0 - a) * z)
-    left: Array = np.fft.irfft(np.fft.rfft(flat, axis=0) * passed[:, None], len(flat), axis=0)
-    return left
-
-
-def sample_levels(imu: Imu) -> OnboardVibration:
-    """PX4's level of a stream at full rate: the length of the difference of successive samples, its mean over 1 s."""
-    t, acc = imu.acc.t_best, imu.acc.x
-    step = np.linalg.norm(np.diff(acc, axis=0), axis=1)
-    dt = np.diff(t)
-    good = (dt > 0) & (dt < 3.0 / imu.acc.rate) & np.isfinite(step)
-    starts, level = second_means(t[1:][good], step[good])
-    return OnboardVibration(imu.index, "difference", imu.acc.source, starts + 1.0, level)
-
-
-def second_means(t: Array, x: Array) -> tuple[Array, Array]:
-    """Starts (m,) in s and means (m,) of finite x (n,) at rising t (n,) over the seconds that hold any."""
-    good = np.isfinite(x)
-    t, x = t[good], x[good]
-    if len(t) == 0:
-        return np.zeros(0), np.zeros(0)
-    second = np.floor(t).astype(np.int64)
-    first = np.flatnonzero(np.diff(second, prepend=second[0] - 1))
-    count = np.diff(np.append(first, len(t)))
-    return second[first].astype(np.float64), np.add.reduceat(x, first) / count
-
-
-def levels_in_flight(one: OnboardVibration, within: list[Span]) -> tuple[Array, Array]:
-    """Starts (m,) in s and mean level (m,) in m/s^2 of the seconds of flight."""
-    mine = inside(one.t, within)
-    return second_means(one.t[mine], one.level[mine])
-
-
-def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> Check:
-    limits = VIBRATION_LIMITS[one.measure]
-    named = f"{limits.warning:g} m/s^2" + (f" and {limits.fault:g}" if np.isfinite(limits.fault) else "")
-    threshold = f"below {named} in {100 * limits.share:.0f} % of the flight"
-    sensor = f"IMU.{one.unit}"
-    t, level = levels_in_flight(one, within)
-    if len(t) < MIN_LEVEL_S:
-        why = f"{one.source} holds {len(t)} s of sound flight, and {MIN_LEVEL_S} are needed for percentiles."
-        return unknown("vibration_level", why, threshold, sensor=sensor, source=limits.source)
-    half, most, judged = (float(np.quantile(level, q)) for q in (0.5, 0.8, limits.share))
-    worst = int(np.argmax(level))
-    verdict: Verdict = "fault" if judged > limits.fault else "warning" if judged > limits.warning else "ok"
-    text = (
-        f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
-        f"in the worst second {level[worst]:.1f}."
-    )
-    found = Check("vibration_level", verdict, text, sensor=sensor, value=round(judged, 2), unit="m/s^2")
-    found.ci95, found.n = quantile_interval(level, limits.share), len(level)
-    found.seconds, found.threshold, found.source = float(len(level)), threshold, limits.source
-    found.evidence = [f"{one.source}; the worst second begins at {t[worst]:.0f} s."]
-    since = find_onset(level)
-    if since is not None and not has_more_power(log.power.throttle, t, since):
-        before, after = float(np.median(level[:since])), float(np.median(level[since:]))
-        found.t, found.verdict = float(t[since]), "fault" if verdict == "fault" else "warning"
-        found.evidence.append(f"From {t[since]:.0f} s on it is {after:.1f} m/s^2 instead of {before:.1f}.")
-    if found.verdict != "ok":
-        found.action = "Balance the propellers, look for loose parts and soften the autopilot's mounting."
-        found.why_no_setting = "No parameter removes vibration from the accelerometer."
-    return found
-
-
-def quantile_interval(level: Array, share: float) -> tuple[float, float]:
-    """95 % interval of a quantile by its order statistics (binomial); seconds count as independent."""
-    n = len(level)
-    half = 1.96 * np.sqrt(n * share * (1.0 - share))
-    ordered = np.sort(level)
-    low, high = (int(np.clip(round(n * share + s * half), 0, n - 1)) for s in (-1.0, 1.0))
-    return round(float(ordered[low]), 2), round(float(ordered[high]), 2)
-
-
-def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
-    """Accelerometers that reached the end of their range in sound flight; nothing of those that did not."""
-    found = []
-    limit = f"up to {FEW_CLIPS} samples; fault above {MANY_CLIPS} in {LASTING_S} seconds and more"
-    for one in (c for c in log.vibration.clippings if c.sensor == "accelerometer" and c.whole):
-        mine = inside(one.t, within) & (one.new > 0)
-        count, seconds = int(one.new[mine].sum()), len(np.unique(np.floor(one.t[mine])))
-        if count <= FEW_CLIPS:
-            continue
-        lasting = count > MANY_CLIPS and seconds >= LASTING_S
-        first, last = float(one.t[mine][0]), float(one.t[mine][-1])
-        text = f"The accelerometer of IMU {one.unit} clipped {count:,} samples in {seconds} s of flight."
-        found.append(
-            Check(
-                "clipping",
-                "fault" if lasting else "warning",
-                text,
-                sensor=f"IMU.{one.unit}",
-                value=float(count),
-                unit="samples",
-                n=count,
-                seconds=float(seconds),
-                t=first,
-                threshold=limit,
-                source="ardupilot.org, Measuring Vibration",
-                why_no_setting="No parameter brings clipped samples back.",
-                action="Balance the propellers and soften the autopilot's mounting before the next flight.",
-                evidence=[f"{one.source}: from {first:.0f} to {last:.0f} s."],
-            )
-        )
-    return found
-
-
-def level_figures(case: HealthCase) -> list[dict[str, object]]:
-    """For a figure, one dictionary for each IMU: ``unit``, ``source``, ``measure``, ``t`` (m,) s and ``level`` (m,)
-    m/s^2 second by second in flight, at most 1500, ``warning`` and ``fault`` m/s^2 (None without)."""
-    within = sound_flight(case.segments, case.log)
-    found: list[dict[str, object]] = []
-    for one in imu_vibrations(case.log):
-        t, level = levels_in_flight(one, within)
-        if len(t) == 0:
-            continue
-        step = -(-len(t) // MAX_FIGURE_POINTS)
-        groups = np.arange(0, len(t), step)
-        limits = VIBRATION_LIMITS[one.measure]
-        found.append({
-            "unit": one.unit, "source": one.source, "measure": one.measure,
-            "t": t[groups], "level": np.maximum.reduceat(level, groups),
-            "warning": limits.warning, "fault": limits.fault if np.isfinite(limits.fault) else None,
-        })  # fmt: skip
-    return found
-
-
-MAX_FIGURE_POINTS = 1500
-"""Of a figure; longer flights keep the highest of neighbouring seconds."""

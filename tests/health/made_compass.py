@@ -9,7 +9,7 @@ import numpy as np
 from attlog.core import rotation
 from attlog.flight.model import Firmware, FlightLog, Mag, Stream
 from attlog.health.check import HealthCase
-from attlog.health.compass_fit import FieldSamples
+from attlog.health.compass_offset import FieldSamples
 from attlog.segments.model import Segments
 
 EARTH = np.array([20.0, 3.0, 40.0])

@@ -11,7 +11,7 @@ import pytest
 
 import attlog
 from attlog.core.plain import to_plain
-from attlog.health import compass_fit, registry
+from attlog.health import compass_turn, registry
 from attlog.health.check import (
     HealthCase,
     Setting,
@@ -84,7 +84,7 @@ def by(heading: str) -> Any:
 def test_a_compass_is_judged_by_a_heading_of_its_own_or_by_none(reference, rates, judge) -> None:
     pair = [None if x is None else by(x) for x in (reference, rates)]
     case: Any = SimpleNamespace(reference=pair[0], rates=pair[1])
-    assert compass_fit._heading_reference(case) is (None if judge is None else pair[judge])
+    assert compass_turn.heading_reference(case) is (None if judge is None else pair[judge])
 
 
 # A reason becomes a sentence; a name from the log is not respelled.

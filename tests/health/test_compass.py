@@ -14,7 +14,7 @@ from attlog.flight.model import FlightLog, Gnss, TimeLine
 from attlog.health import compass
 from attlog.health import settings as parameters
 from attlog.health.check import Check, HealthCase, Setting
-from attlog.health.compass_fit import CompassStudy, FieldSamples, study_samples
+from attlog.health.compass_offset import CompassStudy, FieldSamples, study_samples
 from attlog.reference import alignment
 from attlog.segments.model import Segment, Segments
 from tests.health.made_compass import HOVER, case_of, empty_log, samples

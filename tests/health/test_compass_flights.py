@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog import flight, reference, segments
-from attlog.health import compass, compass_fit, figures
+from attlog.health import compass, compass_offset, figures
 from attlog.health.check import Check, HealthCase, MotionAttitude, unknown
 from attlog.health.registry import run_checks
 from attlog.metrics.metric import Case
@@ -64,47 +64,19 @@ def test_a_planted_offset_is_found_inside_its_interval(name: str, planted: tuple
     assert found.verdict in ("warning", "fault")
     assert np.array(found.vector) - before == pytest.approx(planted, abs=0.1)
     assert np.all(np.abs(np.array(found.vector) - planted) < found.vector_ci95)
-    (history, *_) = figures.field_against_expected(asked)
-    assert history.corrected is not None
-    left = np.nanmedian(history.corrected - history.expected, axis=0)
-    assert left == pytest.approx(np.zeros(3), abs=1.5)
 
 
 @pytest.mark.slow
 def test_figures_hold_what_flew_in_few_points() -> None:
     asked = case(FLIGHTS[1])
-    (history, *_) = figures.field_against_expected(asked)
-    assert len(history.t) <= 1500
-    assert history.measured.shape == history.expected.shape == (len(history.t), 3)
-    assert history.by == "motion"
-    assert history.corrected is None
-    known = np.isfinite(history.expected[:, 0])
-    assert known.mean() > 0.9
-    assert np.median(np.abs(history.measured - history.expected)[known]) < 1.0
-    (bent, *_) = figures.interference_points(asked)
-    assert bent.kind == "current"
-    assert len(bent.power) == len(bent.excess) <= 1500
-    assert abs(np.median(bent.excess)) < 2.0
-    assert 10.0 < np.median(bent.power) < 50.0
-
-
-@pytest.mark.slow
-def test_why_no_attitude_judges_is_said_with_what_would_help() -> None:
-    asked = case(FLIGHTS[0])
-    assert compass_fit.reason_no_heading(asked) == ""
-    phases, found = flown(FLIGHTS[0])
-    contradicted = replace(found, sigma_heading=np.full(len(found.t), np.pi), quality={"heading_why": "it jumps"})
-    assert compass_fit.reason_no_heading(HealthCase(asked.log, phases, None, lambda: contradicted)).endswith(
-        "it jumps."
-    )
-    assert "GNSS velocity" in compass_fit.reason_no_heading(HealthCase(asked.log, phases))
-    assert "no flight" in compass_fit.reason_no_heading(HealthCase(asked.log, Segments(), None, lambda: found))
-    for receiver in asked.log.gnss:
-        receiver.vel_ned[:] = 0.0
-    assert "shows no heading" in compass_fit.reason_no_heading(asked)
-    for receiver in asked.log.gnss:
-        receiver.fix[:] = 0
-    assert "no position" in compass_fit.reason_no_heading(asked)
+    history, bent = figures.field_traces(asked, [])[0], figures.interference_traces(asked)[0]
+    assert len(history.t) <= figures.MAX_POINTS
+    assert history.values == {"by_motion": 1.0}
+    for axis in "xyz":
+        assert np.nanmedian(np.abs(history.columns[axis] - history.columns[f"expected_{axis}"])) < 1.0
+    assert bent.key == "current"
+    assert abs(np.median(bent.columns["residual"])) < 2.0
+    assert 10.0 < np.median(bent.t) < 50.0
 
 
 @pytest.mark.slow
@@ -115,9 +87,10 @@ def test_noise_of_gnss_is_no_acceleration() -> None:
     imu = asked.log.replay_imu
     assert imu is not None
     level = replace(found, q=np.tile([1.0, 0.0, 0.0, 0.0], (len(found.t), 1)))
-    still = HealthCase(asked.log, phases, None, lambda: level)
     imu.acc.x[:] = [0.0, 0.0, -9.81]
-    assert compass_fit.horizontal_acceleration(asked.log, level, still) == pytest.approx(0.0, abs=1e-6)
+    assert compass_offset.horizontal_acceleration(asked.log, level, phases.spans("airborne")) == pytest.approx(
+        0.0, abs=1e-6
+    )
 
 
 def test_what_is_unknown_of_every_compass_is_said_once() -> None:
@@ -128,8 +101,7 @@ def test_what_is_unknown_of_every_compass_is_said_once() -> None:
 def test_a_log_without_compass_or_anything_else_is_silent_or_unknown() -> None:
     log = empty_log()
     assert compass.compass_checks(case_of(log)) == []
-    assert figures.field_against_expected(case_of(log)) == []
-    assert figures.interference_points(case_of(log)) == []
+    assert figures.traces(case_of(log), []) == []
 
 
 @pytest.mark.slow
@@ -147,5 +119,4 @@ def test_damaged_compasses_raise_nothing(damage: str) -> None:
     found = run_checks(asked)
     measured = [a for a in found if a.question.startswith("compass") and a.question != "compass_dead"]
     assert not [a for a in measured if a.is_trouble]
-    figures.field_against_expected(asked)
-    figures.interference_points(asked)
+    figures.traces(asked, found)

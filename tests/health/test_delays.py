@@ -366,11 +366,10 @@ def fitted(late_ms: float, sigma_ms: float = 2.0, apart_ms: float = 0.0, **more:
         (fitted(40.0, 5.0, 42.0), ""),
         (fitted(40.0, 5.0, 43.0), "disturbed"),
         (fitted(40.0, 2.0, float("nan")), "disturbed"),
-        (None, "Too few samples"),
     ],
 )
-def test_a_fit_is_believed_by_its_length_its_field_its_sigma_and_its_halves(found: DelayFit | None, word: str) -> None:
-    why = delays._compass_delay_doubt(found)
+def test_a_fit_is_believed_by_its_length_its_field_its_sigma_and_its_halves(found: DelayFit, word: str) -> None:
+    why = delays.compass_reason_unsure(found)
     assert (why == "") if not word else (word in why)
 
 
@@ -394,7 +393,7 @@ def test_a_delay_is_told_beyond_20_ms_and_three_sigmas_and_rounded_to_five(
     late: float, sigma: float, low: float, high: float, new: float | None
 ) -> None:
     """One sigma is 1.5 times that of the fit, and the floor of 5 ms beside it."""
-    one = delays._compass_delay_assessment("MAG:0", fitted(late, sigma), parameter(low, high))
+    one = delays.delay_check(delays.COMPASS, "MAG:0", late, float(np.hypot(1.5 * sigma, 5.0)), parameter(low, high))
     assert (one.verdict, [s.new for s in one.settings]) == ("ok" if new is None else "warning", [new] if new else [])
     assert one.value == late
     half = 1.96 * np.hypot(1.5 * sigma, 5.0)
@@ -405,10 +404,10 @@ def test_a_delay_is_told_beyond_20_ms_and_three_sigmas_and_rounded_to_five(
     ("late", "most", "offered"), [(100.0, 100.0, True), (104.0, 100.0, False), (-40.0, 300.0, False)]
 )
 def test_what_lies_outside_the_range_of_the_parameter_is_not_offered(late: float, most: float, offered: bool) -> None:
-    one = delays._compass_delay_assessment("MAG:0", fitted(late), parameter(0.0, 0.0, most))
+    one = delays.delay_check(delays.COMPASS, "MAG:0", late, 6.0, parameter(0.0, 0.0, most))
     assert (one.verdict, bool(one.settings), bool(one.why_no_setting)) == ("warning", offered, not offered)
 
 
 def test_without_a_parameter_a_delay_is_told_and_not_judged() -> None:
-    one = delays._compass_delay_assessment("MAG:0", fitted(90.0), "No parameter.")
+    one = delays.delay_check(delays.COMPASS, "MAG:0", 90.0, 6.0, "No parameter.")
     assert (one.verdict, one.why_no_setting, one.value) == ("unknown", "No parameter.", 90.0)

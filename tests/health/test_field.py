@@ -14,7 +14,7 @@ from attlog import flight, segments
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Mag, Stream
 from attlog.health import compass as magnetometer
-from attlog.health import compass_fit
+from attlog.health import compass_power
 from attlog.health.check import Check, HealthCase
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES
@@ -67,13 +67,6 @@ def test_slow_samples_count_only_while_it_turns_slowly_and_for_less():
     assert against(turning(2.0, off(2.0), dps=400.0)).verdict == "unknown"
 
 
-def test_a_spread_is_that_of_a_normal_distribution():
-    angle = np.radians(np.random.default_rng(3).normal(170.0, 6.0, 20_000))
-    middle, spread = magnetometer.circular_mean(angle)
-    assert middle == pytest.approx(170.0, abs=0.2)
-    assert spread == pytest.approx(6.0, rel=0.03)
-
-
 def test_a_dead_compass_of_a_record_with_an_imu_is_told_apart_from_the_imu():
     """RAW_IMU of MAVLink holds both: its gyro and accelerometer measure."""
     log = turning(20.0)
@@ -104,15 +97,6 @@ def turn(log: FlightLog, use: np.ndarray, deg: float) -> None:
     assert attitude is not None
     q = np.tile(rotation.from_euler(0.0, 0.0, np.radians(deg)), (int(use.sum()), 1))
     attitude.q[use] = rotation.multiply(q, attitude.q[use])
-
-
-def test_a_heading_that_is_wrong_before_its_alignment_accuses_no_compass() -> None:
-    log = px4()
-    attitude = log.onboard_attitude
-    assert attitude is not None
-    before = direction(log)
-    turn(log, attitude.t < attitude.t[0] + 4.5, -70.0)
-    assert direction(log).value == pytest.approx(before.value, abs=0.1)
 
 
 def test_an_attitude_that_turns_away_in_flight_is_told_with_its_spread() -> None:
@@ -227,13 +211,6 @@ def test_a_field_has_its_strength_within_a_fifth_of_the_model_and_varies_by_a_te
     assert magnetometer.field_strength(log(one), FLOWN).verdict == ("warning" if verdict == "ok" else verdict)
 
 
-def test_directions_have_their_circular_mean_across_south() -> None:
-    angle = np.pi + np.radians(np.linspace(-20.0, 40.0, 1001))
-    mean, spread = magnetometer.circular_mean(angle)
-    assert mean % 360.0 == pytest.approx(190.0, abs=0.05)
-    assert spread == pytest.approx(0.9 * 60.0 / magnetometer.MIDDLE_SIGMAS, rel=1e-3)
-
-
 def test_a_turn_is_the_fastest_of_the_intervals_around_and_unknown_beyond_the_attitude() -> None:
     t = np.arange(0.0, 6.0)
     angle = np.radians([0.0, 10.0, 10.0, 10.0, 40.0, 40.0])
@@ -249,25 +226,15 @@ def drive(x: Any, t: np.ndarray = T) -> Stream:
     return Stream(t, np.asarray(x)[:, None], "1", "", "CTUN")
 
 
-def test_the_field_is_put_on_the_line_through_the_drive_at_its_fifth_and_ninety_fifth_percentile() -> None:
-    size = 40.0 + 20.0 * THROTTLE + np.random.default_rng(1).normal(size=len(T))
-    found = compass_fit.follow_drive(compass(size).field, drive(THROTTLE), np.ones(len(T), bool), 0.1)
-    assert found is not None
-    r, low, high = found
-    assert r == pytest.approx(np.corrcoef(THROTTLE, size)[0, 1])
-    slope, start = np.polyfit(THROTTLE, size, 1)
-    assert (low, high) == pytest.approx(tuple(start + slope * np.quantile(THROTTLE, [0.05, 0.95])))
-
-
 def test_a_drive_that_hardly_varies_a_short_time_and_few_samples_tell_nothing() -> None:
     field, use = compass(40.0 + 20.0 * THROTTLE).field, np.ones(len(T), bool)
     reach = np.ptp(np.quantile(THROTTLE, [0.05, 0.95]))
-    assert compass_fit.follow_drive(field, drive(THROTTLE), use, 0.99 * reach) is not None
-    assert compass_fit.follow_drive(field, drive(THROTTLE), use, 1.01 * reach) is None
-    assert compass_fit.follow_drive(field, drive(THROTTLE), T < 9.95, 0.01) is None
-    assert compass_fit.follow_drive(field, drive(THROTTLE), T < 10.05, 0.01) is not None
-    assert compass_fit.follow_drive(field, drive(THROTTLE), use & (np.arange(len(T)) % 13 == 0), 0.1) is None
-    assert compass_fit.follow_drive(field, drive(THROTTLE, T + 100.0), use, 0.1) is None
+    assert compass_power.follow_drive(field, drive(THROTTLE), use, 0.99 * reach) is not None
+    assert compass_power.follow_drive(field, drive(THROTTLE), use, 1.01 * reach) is None
+    assert compass_power.follow_drive(field, drive(THROTTLE), T < 9.95, 0.01) is None
+    assert compass_power.follow_drive(field, drive(THROTTLE), T < 10.05, 0.01) is not None
+    assert compass_power.follow_drive(field, drive(THROTTLE), use & (np.arange(len(T)) % 13 == 0), 0.1) is None
+    assert compass_power.follow_drive(field, drive(THROTTLE, T + 100.0), use, 0.1) is None
 
 
 @pytest.mark.parametrize(
@@ -276,7 +243,7 @@ def test_a_drive_that_hardly_varies_a_short_time_and_few_samples_tell_nothing() 
 def test_a_field_that_goes_with_the_throttle_by_an_eighth_or_a_third_is_bent(slope: float, verdict: str) -> None:
     """Over 0.59 of throttle: 2.6, 4.1 and 10.6 of some 33 uT; offsets cannot explain what never turns."""
     one = log(compass(33.0 + slope * (THROTTLE - 0.5)), throttle=drive(THROTTLE))
-    check = compass_fit.interference_check(one, FLOWN, one.mags[one.mag])
+    check = compass_power.interference_check(one, FLOWN, one.mags[one.mag])
     low, high = (33.0 + slope * (q - 0.5) for q in np.quantile(THROTTLE, [0.05, 0.95]))
     assert check.verdict == verdict
     assert check.value == pytest.approx(100.0 * abs(high - low) / min(low, high), abs=0.7)
@@ -289,11 +256,11 @@ def test_offsets_explain_a_size_that_changes_with_the_direction_alone() -> None:
     noise = 0.3 * np.random.default_rng(2).normal(size=earth.shape)
     use = np.ones(len(T), bool)
     moved = Stream(T, 1e-6 * (earth + noise + np.array([9.0, 2.0, 0.0])), "T", "FRD", "MAG:0")
-    assert compass_fit.offsets_explain(moved, drive(THROTTLE), use)
+    assert compass_power.offsets_explain(moved, drive(THROTTLE), use)
     other = np.sin(0.17 * T)
     free = 40.0 * np.column_stack([0.8 * np.cos(other), -0.8 * np.sin(other), 0.6 + 0.0 * T])
     bent = Stream(T, 1e-6 * (free + noise + np.outer(20.0 * THROTTLE, [1.0, 0.0, 0.0])), "T", "FRD", "MAG:0")
-    assert not compass_fit.offsets_explain(bent, drive(THROTTLE), use)
+    assert not compass_power.offsets_explain(bent, drive(THROTTLE), use)
     still = compass(33.0 + 7.0 * THROTTLE).field
-    assert not compass_fit.offsets_explain(still, drive(THROTTLE), use)
-    assert not compass_fit.offsets_explain(moved, drive(THROTTLE), use & (T < 4.9))
+    assert not compass_power.offsets_explain(still, drive(THROTTLE), use)
+    assert not compass_power.offsets_explain(moved, drive(THROTTLE), use & (T < 4.9))

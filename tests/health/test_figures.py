@@ -9,16 +9,14 @@ import pytest
 
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Clipping, Gnss, Mag, OnboardVibration, Stream
-from attlog.health import figures, notch
+from attlog.health import notch
 from attlog.health.check import Check, Setting
 from attlog.health.figures import (
     M_PER_DEG,
-    MAX_LINE_SAMPLES,
+    MAX_POINTS,
     MAX_TRACK_POINTS,
-    FieldHistory,
     clipping_traces,
     field_traces,
-    interference_trace,
     interference_traces,
     level_traces,
     notch_traces,
@@ -46,16 +44,7 @@ def test_measured_less_expected_is_the_planted_offset():
     np.testing.assert_allclose(off(trace), OFFSET, atol=1e-6)
     assert np.ptp(trace.columns["expected_x"]) > 30
     assert (trace.key, trace.values) == ("MAG:0", {"by_motion": 1.0})
-    assert len(trace.t) <= MAX_LINE_SAMPLES
-
-
-def test_a_correction_is_drawn_only_where_its_values_are_offered(monkeypatch):
-    x = np.zeros((20, 3))
-    history = FieldHistory("MAG:0", np.arange(20.0), x + OFFSET, x, x, "motion")
-    monkeypatch.setattr(figures, "field_against_expected", lambda asked: [history])
-    (trace,) = field_traces(case(log()), [OFFERED])
-    np.testing.assert_allclose(off(trace, "corrected_"), 0.0)
-    assert "corrected_x" not in field_traces(case(log()), [])[0].columns
+    assert len(trace.t) <= MAX_POINTS
 
 
 @pytest.mark.parametrize("sigma", [None, 30.0])
@@ -121,13 +110,11 @@ def test_the_throttle_stands_in_for_the_current_in_percent():
     assert trace.t.max() == pytest.approx(70.0, abs=0.1)
 
 
-def test_the_line_is_that_of_numpy():
-    random = np.random.default_rng(4)
-    x = random.uniform(0, 40, 500)
-    y = 3.0 - 0.4 * x + random.normal(0, 1, 500)
-    trace = interference_trace("current", x, y, 100.0)
-    np.testing.assert_allclose([trace.values["slope"], trace.values["start"]], np.polyfit(x, y, 1))
-    assert trace.values["r"] == pytest.approx(np.corrcoef(x, y)[0, 1])
+def test_a_correction_is_drawn_only_where_its_values_are_offered():
+    made = case(log(OFFSET))
+    (trace,) = field_traces(made, [OFFERED])
+    assert np.abs(off(trace, "corrected_")).max() < 1.0
+    assert "corrected_x" not in field_traces(made, [])[0].columns
 
 
 # The figure of the test ratios: what was never used is not drawn, nothing of a wreck, no error without anything.
@@ -144,6 +131,17 @@ def test_an_aid_that_was_never_used_is_not_drawn_and_a_wreck_is_none_of_flight()
     found = ratio_traces(case(made, crash=50.0))
     assert [trace.key for trace in found] == ["compass"]
     assert found[0].columns["ratio"].max() == 0.2
+
+
+def test_thousands_of_ratios_keep_the_largest_at_its_own_time():
+    made = log()
+    ratio = np.full(20_000, 0.1)
+    ratio[7_777] = 3.0
+    made.estimator.innovation_tests = [innovations(ratio)]
+    (trace,) = ratio_traces(case(made))
+    assert len(trace.t) <= MAX_POINTS
+    assert trace.t[np.argmax(trace.columns["ratio"])] == pytest.approx(777.7)
+    assert np.all(np.diff(trace.t) > 0.0)
 
 
 def test_a_log_with_nothing_but_an_attitude_gives_no_figure_and_no_error():
@@ -257,10 +255,8 @@ def test_two_flights_are_no_line():
 
 
 def test_notches_that_are_set_and_proposed_have_their_edges(monkeypatch):
-    drawn = [("a", 80.0, 40.0, False), ("b", 120.0, 10.0, True), ("c", 60.0, 20.0, False)]
-    fields = ("name", "frequency", "width", "proposed")
-    spectra = [{"sensor": "gyro", "notches": [dict(zip(fields, one, strict=True)) for one in drawn]}]
-    monkeypatch.setattr(notch, "spectrum_figures", lambda asked: spectra)
+    bands = {"set": [(80.0, 40.0), (60.0, 20.0)], "proposed": [(120.0, 10.0)]}
+    monkeypatch.setattr(notch, "notch_bands", lambda asked: bands)
     on, proposed = notch_traces(case(log()))
     assert (on.key, on.t.tolist(), proposed.key, proposed.t.tolist()) == ("set", [60.0, 80.0], "proposed", [120.0])
     assert (on.columns["low"].tolist(), on.columns["high"].tolist()) == ([50.0, 60.0], [70.0, 100.0])

@@ -9,10 +9,10 @@ import pytest
 
 from attlog.core import rotation
 from attlog.flight.model import FlightLog
-from attlog.health import accelerometer, compass_fit
-from attlog.health.accelerometer import ForceFit, TurnedForce
+from attlog.health import accelerometer, compass_turn
+from attlog.health.accelerometer import ForceFit
 from attlog.health.check import HealthCase
-from attlog.health.compass_fit import CompassFit
+from attlog.health.compass_turn import TurnFit
 from attlog.health.regression import RobustFit
 from attlog.reference.model import Reference
 from attlog.segments.model import Segment, Segments
@@ -110,28 +110,6 @@ def test_changes_of_velocity_are_over_two_seconds_each_second() -> None:
     assert not np.any((start < 13.5) & (end > 17.4))
 
 
-def test_the_first_so_many_seconds_of_spans_are_kept() -> None:
-    assert accelerometer._first_spans([(0.0, 10.0), (20.0, 35.0), (40.0, 50.0)], 18.0) == [(0.0, 10.0), (20.0, 28.0)]
-    assert accelerometer._first_spans([(0.0, 10.0), (20.0, 35.0)], 10.0) == [(0.0, 10.0)]
-
-
-def test_means_of_a_turned_force_are_those_of_its_samples_and_none_reaches_across_a_hole() -> None:
-    rng = np.random.default_rng(5)
-    t = np.concatenate([np.arange(0.0, 10.0, 0.01), np.arange(10.5, 20.0, 0.01)])
-    f, q = rng.normal(size=(len(t), 3)), rotation.from_euler(*rng.normal(size=(3, len(t))))
-    found, known = TurnedForce(t, f, q).means(np.array([1.0, 9.0, 12.0, -1.0]), np.array([3.0, 11.0, 14.0, 2.0]))
-    assert known.tolist() == [True, False, True, False]
-    inside = (t > 1.005) & (t < 3.005)
-    turn = rotation.to_matrix(q[inside])
-    np.testing.assert_allclose(found[0, :, 0], np.mean(turn[:, :2, 0] * f[inside, :1], axis=0), atol=1e-9)
-    np.testing.assert_allclose(found[0, :, 1], np.mean(turn[:, :2, 0] * f[inside, 1:2], axis=0), atol=1e-9)
-    np.testing.assert_allclose(found[0, :, 2], np.mean(turn[:, :2, 1] * f[inside, :1], axis=0), atol=1e-9)
-    np.testing.assert_allclose(found[0, :, 3], np.mean(turn[:, :2, 1] * f[inside, 1:2], axis=0), atol=1e-9)
-    np.testing.assert_allclose(found[0, :, 4:6], np.mean(turn[:, :2, :2], axis=0), atol=1e-9)
-    np.testing.assert_allclose(found[0, :, 6:8], np.eye(2), atol=1e-9)
-    np.testing.assert_allclose(found[0, :, 8], np.mean(turn[:, :2, 2] * f[inside, 2:], axis=0), atol=1e-9)
-
-
 def made_fit(x: float, y: float, sigma: float) -> ForceFit:
     covariance = np.zeros((8, 8))
     covariance[4, 4] = covariance[5, 5] = sigma**2
@@ -159,16 +137,14 @@ def test_an_offset_is_told_beyond_its_limit_and_four_sigmas(x: float, sigma: flo
 EARTH = np.array([21.0, 2.0, 44.0])
 
 
-def field(
-    turn_deg: float = 0.0, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), turns: float = 1.0
-) -> CompassFit:
+def field(turn_deg: float = 0.0, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), turns: float = 1.0) -> TurnFit:
     """What a compass turned about the vehicle's vertical, with an offset, shows in a flight whose heading swings."""
     t = np.arange(0.0, 100.0, 0.1)
     heading = turns * 3.0 * np.sin(0.2 * t)
     u = rotation.rotate_inverse(rotation.from_euler(0.0 * t, 0.0 * t, heading), EARTH)
     m = rotation.rotate_inverse(rotation.from_euler(0.0, 0.0, np.radians(turn_deg))[None], u) + np.array(offset)
     m = m + np.random.default_rng(1).normal(size=m.shape) * 0.2
-    found = compass_fit.fit_simplest(t, u, m, 100.0)
+    found = compass_turn.fit_simplest(t, u, m, 100.0)
     assert found is not None
     return found
 
@@ -202,17 +178,9 @@ def test_a_turn_and_an_offset_together_are_no_single_fault() -> None:
     np.testing.assert_allclose(found.offset[:2], [8.0, -3.0], atol=0.5)
 
 
-def test_what_a_model_leaves_is_the_rms_without_its_largest_twentieth() -> None:
-    target = np.random.default_rng(2).normal(size=(40, 2))
-    squares = np.sort(np.sum(target**2, axis=1))[:38]
-    assert compass_fit._rms_left(np.zeros((40, 2, 1)), target, np.zeros(1)) == pytest.approx(np.sqrt(squares.mean()))
-
-
-def known(
-    turn: float = 0.0, turn_sigma: float = 0.5, offset: tuple[float, float] = (0.0, 0.0), **more: Any
-) -> CompassFit:
+def known(turn: float = 0.0, turn_sigma: float = 0.5, offset: tuple[float, float] = (0.0, 0.0), **more: Any) -> TurnFit:
     sigma = np.full(3, more.pop("sigma", 0.4))
-    return CompassFit(np.array([*offset, 0.0]), sigma, turn, turn_sigma, 0.5, 500, 90.0, **more)
+    return TurnFit(np.array([*offset, 0.0]), sigma, turn, turn_sigma, 0.5, 500, 90.0, **more)
 
 
 @pytest.mark.parametrize(
@@ -229,7 +197,7 @@ def known(
     ],
 )
 def test_a_turn_is_told_beyond_ten_degrees_and_four_sigmas(turn: float, sigma: float, verdict: str) -> None:
-    check = compass_fit._turn_check("MAG:0", known(turn, sigma), reference())
+    check = compass_turn.turn_check("MAG:0", known(turn, sigma), reference())
     assert check.verdict == verdict
     if verdict != "unknown":
         assert f" {'clockwise' if turn > 0 else 'anticlockwise'} " in check.text
@@ -249,31 +217,12 @@ def test_a_turn_is_told_beyond_ten_degrees_and_four_sigmas(turn: float, sigma: f
     ],
 )
 def test_an_offset_is_told_by_its_horizontal_size(offset: tuple[float, float], sigma: float, verdict: str) -> None:
-    assert compass_fit._offset_check("MAG:0", known(offset=offset, sigma=sigma), reference()).verdict == verdict
+    assert compass_turn.offset_check("MAG:0", known(offset=offset, sigma=sigma), reference()).verdict == verdict
 
 
 def test_what_no_single_fault_explains_is_told_against_truth_alone_and_what_changes_not_at_all() -> None:
     both = known(30.0, 1.0, one_fault=False)
-    assert compass_fit._turn_check("MAG:0", both, reference()).verdict == "fault"
-    assert compass_fit._turn_check("MAG:0", both, reference("onboard")).verdict == "unknown"
-    assert compass_fit._turn_check("MAG:0", known(30.0, 1.0, steady=False), reference()).verdict == "unknown"
-    assert compass_fit._turn_check("MAG:0", known(30.0, 1.0), reference("onboard")).verdict == "fault"
-
-
-@pytest.mark.parametrize(
-    ("one", "two", "agree"),
-    [
-        ({"turn": 17.0}, {"turn": 24.0}, True),
-        ({"turn": 15.0}, {"turn": 24.0}, False),
-        ({"turn": 179.0}, {"turn": -176.0}, True),
-        ({"offset": (10.0, 0.0)}, {"offset": (10.0, 3.9)}, True),
-        ({"offset": (10.0, 0.0)}, {"offset": (10.0, 4.1)}, False),
-        ({"offset": (10.0, 0.0), "sigma": 1.4}, {"offset": (10.0, 4.1)}, True),
-        ({"turn": 12.0, "turn_sigma": 3.0}, {"turn": 21.0}, True),
-    ],
-)
-def test_halves_agree_within_two_fifths_of_the_whole_or_three_sigmas(
-    one: dict[str, Any], two: dict[str, Any], agree: bool
-) -> None:
-    assert compass_fit._halves_agree(known(20.0, 0.5, (10.0, 0.0)), known(**one), known(**two)) is agree
-    assert not compass_fit._halves_agree(known(), None, known())
+    assert compass_turn.turn_check("MAG:0", both, reference()).verdict == "fault"
+    assert compass_turn.turn_check("MAG:0", both, reference("onboard")).verdict == "unknown"
+    assert compass_turn.turn_check("MAG:0", known(30.0, 1.0, steady=False), reference()).verdict == "unknown"
+    assert compass_turn.turn_check("MAG:0", known(30.0, 1.0), reference("onboard")).verdict == "fault"

@@ -9,18 +9,9 @@ import pytest
 
 from attlog.flight.model import Stream
 from attlog.health import gyro, imu, imu_pairs, temperature
-from attlog.health.imu import (
-    Blocks,
-    _decimated,
-    blocks,
-    finite_samples,
-    flight_spans,
-    spans_before_crash,
-    still_spans,
-    stream_blocks,
-)
+from attlog.health.imu import Blocks, blocks, stream_blocks
 from attlog.health.imu_pairs import IN_FLIGHT, ImuDifference, imu_differences
-from attlog.health.temperature import ACC_QUESTION, GYRO_QUESTION, TemperatureSlope
+from attlog.health.temperature import ACC, GYRO, SlopeLimits, TemperatureSlope
 from attlog.reference.model import Reference
 from attlog.segments import Segment, Segments
 from tests.health.imu_cases import case, log_of, motion, told, unit
@@ -168,61 +159,44 @@ def test_times_that_run_backwards_and_missing_numbers_do_no_harm() -> None:
     assert found.middle == pytest.approx([2.5, 2.5, 2.5])
 
 
-def test_wrecks_and_what_follows_an_impact_are_no_rest_and_no_flight() -> None:
-    phases = [Segment("rest.long", 0.0, 20.0), Segment("airborne", 20.0, 60.0), Segment("rest.long", 70.0, 100.0)]
-    whole = Segments(phases)
-    crashed = Segments([*phases, Segment("impact", 50.0, 51.0), Segment("wreck", 51.0, 100.0)])
-    assert still_spans(whole) == ([(0.0, 20.0), (70.0, 100.0)], "at rest")
-    assert still_spans(crashed)[0] == [(0.0, 20.0)]
-    assert flight_spans(whole) == [(21.0, 59.0)]
-    assert flight_spans(crashed) == [(21.0, 50.0)]
-    assert flight_spans(Segments([*phases, Segment("impact", 40.0, 40.5)])) == [(21.0, 40.0)]  # and flies on, bent
-    assert spans_before_crash(crashed, []) == []
-
-
-def test_idling_motors_stand_in_for_a_rest() -> None:
-    assert still_spans(Segments([Segment("idle", 3.0, 9.0)])) == ([(3.0, 9.0)], "on the ground with motors on")
-    assert still_spans(Segments()) == ([], "")
-
-
 # Limits of the questions about inertial units from both sides, by statistics of given size; lines by numpy.
 
 NO_LIMIT_BIAS = (0.0, 0.0, 0.0)
 
 
-def told_of(question: str, size: float, sigma: float, span: float):
+def told_of(question: SlopeLimits, size: float, sigma: float, span: float):
     """The answer to a slope of so much, deg/s or m/s^2 per kelvin, with one sigma."""
-    factor = np.radians(1.0) if question == GYRO_QUESTION else 1.0
-    each = np.array([0.1 * size, size, -0.2 * size]) if question == GYRO_QUESTION else np.array([size])
+    factor = np.radians(1.0) if question == GYRO else 1.0
+    each = np.array([0.1 * size, size, -0.2 * size]) if question == GYRO else np.array([size])
     line = TemperatureSlope(factor * each, factor * np.full(len(each), sigma), 20.0, 20.0 + span, 100, 50.0)
     log = log_of(unit(0, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
-    return temperature._slope_assessment(case(log), log.imus[0], question, line)
+    return temperature._slope_check(case(log), log.imus[0], question, line)
 
 
 @pytest.mark.parametrize(
     ("question", "size", "sigma", "span", "verdict"),
     [
-        (GYRO_QUESTION, 0.099, 0.001, 10.0, "ok"),
-        (GYRO_QUESTION, -0.101, 0.001, 10.0, "warning"),
-        (GYRO_QUESTION, 0.299, 0.001, 10.0, "warning"),
-        (GYRO_QUESTION, 0.301, 0.001, 10.0, "fault"),
-        (GYRO_QUESTION, 0.301, 0.0754, 10.0, "ok"),
-        (GYRO_QUESTION, 0.301, 0.075, 10.0, "fault"),
-        (ACC_QUESTION, 0.0149, 0.001, 20.0, "ok"),
-        (ACC_QUESTION, 0.0151, 0.001, 20.0, "warning"),
-        (ACC_QUESTION, -0.0499, 0.001, 20.0, "warning"),
-        (ACC_QUESTION, -0.0501, 0.001, 20.0, "fault"),
+        (GYRO, 0.099, 0.001, 10.0, "ok"),
+        (GYRO, -0.101, 0.001, 10.0, "warning"),
+        (GYRO, 0.299, 0.001, 10.0, "warning"),
+        (GYRO, 0.301, 0.001, 10.0, "fault"),
+        (GYRO, 0.301, 0.0754, 10.0, "ok"),
+        (GYRO, 0.301, 0.075, 10.0, "fault"),
+        (ACC, 0.0149, 0.001, 20.0, "ok"),
+        (ACC, 0.0151, 0.001, 20.0, "warning"),
+        (ACC, -0.0499, 0.001, 20.0, "warning"),
+        (ACC, -0.0501, 0.001, 20.0, "fault"),
     ],
 )
 def test_a_slope_is_judged_by_its_change_over_the_span_beyond_four_sigmas(
-    question: str, size: float, sigma: float, span: float, verdict: str
+    question: SlopeLimits, size: float, sigma: float, span: float, verdict: str
 ) -> None:
     found = told_of(question, size, sigma, span)
     assert (found.verdict, bool(found.why_no_setting)) == (verdict, verdict != "ok")
     assert found.value == pytest.approx(size, abs=1e-4)
     assert found.ci95 == pytest.approx((size - 1.96 * sigma, size + 1.96 * sigma), abs=1e-4)
     assert f"20 to {20 + span:.0f} degC" in found.text
-    assert ("about y" in found.text, len(found.vector)) == ((True, 3) if question == GYRO_QUESTION else (False, 0))
+    assert ("about y" in found.text, len(found.vector)) == ((True, 3) if question == GYRO else (False, 0))
 
 
 def rising(kelvin: float, slope: float = 0.02, seconds: float = 300.0) -> tuple[Stream, Stream]:
@@ -263,40 +237,6 @@ def apart(size: float, sigma: float, phase: str) -> ImuDifference:
     return ImuDifference(np.array([0.0, size, 0.0]), np.array([9.0, sigma, 9.0]), made, phase)
 
 
-@pytest.mark.parametrize(
-    ("kind", "every", "verdict"),
-    [
-        ("acc", [apart(0.49, 0.01, IN_FLIGHT)], "ok"),
-        ("acc", [apart(0.51, 0.01, IN_FLIGHT)], "warning"),
-        ("acc", [apart(0.76, 0.01, IN_FLIGHT)], "warning"),
-        ("acc", [apart(0.78, 0.01, IN_FLIGHT)], "fault"),
-        ("acc", [apart(0.7, 0.18, IN_FLIGHT)], "ok"),
-        ("acc", [apart(0.7, 0.17, IN_FLIGHT)], "warning"),
-        ("gyro", [apart(0.99, 0.01, IN_FLIGHT)], "ok"),
-        ("gyro", [apart(1.01, 0.01, IN_FLIGHT)], "warning"),
-        ("gyro", [apart(5.03, 0.01, IN_FLIGHT)], "fault"),
-        ("gyro", [apart(5.01, 0.01, IN_FLIGHT)], "warning"),
-        ("acc", [apart(0.9, 0.01, IN_FLIGHT), apart(0.47, 0.01, "at rest")], "warning"),
-        ("acc", [apart(0.9, 0.01, IN_FLIGHT), apart(0.49, 0.01, "at rest")], "fault"),
-        ("acc", [apart(0.4, 0.01, IN_FLIGHT), apart(0.9, 0.01, "at rest")], "fault"),
-    ],
-)
-def test_two_units_differ_beyond_their_limits_and_four_sigmas(
-    monkeypatch: pytest.MonkeyPatch, kind: imu_pairs.Kind, every: list[ImuDifference], verdict: str
-) -> None:
-    monkeypatch.setattr(imu_pairs, "_imu_differences", lambda *given: every)
-    monkeypatch.setattr(imu_pairs, "_faulty_imu", lambda *given: (None, "Nobody knows."))
-    log = log_of(unit(0, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS), unit(1, 10.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
-    found = imu_pairs._pair_check(case(log), kind, *log.imus)
-    assert found is not None
-    assert found.verdict == verdict
-    worst = max(every, key=lambda one: one.size)
-    assert found.value == worst.size
-    half = 1.96 * worst.unsure
-    assert found.ci95 == pytest.approx((worst.size - half, worst.size + half), abs=1e-3)
-    assert ("vibration parts them" in found.text) is (len(every) > 1 and verdict == "warning")
-
-
 def test_the_size_of_a_difference_is_as_unsure_as_it_is_along_it() -> None:
     one = replace(apart(0.0, 0.0, IN_FLIGHT), middle=np.array([3.0, 0.0, 4.0]), sigma=np.array([0.5, 7.0, 0.25]))
     assert one.size == 5.0
@@ -314,30 +254,6 @@ def test_of_two_errors_the_larger_one_is_twice_the_other_and_one_that_counts(
     assert imu_pairs._larger_index(sizes, 0.15) == wrong
 
 
-def test_a_bias_that_changes_in_flight_is_the_largest_change_beyond_four_sigmas() -> None:
-    log = log_of(unit(0, 100.0, NO_LIMIT_BIAS, NO_LIMIT_BIAS))
-    air = gyro.smoothed_gyro_bias(case(log, told(NO_LIMIT_BIAS, gyro=NO_LIMIT_BIAS)))
-    assert air is not None
-    rest = Blocks(np.arange(4.0), np.zeros((4, 3)), 100, 50.0, np.zeros(3))
-    flown = replace(air, mean=np.array([0.5, -0.8, 1.9]), sigma=np.array([0.1, 0.1, 0.5]))
-    assert gyro._bias_change_dps(rest, flown) == 0.8
-    assert gyro._bias_change_dps(replace(rest, x=np.radians(np.tile([0.0, 0.3, 0.0], (4, 1)))), flown) == pytest.approx(
-        1.1
-    )
-    assert gyro._bias_change_dps(None, flown) == gyro._bias_change_dps(rest, None) == 0.0
-
-
-def test_good_samples_lie_up_to_a_second_around_the_spans_and_without_spans_there_are_none() -> None:
-    t = np.arange(0.0, 20.0, 0.5)
-    stream = Stream(t, np.column_stack([t, -t]), "", "", "made")
-    at, x = finite_samples(stream, [(5.0, 6.0), (9.0, 10.0)])
-    np.testing.assert_array_equal(at, np.arange(4.0, 11.1, 0.5))
-    np.testing.assert_array_equal(x[:, 1], -at)
-    assert [len(y) for y in finite_samples(stream, [])] == [0, 0]
-    empty = Stream(t[:0], np.zeros((0, 2)), "", "", "made")
-    assert [len(y) for y in finite_samples(empty, [(5.0, 6.0)])] == [0, 0]
-
-
 def test_few_blocks_are_as_sure_as_their_samples_and_more_as_their_scatter() -> None:
     x = np.array([[1.0], [2.0], [4.0], [7.0]])
     made = Blocks(np.arange(4.0), x, 100, 20.0, np.array([0.3]))
@@ -353,28 +269,6 @@ def test_few_blocks_are_as_sure_as_their_samples_and_more_as_their_scatter() -> 
 NO_SIZE_BIAS = (0.0, 0.0, 0.0)
 
 
-def made(rows: np.ndarray, spread: tuple[float, ...] = (0.5, 0.2, 0.1)) -> Blocks:
-    return Blocks(np.arange(len(rows), dtype=float), rows, 100, 10.0, np.array(spread))
-
-
-def test_the_sigma_of_a_middle_is_that_of_the_scatter_of_blocks_inflated() -> None:
-    rows = np.array([[1.0, 10.0, 0.0], [2.0, 14.0, 0.0], [4.0, 11.0, 0.0], [3.0, 12.0, 0.0], [9.0, 13.0, 0.0]])
-    mad = np.array([1.0, 1.0, 0.0])
-    wanted = np.hypot(1.5 * 1.2533 * 1.4826 * mad / np.sqrt(5), 0.3)
-    np.testing.assert_allclose(made(rows).middle, [3.0, 12.0, 0.0])
-    np.testing.assert_allclose(made(rows).sigma(0.3), wanted)
-    np.testing.assert_allclose(made(rows[:2]).sigma(0.0), 1.5 * 1.2533 * np.array([0.5, 0.2, 0.1]) / np.sqrt(2))
-
-
-def test_the_sigma_of_a_length_is_that_along_it() -> None:
-    one = ImuDifference(np.array([3.0, 0.0, -4.0]), np.array([0.1, 9.0, 0.2]), made(np.zeros((3, 3))), "at rest")
-    assert one.size == 5.0
-    assert one.unsure == pytest.approx(np.hypot(0.6 * 0.1, 0.8 * 0.2))
-    assert one.text("m/s^2") == f"5.00 ± {1.96 * one.unsure:.2f} m/s^2 at rest"
-    nothing = ImuDifference(np.zeros(3), np.array([0.1, 0.4, 0.2]), made(np.zeros((3, 3))), "at rest")
-    assert nothing.unsure == 0.4
-
-
 def test_the_interval_of_a_size_follows_from_those_of_its_axes() -> None:
     log = log_of(unit(0, 100.0, NO_SIZE_BIAS, NO_SIZE_BIAS), unit(1, 50.0, (0.4, -0.2, 0.9), (0.7, 0.0, 1.8)))
     for found in imu_differences(case(log)):
@@ -385,18 +279,6 @@ def test_the_interval_of_a_size_follows_from_those_of_its_axes() -> None:
         assert found.ci95 == pytest.approx((size - along, size + along), abs=4e-3)
         floor = 1.96 * 0.02
         assert (half >= floor - 1e-3).all()
-
-
-def test_one_error_is_clearly_larger_from_twice_the_other_and_the_least_on() -> None:
-    for sizes, wrong in (
-        ([0.3, 0.15], 0),
-        ([0.3, 0.16], None),
-        ([0.1, 0.3], 1),
-        ([0.14, 0.01], None),
-        ([0.15, 0.01], 0),
-        ([5.0], None),
-    ):
-        assert imu_pairs._larger_index(sizes, 0.15) == wrong
 
 
 @pytest.mark.parametrize(
@@ -429,13 +311,6 @@ def test_blocks_of_five_seconds_have_the_median_and_the_robust_deviation_of_thei
     mad = [1.4826 * np.median(np.abs(x[p] - np.median(x[p], axis=0)), axis=0) for p in parts]
     np.testing.assert_allclose(found.spread, np.median(mad, axis=0))
     assert (found.samples, found.seconds) == (300, pytest.approx(30.0, rel=0.01))
-
-
-def test_more_than_five_hundred_samples_are_means_of_neighbours() -> None:
-    x = np.arange(1000.0)[:, None] * [1.0, -1.0]
-    np.testing.assert_allclose(_decimated(x), x.reshape(250, 4, 2).mean(axis=1))
-    np.testing.assert_array_equal(_decimated(x[:499]), x[:499])
-    assert _decimated(x[:501]).shape == (250, 2)
 
 
 # What the gyro reads while the vehicle stands still.

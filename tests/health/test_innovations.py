@@ -90,26 +90,10 @@ def test_an_aid_of_zeros_is_not_used_and_none_at_all_is_unknown() -> None:
     assert "LOG_BITMASK" in one.text
 
 
-def test_a_figure_keeps_the_largest_at_its_own_time() -> None:
-    log = flight()
-    t = np.arange(0.0, 1000.0, 0.01)
-    ratio = np.full(len(t), 0.1)
-    ratio[77_777] = 3.0
-    log.estimator.innovation_tests = [
-        InnovationTest("compass", t, ratio, "made"),
-        InnovationTest("airspeed", t, 0 * t, "made"),
-    ]
-    (series,) = innovations.ratio_series(case(log))
-    assert len(series.t) <= innovations.MAX_RATIO_POINTS
-    assert series.t[np.argmax(series.ratio)] == pytest.approx(777.77)
-    assert np.all(np.diff(series.t) > 0.0)
-
-
 def test_ratios_that_are_no_numbers_raise_nothing() -> None:
     asked = ratios(0.2)
     asked.log.estimator.innovation_tests[0].ratio[:] = np.nan
     assert told(asked).verdict == "unknown"
-    assert innovations.ratio_series(asked) == []
 
 
 def test_telemetry_without_segments_is_judged_while_armed() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from attlog.flight.model import Burst, FlightLog, Stream, TimeLine
 from attlog.health.check import Check
-from attlog.health.notch import gyro_spectrum, notch_filter, spectrum_figures
+from attlog.health.notch import gyro_spectrum, notch_bands, notch_filter
 from tests.health.shaken import SECONDS, case, params, shaken, throttle_at
 from tests.health.test_spectrum import rotors_of, with_throttle
 
@@ -40,8 +40,8 @@ def test_rotors_that_follow_throttle_get_a_notch_at_hover() -> None:
     }
     assert "reboot first" in found.action
     assert found.ci95 is not None
-    (drawn,) = [n for n in spectrum_figures(case(log))[0]["notches"] if n["proposed"]]
-    assert drawn["frequency"] == pytest.approx(at_hover, abs=1.0)
+    (drawn,) = notch_bands(case(log))["proposed"]
+    assert drawn[0] == pytest.approx(at_hover, abs=1.0)
 
 
 def test_what_is_set_is_not_offered_again() -> None:
@@ -176,7 +176,7 @@ def test_a_log_without_flight_is_asked_for_no_spectrum() -> None:
     ground = case(shaken(1000.0, 90.0, lines=params(**OFF)))
     assert ground.segments is not None
     ground.segments.segments = ground.segments.of("continuous")
-    assert gyro_spectrum(ground) == notch_filter(ground) == spectrum_figures(ground) == []
+    assert gyro_spectrum(ground) == notch_filter(ground) == []
 
 
 @pytest.mark.parametrize("n", [0, 1, 3])
@@ -187,4 +187,4 @@ def test_hardly_any_samples_are_unknown(n: int) -> None:
     log.power.throttle = Stream(np.zeros(0), np.zeros((0, 1)), "1", "", "")
     assert notch_filter(case(log)) == []
     assert [a.verdict for a in gyro_spectrum(case(log))] == ["unknown"]
-    assert spectrum_figures(case(log)) == []
+    assert notch_bands(case(log)) == {}

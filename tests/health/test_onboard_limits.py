@@ -11,11 +11,9 @@ import pytest
 from attlog.flight.model import Reception, Stream, TimeLine
 from attlog.health import baro, delays, innovations, sources
 from attlog.health import gnss as gnss_quality
-from attlog.health.check import Check, HealthCase, unknown
+from attlog.health.check import Check, unknown
 from attlog.health.innovations import RatioSummary
-from attlog.health.sources import LaneError
 from attlog.reference.model import Reference
-from attlog.segments.model import Segment, Segments
 from tests.health.made_flight import SECONDS, case, flight
 
 PARAMS = {"EK3_MAG_M_NSE": 0.05, "EK3_MAG_I_GATE": 300.0}
@@ -119,37 +117,6 @@ def test_a_check_that_names_another_cause_leaves_the_noise_alone(name: str, verd
     assert (name.replace("_", " ") in told.why_no_setting, bool(told.settings)) == (blamed, not blamed)
 
 
-def lane(number: int, tilt: float, heading: float = 1.0) -> LaneError:
-    return LaneError(number, tilt, heading, 100)
-
-
-@pytest.mark.parametrize(
-    ("mine", "other", "verdict", "what"),
-    [
-        (lane(1, 2.9), lane(0, 0.1), "ok", ""),
-        (lane(1, 3.1), lane(0, 1.23), "warning", "tilt"),
-        (lane(1, 3.1), lane(0, 1.25), "ok", ""),
-        (lane(1, 1.0, 9.9), lane(0, 1.0, 0.1), "ok", ""),
-        (lane(1, 1.0, 10.1), lane(0, 1.0, 4.0), "warning", "heading"),
-        (lane(1, 1.0, 10.1), lane(0, 1.0, 4.1), "ok", ""),
-        (lane(1, 1.0, 30.0), lane(0, 1.0, float("nan")), "ok", ""),
-        (lane(1, 9.0, 30.0), lane(0, 1.0, 1.0), "warning", "tilt"),
-    ],
-)
-def test_a_lane_is_worse_beyond_its_limit_and_where_another_has_two_fifths_of_its_error(
-    mine: LaneError, other: LaneError, verdict: str, what: str
-) -> None:
-    none = np.zeros(0, np.int64)
-    truth = Reference("truth", "SIM", np.zeros(0), np.zeros((0, 4)), none, none)
-    told = sources._lane_assessment("XKF4.PI", mine, [other, mine, lane(2, 50.0, 90.0)], truth)
-    assert told.verdict == verdict
-    if what:
-        assert f"in {what}; lane 0 errs" in told.text
-        assert told.value == getattr(mine, what)
-    else:
-        assert told.value == mine.tilt
-
-
 def test_lanes_are_those_of_the_family_that_flew() -> None:
     log = flight(firmware="ArduPilot")
     log.attitudes = dict.fromkeys(("NKQ.0", "NKQ.1", "XKF1.0", "XKF1.1", "XKQ.0", "ATT"))  # type: ignore[arg-type]
@@ -179,35 +146,6 @@ def test_delays_are_measured_by_motion_where_it_is_sure_else_by_truth_or_smoothe
     asked.reference = Reference(kind, "made", np.zeros(0), np.zeros((0, 4)), none, none)
     found = delays.attitude_path(asked)
     assert (None if found is None else found.name) == name
-
-
-def test_a_sample_stands_for_its_step_and_at_most_for_three_usual_ones() -> None:
-    t = np.array([0.0, 1.0, 2.0, 2.5, 5.0, 9.0, 10.0])
-    np.testing.assert_array_equal(delays.held_seconds(t), [1.0, 1.0, 0.5, 2.5, 3.0, 1.0, 1.0])
-    assert delays.held_seconds(t[:1]).tolist() == [0.0]
-
-
-def test_the_interval_of_a_median_is_by_ranks_of_blocks_of_five_seconds() -> None:
-    """16 blocks with medians 0 to 15 in any order: ranks 8 minus and plus 0.98 times 4, outwards."""
-    order = np.random.default_rng(0).permutation(16)
-    t = np.arange(0.0, 80.0, 0.5)
-    x = order[(t // 5.0).astype(int)] + np.tile([-0.2, 0.0, 0.0, 0.0, 0.3], 32)
-    assert delays.median_interval(t, x) == (4.0, 12.0)
-    assert delays.median_interval(t[:20], np.arange(20.0)) == (4.5, 14.5)
-
-
-def test_a_flight_loses_its_first_and_last_second_and_what_follows_a_crash() -> None:
-    asked = case(flight())
-    asked.segments = Segments([Segment("airborne", 5.0, 7.0), Segment("airborne", 10.0, 12.1)])
-    assert delays.flight_spans(asked) == [(11.0, pytest.approx(11.1))]
-    log = flight()
-    log.state.armed = TimeLine(np.array([0.0, 20.0, 60.0, 80.0]), [False, True, False, True], "made")
-    last = max(float(g.t[-1]) for g in log.gnss)
-    assert delays.armed_spans(log) == [(20.0, 60.0), (80.0, last)]
-    assert delays.flight_spans(HealthCase(log, Segments([], unknown=("airborne",)))) == [
-        (21.0, 59.0),
-        (81.0, last - 1.0),
-    ]
 
 
 @pytest.mark.parametrize(("states", "verdict"), [(4, "ok"), (5, "warning"), (6, "warning")])
@@ -240,14 +178,6 @@ def test_reception_is_poor_beyond_what_px4_asks(name: str, good: float, poor: fl
         setattr(gnss.reception if name in usual else gnss, name, np.full(n, value))
         (found,) = (a for a in gnss_quality.gnss_checks(case(log)) if a.question == "gnss_quality")
         assert found.verdict == verdict
-
-
-@pytest.mark.parametrize(("count", "answered"), [(49, 0), (50, 1)])
-def test_a_barometer_needs_fifty_new_values_in_flight(count: int, answered: int) -> None:
-    log = flight()
-    t = 20.0 + 0.1 * np.arange(count)
-    log.baro = [Stream(t, np.random.default_rng(1).normal(0.0, 0.2, (count, 1)), "m", "", "BARO:0")]
-    assert len(baro.barometer_noise(case(log))) == answered
 
 
 @pytest.mark.parametrize(("noise_m", "verdict"), [(0.97, "ok"), (1.03, "warning")])

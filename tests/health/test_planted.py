@@ -11,7 +11,7 @@ from attlog import segments
 from attlog.core import rotation
 from attlog.flight.model import Attitude, FlightLog, Stream
 from attlog.health import attitude as jumps
-from attlog.health import compass_fit, gravity, sources, vibration
+from attlog.health import compass_power, gravity, sources, vibration
 from attlog.health.check import Check, HealthCase
 from attlog.health.registry import run_checks
 from tests.health.test_health import good
@@ -85,22 +85,6 @@ def test_a_force_that_vibration_takes_away_is_told_by_the_barometer() -> None:
     )  # as sharp as a window
 
 
-@pytest.mark.parametrize(("share", "verdict"), [(0.05, "ok"), (0.2, "warning"), (0.5, "fault"), (-0.2, "warning")])
-def test_a_field_that_follows_the_throttle_is_told_in_percent(share: float, verdict: str) -> None:
-    rng = np.random.default_rng(2)
-    t = np.arange(0.0, 60.0, 0.1)
-    throttle = 0.5 + 0.3 * np.sin(0.3 * t)
-    field = 40e-6 * (1.0 + share * (throttle - 0.2) / 0.6)
-    x = np.column_stack([field, np.zeros_like(t), np.zeros_like(t)]) + 0.1e-6 * rng.normal(size=(len(t), 3))
-    log, phases = flown()
-    log.mags[0].field, log.mag, log.power.battery = Stream(t, x, "T", "FRD", "mag"), 0, None
-    log.power.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
-    phases = segments.Segments([segments.Segment("armed", 0.0, 60.0)])
-    found = compass_fit.interference_check(log, phases, log.mags[log.mag])
-    assert found.verdict == verdict
-    assert found.value == pytest.approx(100 * abs(share) / min(1.0, 1.0 + share), rel=0.1)
-
-
 def test_of_current_and_throttle_the_one_that_bends_the_field_counts() -> None:
     """A current that follows nothing stands before a throttle by which the field doubles."""
     rng = np.random.default_rng(2)
@@ -112,7 +96,7 @@ def test_of_current_and_throttle_the_one_that_bends_the_field_counts() -> None:
     log.mags[0].field, log.mag = Stream(t, x, "T", "FRD", "mag"), 0
     log.power.battery = Stream(t, np.column_stack([0 * t + 15.0, 10.0 + 5.0 * np.cos(1.7 * t)]), "V A", "", "battery")
     log.power.throttle = Stream(t, throttle[:, None], "1", "", "throttle")
-    found = compass_fit.interference_check(
+    found = compass_power.interference_check(
         log, segments.Segments([segments.Segment("armed", 0.0, 60.0)]), log.mags[log.mag]
     )
     assert found.verdict == "fault"
@@ -121,14 +105,14 @@ def test_of_current_and_throttle_the_one_that_bends_the_field_counts() -> None:
 
 def test_a_field_that_does_not_follow_the_throttle_is_good_however_it_varies() -> None:
     t = np.arange(0.0, 60.0, 0.1)
-    seen = compass_fit.follow_drive(
+    seen = compass_power.follow_drive(
         Stream(t, np.column_stack([40e-6 * (1 + 0.3 * np.cos(1.7 * t)), 0 * t, 0 * t]), "T", "FRD", "mag"),
         Stream(t, (0.5 + 0.3 * np.sin(0.3 * t))[:, None], "1", "", "throttle"),
         np.ones(len(t), bool),
         0.1,
     )
     assert seen is not None
-    assert abs(seen[0]) < compass_fit.MIN_CORRELATION
+    assert abs(seen[0]) < compass_power.MIN_CORRELATION
 
 
 def test_a_realignment_in_flight_is_told_with_size_and_time_and_one_before_arming_is_not() -> None:
@@ -162,16 +146,6 @@ def test_the_same_realignment_before_take_off_is_a_warning() -> None:
     phases.segments.append(segments.Segment("airborne", at + 5.0, b))
     found = only(jumps.jump_checks(HealthCase(log, phases)), "attitude_jumps")
     assert (found.verdict, found.value) == ("warning", pytest.approx(25.0, abs=1.0))
-
-
-def test_two_headings_of_a_vehicle_that_hangs_on_its_rotors_do_not_differ() -> None:
-    """Beyond 60 deg of tilt a heading means nothing; at 50 deg it does."""
-    t = np.arange(0.0, 60.0, 0.1)
-    for pitch, since in ((50.0, True), (70.0, False)):
-        one, two = (np.tile(rotation.from_euler(0.0, np.radians(pitch), yaw), (len(t), 1)) for yaw in (0.2, 1.2))
-        found = sources.source_difference(Attitude(t, one, "one"), Attitude(t, two, "two"), segments.Segments())
-        assert found is not None
-        assert (found.since is not None) == since
 
 
 def test_a_second_source_that_leaves_is_told_with_its_size_and_time() -> None:

@@ -17,7 +17,7 @@ import attlog
 from attlog import flight, segments
 from attlog.core import rotation
 from attlog.flight.model import FlightLog
-from attlog.health import accelerometer, compass_fit
+from attlog.health import accelerometer, compass_turn
 from attlog.health.check import Check, HealthCase
 from attlog.health.findings import findings
 from attlog.health.registry import run_checks
@@ -256,7 +256,7 @@ def test_iron_that_comes_during_the_flight_is_no_constant_offset(since: float, s
     for mag in log.mags:
         later = mag.field.t_best >= a + since * (b - a)
         mag.field.x = mag.field.x + np.outer(later, 1e-6 * np.array([20.0, -10.0, 0.0]))
-    found = compass_fit.fit_compass(log, phases, choose(log, phases))
+    found = compass_turn.fit_turn(log, phases, choose(log, phases))
     assert found is not None
     assert found.steady is steady
 

@@ -1,8 +1,9 @@
-"""Which samples of a compass count: in the air, on the ground, with which power."""
+"""Samples of a compass in flight and on the ground, its offset, and the proof by the other half of the flight."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,19 +13,20 @@ import pytest
 from attlog import flight as attlog_flight
 from attlog.core import rotation
 from attlog.flight.model import Mag, Stream, TimeLine
-from attlog.health import compass_fit
-from attlog.health import compass_fit as gathering
+from attlog.health import compass_offset
 from attlog.health.check import HealthCase, MotionAttitude
-from attlog.health.compass_fit import (
+from attlog.health.compass_offset import (
+    FieldSamples,
     HeadingProof,
     cross_validate,
     fit_offset,
-    fit_offset_of,
-    flight_halves,
     heading_error,
     rms_deg,
-    total_offset_sigma,
+    study_samples,
+    total_sigma,
 )
+from attlog.health.compass_power import motor_drive, power_at
+from attlog.health.flown import flight_before_crash
 from attlog.reference import alignment
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES
@@ -44,37 +46,35 @@ def flown(*more: Segment) -> Segments:
 
 
 def test_flight_ends_a_second_early_and_at_the_first_crash() -> None:
-    assert gathering.compass_flight_spans(flown()) == [(31.0, 59.0), (81.0, 99.0)]
-    assert gathering.compass_flight_spans(flown(Segment("impact", 90.0, 101.0))) == [(31.0, 59.0), (81.0, 89.0)]
-    assert gathering.compass_flight_spans(flown(Segment("loss_of_control", 50.0, 55.0))) == [(31.0, 49.0)]
+    assert flight_before_crash(flown()) == [(31.0, 59.0), (81.0, 99.0)]
+    assert flight_before_crash(flown(Segment("impact", 90.0, 101.0))) == [(31.0, 59.0), (81.0, 89.0)]
+    assert flight_before_crash(flown(Segment("loss_of_control", 50.0, 55.0))) == [(31.0, 49.0)]
 
 
 def test_the_ground_is_20_s_before_and_after_and_never_a_wreck() -> None:
-    assert gathering.ground_spans(flown()) == ([(10.0, 30.0)], [(100.0, 120.0)])
-    assert gathering.ground_spans(flown(Segment("impact", 99.0, 101.0)))[1] == []
-    assert gathering.ground_spans(Segments()) == ([], [])
+    assert compass_offset.ground_spans(flown()) == ([(10.0, 30.0)], [(100.0, 120.0)])
+    assert compass_offset.ground_spans(flown(Segment("impact", 99.0, 101.0)))[1] == []
+    assert compass_offset.ground_spans(Segments()) == ([], [])
 
 
 def test_power_far_from_any_record_is_unknown() -> None:
     drive = Stream(np.array([0.0, 1.0, 20.0]), np.array([[2.0], [4.0], [6.0]]), "A", "", "BAT")
-    at = gathering.power_at(drive, np.array([0.5, 2.0, 10.0, 20.0, 30.0]))
+    at = power_at(drive, np.array([0.5, 2.0, 10.0, 20.0, 30.0]))
     assert at[[0, 1, 3]] == pytest.approx([3.0, 4.0 + 2.0 / 19.0, 6.0])
     assert np.isnan(at[[2, 4]]).all()
-    assert np.isnan(gathering.power_at(None, np.zeros(2))).all()
+    assert np.isnan(power_at(None, np.zeros(2))).all()
 
 
 def test_a_current_of_zero_gives_way_to_the_throttle() -> None:
     t = np.arange(100.0)
     throttle = Stream(t, np.full((100, 1), 0.5), "1", "", "CTUN")
     log = with_fields(empty_log(), throttle=throttle, battery=Stream(t, np.zeros((100, 2)), "V", "", "BAT"))
-    assert gathering.motor_drive(log) == ("throttle", throttle)
+    assert motor_drive(log) == ("throttle", throttle)
     log.power.battery = Stream(t, np.full((100, 2), 12.0), "V", "", "BAT")
-    assert gathering.motor_drive(log)[0] == "current"
+    assert motor_drive(log)[0] == "current"
 
 
-def gathered(
-    sigma_deg: float = 1.0, throttle_on_ground: float = 0.0, tilt: float = 0.0
-) -> gathering.FieldSamples | None:
+def gathered(sigma_deg: float = 1.0, throttle_on_ground: float = 0.0, tilt: float = 0.0) -> FieldSamples | None:
     t = np.arange(0.0, 140.0, 0.1)
     air = (t > 30.0) & (t < 100.0)
     power = np.where(air, 0.5, throttle_on_ground)
@@ -86,7 +86,7 @@ def gathered(
     case = HealthCase(log, flown(), None, lambda: motion)
     mag = Mag(0, Stream(t, np.tile(1e-6 * EARTH, (len(t), 1)), "T", "FRD", "MAG.0"))
     mag.field.x[500] = np.nan
-    return gathering.field_samples(case, mag, motion, Model())  # type: ignore[arg-type]
+    return compass_offset.field_samples(case, mag, motion, Model())  # type: ignore[arg-type]
 
 
 def test_samples_lie_in_the_air_or_on_the_ground_with_motors_off() -> None:
@@ -120,9 +120,9 @@ T = np.arange(0.0, 100.0, 0.1)
 @pytest.fixture
 def judged(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A case in which everything speaks for an attitude by motion."""
-    monkeypatch.setattr(compass_fit, "compass_flight_spans", lambda segments: segments.flown)
-    monkeypatch.setattr(compass_fit.alignment, "earth_field", lambda log: log.model)
-    monkeypatch.setattr(compass_fit, "horizontal_acceleration", lambda log, told, case: log.moved)
+    monkeypatch.setattr(compass_offset, "flight_before_crash", lambda segments: segments.flown)
+    monkeypatch.setattr(compass_offset.alignment, "earth_field", lambda log: log.model)
+    monkeypatch.setattr(compass_offset, "horizontal_acceleration", lambda log, motion, flown: log.moved)
     told = SimpleNamespace(t=T, sigma_heading=np.full(len(T), 0.05), quality={})
     return SimpleNamespace(
         segments=SimpleNamespace(flown=[(20.0, 80.0)]),
@@ -132,27 +132,27 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_each_reason_is_told_in_its_turn(judged: Any) -> None:
-    assert compass_fit.reason_no_heading(judged) == ""
-    judged.log.moved = 0.99 * compass_fit.MIN_ACCELERATION_M_S2
-    assert "shows no heading" in compass_fit.reason_no_heading(judged)
-    judged.log.moved = 1.01 * compass_fit.MIN_ACCELERATION_M_S2
-    assert compass_fit.reason_no_heading(judged) == ""
+    assert compass_offset.reason_no_heading(judged) == ""
+    judged.log.moved = 0.99 * compass_offset.MIN_ACCELERATION_M_S2
+    assert "shows no heading" in compass_offset.reason_no_heading(judged)
+    judged.log.moved = 1.01 * compass_offset.MIN_ACCELERATION_M_S2
+    assert compass_offset.reason_no_heading(judged) == ""
     judged.motion.sigma_heading[:] = np.pi
     judged.motion.quality["heading_why"] = "GNSS jumps"
-    assert compass_fit.reason_no_heading(judged) == "Motion shows no heading that can be trusted: GNSS jumps."
+    assert compass_offset.reason_no_heading(judged) == "Motion shows no heading that can be trusted: GNSS jumps."
     judged.motion.sigma_heading[:] = np.nan
     judged.motion.sigma_heading[T < 19.0] = 0.05
-    assert compass_fit.reason_no_heading(judged) == "No attitude by motion covers the flight."
+    assert compass_offset.reason_no_heading(judged) == "No attitude by motion covers the flight."
     judged.motion.t = T + 200.0
-    assert compass_fit.reason_no_heading(judged) == "No attitude by motion covers the flight."
+    assert compass_offset.reason_no_heading(judged) == "No attitude by motion covers the flight."
     judged.motion = None
-    assert "Without GNSS velocity" in compass_fit.reason_no_heading(judged)
+    assert "Without GNSS velocity" in compass_offset.reason_no_heading(judged)
     judged.log.model = None
-    assert "no position" in compass_fit.reason_no_heading(judged)
+    assert "no position" in compass_offset.reason_no_heading(judged)
     judged.segments.flown = []
-    assert "no flight" in compass_fit.reason_no_heading(judged)
+    assert "no flight" in compass_offset.reason_no_heading(judged)
     judged.log.replay_imu = None
-    assert "No inertial unit" in compass_fit.reason_no_heading(judged)
+    assert "No inertial unit" in compass_offset.reason_no_heading(judged)
 
 
 def test_the_acceleration_is_its_rms_over_the_flight_whichever_of_gnss_and_force_shows_less() -> None:
@@ -160,13 +160,14 @@ def test_the_acceleration_is_its_rms_over_the_flight_whichever_of_gnss_and_force
     log = flight()
     one = case(log)
     assert one.motion is not None
+    flown_spans = flight_before_crash(one.segments)
     whole = np.sqrt(np.sum((SPEED * OMEGA) ** 2) / 2.0)
-    found = compass_fit.horizontal_acceleration(log, one.motion, one)
+    found = compass_offset.horizontal_acceleration(log, one.motion, flown_spans)
     assert found == pytest.approx(whole, rel=0.1)
     log.gnss[0].vel_ned *= 0.5
-    assert compass_fit.horizontal_acceleration(log, one.motion, one) == pytest.approx(0.5 * found, rel=0.1)
+    assert compass_offset.horizontal_acceleration(log, one.motion, flown_spans) == pytest.approx(0.5 * found, rel=0.1)
     log.gnss = []
-    assert compass_fit.horizontal_acceleration(log, one.motion, one) == 0.0
+    assert compass_offset.horizontal_acceleration(log, one.motion, flown_spans) == 0.0
 
 
 # The offset of a compass against planted ones, closed forms and MAGFit's formula.
@@ -174,43 +175,41 @@ def test_the_acceleration_is_its_rms_over_the_flight_whichever_of_gnss_and_force
 
 def test_a_planted_offset_comes_back() -> None:
     made = samples((-12.0, 5.0, 3.0))
-    found = fit_offset_of(made, made.air)
+    found = fit_offset(made, made.air)
     assert found is not None
     assert found.offset == pytest.approx([-12.0, 5.0, 3.0], abs=0.05)
     assert found.counts
     assert found.size == pytest.approx(math.sqrt(178.0), abs=0.05)
-    assert found.size_ci95[0] < found.size < found.size_ci95[1]
+    assert 0.0 < found.size_sigma < 1.0
 
 
 def test_a_tenth_of_wild_samples_moves_it_by_little() -> None:
     made = samples((-12.0, 5.0, 3.0))
     wild = made.air & (np.arange(len(made.t)) % 10 == 0)
     made.measured[wild] += 40.0
-    found = fit_offset_of(made, made.air)
+    found = fit_offset(made, made.air)
     assert found is not None
     assert found.offset == pytest.approx([-12.0, 5.0, 3.0], abs=0.15)
 
 
 def test_the_error_holds_heading_tilt_and_model() -> None:
     """By hand: 2 deg of heading in 20 uT, 0.8 deg of tilt in 40 uT, 1 % of 44.7 uT, 0.3 uT, 1.5 standard errors."""
-    sigma = total_offset_sigma(np.array([0.2, 0.2, 0.2]), math.radians(2.0), np.array([20.0, 0.0, 40.0]))
+    sigma = total_sigma(np.array([0.2, 0.2, 0.2]), math.radians(2.0), np.array([20.0, 0.0, 40.0]))
     across = math.sqrt(0.3**2 + (0.0349066 * 20) ** 2 + (0.0139626 * 40) ** 2 + 0.3**2)
     along = math.sqrt(0.3**2 + (0.0139626 * 20) ** 2 + (0.01 * 44.72136) ** 2 + 0.3**2)
     assert sigma == pytest.approx([across, across, along], rel=1e-5)
 
 
-def test_a_constant_offset_has_no_error_of_the_fit_but_that_of_the_heading() -> None:
-    t, error = np.arange(500) * 0.1, np.tile([3.0, 0.0, 0.0], (500, 1))
-    sure, unsure = (fit_offset(t, error, np.full(500, np.radians(s)), EARTH) for s in (0.5, 4.0))
+def test_an_offset_with_an_unsure_heading_does_not_count() -> None:
+    sure, unsure = (fit_offset(one, one.air) for one in (samples((3.0, 0.0, 0.0), sigma_deg=s) for s in (0.5, 4.0)))
     assert sure is not None
     assert unsure is not None
-    assert sure.counts
-    assert not unsure.counts
+    assert (sure.counts, unsure.counts) == (True, False)
 
 
 def test_nothing_is_found_in_one_sample() -> None:
-    assert fit_offset(np.zeros(1), np.zeros((1, 3)), np.zeros(1), EARTH) is None
-    assert fit_offset(np.zeros(0), np.zeros((0, 3)), np.zeros(0), EARTH) is None
+    made = samples()
+    assert fit_offset(made, np.arange(len(made.t)) == 5) is None
 
 
 def test_on_the_same_numbers_it_is_that_of_magfit() -> None:
@@ -235,9 +234,9 @@ def test_on_the_same_numbers_it_is_that_of_magfit() -> None:
     expected = np.einsum("ijn,j->ni", down_to_body, 1e7 * np.array(model.ned_t))
     rows = np.tile(np.eye(3), (len(raw_mgauss), 1))
     ofs, *_ = np.linalg.lstsq(rows, (expected - raw_mgauss).ravel(), rcond=None)
-    found = fit_offset(
-        field.t_best[use], 0.1 * (raw_mgauss - expected), np.zeros(len(raw_mgauss)), 1e6 * np.array(model.ned_t)
-    )
+    zeros, t = np.zeros(len(raw_mgauss)), field.t_best[use]
+    made = replace(samples(), t=t, measured=0.1 * raw_mgauss, expected=0.1 * expected, sigma_heading=zeros)
+    found = fit_offset(made, zeros == 0.0)
     assert found is not None
     assert 10.0 * found.offset == pytest.approx(-ofs, abs=1.0)
     assert found.offset == pytest.approx(planted, abs=1.5)  # the attitude of the log errs
@@ -252,31 +251,25 @@ def test_the_error_is_what_a_pilot_reads_too_much() -> None:
     seen = rotation.rotate_inverse(q, np.array([np.cos(np.radians(-10)), np.sin(np.radians(-10)), 2.0]))
     error = heading_error(q, seen, np.array([1.0, 0.0, 2.0]))
     assert np.degrees(error) == pytest.approx(10.0)
-    level = rotation.rotate(np.tile(rotation.from_euler(0.1, -0.2, 0.0), (4, 1)), seen)
-    assert np.degrees(np.arctan2(-level[:, 1], level[:, 0])) == pytest.approx(40.0)
 
 
-def test_each_half_is_corrected_by_the_other() -> None:
-    made = samples((8.0, 0.0, 0.0), noise=0.0)
-    parts = flight_halves(made)
-    assert not (parts[0] & parts[1]).any()
-    assert np.array_equal(parts[0] | parts[1], made.air)
-    right, nothing = np.tile([8.0, 0.0, 0.0], (len(made.t), 1)), np.zeros((len(made.t), 3))
-    proof = cross_validate(made, parts, (right, right))
-    assert proof.before > 10.0
-    assert proof.after == pytest.approx(0.0, abs=0.01)
-    half = cross_validate(made, parts, (right, nothing))  # the first half stays as it was
-    as_logged = heading_error(made.q[parts[0]], made.measured[parts[0]], made.earth)
-    assert half.after == pytest.approx(rms_deg(as_logged) / np.sqrt(2.0), rel=0.01)
-
-
-def test_what_was_fitted_in_a_half_is_tried_on_the_other() -> None:
+def test_each_half_is_corrected_by_what_was_fitted_in_the_other() -> None:
     made = samples(noise=0.0)
-    parts = flight_halves(made)
-    made.measured[parts[1]] += [8.0, 0.0, 0.0]
+    first, second = made.air & (made.t <= 70.0), made.air & (made.t > 70.0)
+    made.measured[second] += [8.0, 0.0, 0.0]
     right, nothing = np.tile([8.0, 0.0, 0.0], (len(made.t), 1)), np.zeros((len(made.t), 3))
-    assert cross_validate(made, parts, (right, nothing)).after == pytest.approx(0.0, abs=0.01)
-    assert cross_validate(made, parts, (nothing, right)).after > cross_validate(made, parts, (nothing, right)).before
+    proof = cross_validate(made, (first, second), (right, nothing))
+    assert proof.before == pytest.approx(rms_deg(heading_error(made.q, made.measured, EARTH)[made.air]))
+    assert proof.after == pytest.approx(0.0, abs=0.01)
+    assert cross_validate(made, (first, second), (nothing, right)).after > proof.before
+
+
+def test_a_study_proves_an_offset_on_both_halves() -> None:
+    study = study_samples(samples((8.0, 0.0, 0.0)))
+    assert study is not None
+    assert study.steady
+    assert study.proof.before > 10.0
+    assert study.proof.after < 1.0
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,601 @@
+"""Offset of each compass in flight, by an attitude without any compass, and whether it may be set.
+
+The compass reads ``m = R' h + o``: R attitude by motion alone, h the earth's field by the world magnetic model. A
+smoother with the compass follows part of its error: by 79 mG where one without it erred by 9 to 22. The heading by
+motion comes from GNSS acceleration; without acceleration its sigma is too small (85 to 132 deg wrong at 1.8 to 5 deg).
+
+An offset fitted in flight holds the motors' field too. Set, such offsets have turned the heading on the ground, where
+the estimator takes its yaw, by up to 180 deg. So the ground must show the same offset, and it must improve the heading
+of the half of the flight that it was not fitted to.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.earth import MagneticField
+from attlog.core.log_cache import cached_per_log
+from attlog.core.spans import Span, inside
+from attlog.estimators.evidence import velocity_steps
+from attlog.flight import compass
+from attlog.flight.model import Array, FlightLog, Mag, TimeLine
+from attlog.health import settings
+from attlog.health.check import Check, HealthCase, MotionAttitude, Verdict
+from attlog.health.compass_power import Power, motor_drive, power_at
+from attlog.health.compass_turn import STANDARD_ERRORS, TILT_RAD, TURN_OFF_DEG, fit_simplest
+from attlog.health.flown import UPSIDE_DOWN_DEG, crash_spans, flight_before_crash
+from attlog.health.regression import robust_fit
+from attlog.reference import alignment
+from attlog.segments.model import Segments
+
+Mask = NDArray[np.bool_]
+Cause = Literal["offset", "turn", "neither"]
+
+# Time before take-off and after landing in which the vehicle stands where it took off or landed.
+GROUND_S = 20.0
+# Below this share of the power in flight, motors bend no field that matters.
+IDLE_SHARE = 0.25
+# Samples count where the attitude knows its heading to this sigma.
+MAX_SIGMA_HEADING_RAD = np.radians(5.0)
+# Errors of an attitude last for seconds: more samples of a long log cost time and show nothing new.
+MAX_FLIGHT_SAMPLES, MAX_GROUND_SAMPLES = 2000, 400
+MIN_GROUND_SAMPLES, MIN_GROUND_S = 10, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class FieldSamples:
+    """Samples of one compass at ``t`` (n,) s: in the ``air``, ``before`` take-off, ``after`` landing (masks).
+
+    ``measured`` and ``expected`` (n, 3) uT in body axes: the logged field, and the earth's (``earth``, (3,) uT NED)
+    turned by the attitude ``q`` (n, 4) with ``sigma_heading`` (n,) rad. ``power`` (n,): current in A or throttle (0 to
+    1) by ``power_kind``, NaN where unknown; ``hover``: its median in the air. ``seconds`` in the air.
+    """
+
+    mag: Mag
+    t: Array
+    measured: Array
+    expected: Array
+    q: Array
+    sigma_heading: Array
+    power: Array
+    air: Mask
+    before: Mask
+    after: Mask
+    earth: Array
+    hover: float
+    power_kind: Power
+    seconds: float
+
+    @property
+    def source(self) -> str:
+        """The compass's name in the log."""
+        return self.mag.field.source
+
+    @property
+    def error(self) -> Array:
+        """Measured less expected field (n, 3), uT in body axes."""
+        return self.measured - self.expected
+
+    def mean_power(self, use: Mask) -> float:
+        """Return the median power of some samples; 0 where none is known, as with motors that never ran."""
+        known = self.power[use & np.isfinite(self.power)]
+        return float(np.median(known)) if len(known) else 0.0
+
+
+def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: MagneticField) -> FieldSamples | None:
+    """Return the samples of a compass where ``motion`` knows its heading; None without any in flight."""
+    t, field = mag.field.t_best, 1e6 * mag.field.x
+    flown = flight_before_crash(case.segments)
+    good = rotation.finite_rows(field) & np.isfinite(t)
+    air = thinned(good & inside(t, flown), MAX_FLIGHT_SAMPLES)
+    ground = [thinned(good & inside(t, spans), MAX_GROUND_SAMPLES) for spans in ground_spans(case.segments)]
+    kind, drive = motor_drive(case.log)
+    in_flight = power_at(drive, t[air])
+    hover = float(np.median(in_flight[np.isfinite(in_flight)])) if np.isfinite(in_flight).any() else math.nan
+    where = np.flatnonzero(air | ground[0] | ground[1])
+    q, sample = rotation.slerp_in_segments(motion.t, motion.q, motion.segment, t[where])
+    sigma = motion.sigma_heading[np.clip(sample, 0, len(motion.t) - 1)]
+    known = rotation.finite_rows(q) & (sigma <= MAX_SIGMA_HEADING_RAD)
+    known[known] &= np.degrees(rotation.tilt_angle(q[known])) < UPSIDE_DOWN_DEG
+    where, q, sigma = where[known], q[known], sigma[known]
+    if not air[where].any():
+        return None
+    earth = 1e6 * np.array(model.ned_t)
+    power = power_at(drive, t[where])
+    idle = _idle_motors(case.log.state.armed, t[where], power, hover)
+    before, after = (_enough_ground(t[where], mask[where] & idle) for mask in ground)
+    return FieldSamples(
+        mag=mag,
+        t=t[where],
+        measured=field[where],
+        expected=rotation.rotate_inverse(q, earth),
+        q=q,
+        sigma_heading=sigma,
+        power=power,
+        air=air[where],
+        before=before,
+        after=after,
+        earth=earth,
+        hover=hover,
+        power_kind=kind,
+        seconds=np.count_nonzero(air[where]) / int(np.count_nonzero(air)) * sum(b - a for a, b in flown),
+    )
+
+
+def ground_spans(segments: Segments) -> tuple[list[Span], list[Span]]:
+    """Return the time before the first take-off and, unless something crashed, after the last landing."""
+    flown = segments.spans("airborne")
+    if not flown:
+        return [], []
+    first, last = flown[0][0], flown[-1][1]
+    return [(first - GROUND_S, first)], [] if crash_spans(segments) else [(last, last + GROUND_S)]
+
+
+def _idle_motors(armed: TimeLine | None, t: Array, power: Array, hover: float) -> Mask:
+    """Select times with motors off or idle: by the power, where it is unknown by being disarmed."""
+    off = np.zeros(len(t), bool)
+    if armed is not None and len(armed.value):
+        k = np.clip(np.searchsorted(armed.t, t, side="right") - 1, 0, None)
+        off = ~np.array([bool(v) for v in armed.value])[k]
+    if not np.isfinite(hover) or hover <= 0:
+        return off
+    return np.asarray(np.where(np.isfinite(power), power < IDLE_SHARE * hover, off))
+
+
+def _enough_ground(t: Array, use: Mask) -> Mask:
+    few = use.sum() < MIN_GROUND_SAMPLES or np.ptp(t[use]) < MIN_GROUND_S
+    return np.zeros(len(t), bool) if few else use
+
+
+def thinned(use: Mask, most: int) -> Mask:
+    """Select at most so many of the samples, evenly."""
+    where = np.flatnonzero(use)
+    kept = np.zeros(len(use), bool)
+    kept[where[:: max(1, -(-len(where) // most))]] = True
+    return kept
+
+
+# Whether the heading by motion is known.
+
+# Flight with a known heading.
+MIN_HEADING_S = 30.0
+# Horizontal acceleration (RMS of changes of velocity over 1 s) that shows a heading.
+MIN_ACCELERATION_M_S2 = 0.25
+# Usual lateness of GNSS velocity, on which the RMS hardly depends, and the time over which tilt errors change.
+GNSS_DELAY_S, TILT_ERROR_S = 0.1, 30.0
+FLY_ADVICE = "Fly forward, stop hard, turn and repeat for a minute."
+
+
+def reason_no_heading(case: HealthCase) -> str:
+    """Return why motion shows no heading to check compasses by, with what would help; empty where it does."""
+    if case.log.replay_imu is None:
+        return "No inertial unit of this log can be replayed, so nothing judges the compass."
+    flown = flight_before_crash(case.segments)
+    if not flown:
+        return "The log holds no flight in which the compass can be judged."
+    if alignment.earth_field(case.log) is None:
+        return "The log holds no position, so the earth's field is unknown."
+    motion = case.motion
+    if motion is None:
+        return "Without GNSS velocity nothing but the compass shows the heading."
+    air = inside(motion.t, flown)
+    if not air.any() or not np.isfinite(motion.sigma_heading[air]).any():
+        return "No attitude by motion covers the flight."
+    if np.min(motion.sigma_heading[air]) >= np.pi:
+        why = str(motion.quality.get("heading_why", "something contradicts it"))
+        return f"Motion shows no heading that can be trusted: {why}."
+    moved = horizontal_acceleration(case.log, motion, flown)
+    if not moved >= MIN_ACCELERATION_M_S2:
+        needed = f"{MIN_ACCELERATION_M_S2} needed"
+        return f"Horizontal acceleration of {moved:.2f} m/s^2 shows no heading ({needed}). {FLY_ADVICE}"
+    return ""
+
+
+def horizontal_acceleration(log: FlightLog, motion: MotionAttitude, flown: list[Span]) -> float:
+    """Return the smaller RMS of horizontal acceleration in m/s^2 by GNSS and by the force.
+
+    GNSS alone has its noise for acceleration; the force alone its slow errors of tilt, so the mean of 30 s is removed.
+    """
+    imu = log.replay_imu
+    receiver = next((r for r in log.gnss if np.isfinite(r.vel_ned).any()), None)
+    if imu is None or receiver is None:
+        return 0.0
+    near = inside(imu.acc.t_best, [(a - 2.0, b + 2.0) for a, b in flown])
+    t, acc = imu.acc.t_best[near], imu.acc.x[near]
+    q, _ = rotation.slerp_in_segments(motion.t, motion.q, motion.segment, t)
+    steps = velocity_steps(t, acc, q, receiver.t, receiver.vel_ned, np.array(flown))
+    if not len(steps.t0):
+        return 0.0
+    force = steps.force[int(np.argmin(np.abs(steps.delays - GNSS_DELAY_S)))]
+    _, number = np.unique(steps.t0 // TILT_ERROR_S, return_inverse=True)
+    count = np.bincount(number)
+    force = force - ((np.bincount(number, force.real) + 1j * np.bincount(number, force.imag)) / count)[number]
+    seconds = np.maximum(steps.t1 - steps.t0, 0.1)
+    return float(min(np.sqrt(np.mean(np.abs(x / seconds) ** 2)) for x in (steps.gnss, force)))
+
+
+# The offset in uT along the body's axes, and its total error: of the fit, of heading and tilt, of the earth's model.
+
+# Residuals beyond 2.5 robust deviations are weighted down (measured on 98 compasses).
+HUBER = 2.5
+# Error of compass and model that remains however long the flight: 3 mG.
+FLOOR_UT = 0.3
+# An offset counts above four total errors and 15 mG: then none of 39 untouched simulated flights shows one; with four
+# standard errors of the fit 29 do.
+OFFSET_SIGMAS, MIN_OFFSET_UT = 4.0, 1.5
+MODEL_SIZE_ERROR = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetFit:
+    """Offset (3,) uT of a compass in body axes with its total error ``sigma`` (3,).
+
+    ``left_ut``: residual RMS; ``n`` samples in ``blocks`` of 5 s.
+    """
+
+    offset: Array
+    sigma: Array
+    left_ut: float
+    n: int
+    blocks: int
+
+    @property
+    def size(self) -> float:
+        """Length of the offset, uT."""
+        return float(np.sqrt(np.sum(self.offset**2)))
+
+    @property
+    def size_sigma(self) -> float:
+        """Error of the length, uT."""
+        return float(np.sqrt(np.sum((self.offset * self.sigma) ** 2))) / max(self.size, 1e-9)
+
+    @property
+    def counts(self) -> bool:
+        """Whether an axis is off significantly and by enough."""
+        return bool(np.any(np.abs(self.offset) > np.maximum(OFFSET_SIGMAS * self.sigma, MIN_OFFSET_UT)))
+
+
+def fit_offset(samples: FieldSamples, use: Mask) -> OffsetFit | None:
+    """Fit the offset of selected samples; None from fewer than two."""
+    t, error = samples.t[use], samples.error[use]
+    if len(t) < 2:
+        return None
+    found = robust_fit(t, np.broadcast_to(np.eye(3), (len(t), 3, 3)), error, huber=HUBER)
+    if found is None:
+        return None
+    heading = float(np.sqrt(np.mean(samples.sigma_heading[use] ** 2)))
+    sigma = total_sigma(found.sigma, heading, samples.earth)
+    left = float(np.sqrt(np.mean(np.sum((error - found.x) ** 2, axis=1))))
+    return OffsetFit(found.x, sigma, left, len(t), found.blocks)
+
+
+def total_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
+    """Return the total error (3,) uT of an offset of a vehicle that is mostly level.
+
+    ``standard`` (3,) uT: standard errors of the fit; ``sigma_heading`` rad; ``earth`` (3,) uT NED.
+    """
+    level, down = math.hypot(earth[0], earth[1]), abs(float(earth[2]))
+    across = math.hypot(sigma_heading * level, TILT_RAD * down)
+    along = math.hypot(TILT_RAD * level, MODEL_SIZE_ERROR * math.hypot(level, down))
+    fitted = STANDARD_ERRORS * standard
+    return np.asarray(np.sqrt(fitted**2 + np.array([across, across, along]) ** 2 + FLOOR_UT**2))
+
+
+# Heading errors of the compass before and after a correction, on the half of the flight that it was not fitted to.
+
+# A correction is offered where that heading improves by 30 % and 1 deg to below 12 deg.
+MIN_IMPROVEMENT, MIN_IMPROVEMENT_DEG, MAX_HEADING_ERROR_DEG = 0.3, 1.0, 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class HeadingProof:
+    """RMS heading error in deg ``before`` and ``after`` a correction that was fitted elsewhere."""
+
+    before: float
+    after: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether the correction helps enough."""
+        least = max(MIN_IMPROVEMENT * self.before, MIN_IMPROVEMENT_DEG)
+        return self.before - self.after >= least and self.after < MAX_HEADING_ERROR_DEG
+
+    @property
+    def sentence(self) -> str:
+        """Both errors in words."""
+        return f"Heading error on the half not fitted: {self.before:.1f} deg before, {self.after:.1f} deg after."
+
+
+def heading_error(q: Array, field: Array, earth: Array) -> Array:
+    """Return the heading error (n,) in rad of a tilt-compensated compass at attitudes ``q`` (n, 4).
+
+    ``field`` (n, 3) in body axes and the earth's ``earth`` (3,) NED in the same unit.
+    """
+    seen = rotation.rotate(q, field)
+    # A field that is turned to the east (clockwise) makes the heading read too little.
+    return -rotation.wrap(np.arctan2(seen[:, 1], seen[:, 0]) - math.atan2(earth[1], earth[0]))
+
+
+def rms_deg(angle: Array) -> float:
+    """Return the RMS in deg of angles (n,) in rad."""
+    return math.degrees(float(np.sqrt(np.mean(angle**2)))) if len(angle) else math.nan
+
+
+def flight_halves(samples: FieldSamples) -> tuple[Mask, Mask]:
+    """Select the samples in the air of the first and of the second half of the flight."""
+    middle = np.cumsum(samples.air) <= np.count_nonzero(samples.air) // 2
+    return samples.air & middle, samples.air & ~middle
+
+
+def cross_validate(samples: FieldSamples, parts: tuple[Mask, Mask], error: tuple[Array, Array]) -> HeadingProof:
+    """Return the heading errors of two parts, each corrected by the ``error`` (n, 3) uT fitted to the other."""
+    before, after = [], []
+    for part, other in zip(parts, reversed(error), strict=True):
+        q, field = samples.q[part], samples.measured[part]
+        before.append(heading_error(q, field, samples.earth))
+        after.append(heading_error(q, field - other[part], samples.earth))
+    return HeadingProof(rms_deg(np.concatenate(before)), rms_deg(np.concatenate(after)))
+
+
+# One compass over a flight: its offset in the air and on the ground, and the field that the motors add.
+
+# A compass that reads less, or whose axes change by less than 3 mG while the vehicle moves, measures nothing.
+MIN_ALIVE_UT, MIN_MOVING_UT = 5.0, 0.3
+# Fields before take-off and after landing are equal within 25 mG or a fifth of what the flight adds.
+GROUND_REPEATS_UT, GROUND_REPEATS_SHARE = 2.5, 0.2
+# Offsets of both halves agree within 40 % of the offset or three sigmas.
+HALVES_SHARE, HALVES_SIGMAS = 0.4, 3.0
+# Ground and air differ beyond four sigmas and 20 mG; the ground confirms an offset that is nearer to it than to none.
+GROUND_UT, GROUND_SHARE = 2.0, 0.5
+# Where power hardly changes, an offset explains the flight as well as the motors do: up to 10 % and 0.5 deg.
+MOTORS_AS_GOOD, MOTORS_AS_GOOD_DEG = 1.1, 0.5
+# The flight must take so much more power than the ground, by its median in flight.
+MIN_POWER_RISE = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class MotorField:
+    """Field that the motors add: ``per_unit`` (3,) uT for each ampere or for full throttle.
+
+    ``power`` (A, or 0 to 1) is that in flight above the ground's. ``offset`` (3,) uT remains without power.
+    """
+
+    per_unit: Array
+    power: float
+    offset: Array
+
+    def at(self, samples: FieldSamples) -> Array:
+        """Return the error (n, 3) uT of the compass at every sample."""
+        power = np.nan_to_num(samples.power, nan=samples.hover)
+        return np.asarray(self.offset + power[:, None] * self.per_unit)
+
+
+@dataclass(frozen=True, slots=True)
+class CompassStudy:
+    """One compass: fits in the ``air``, and on the ``ground`` ``before`` and ``after`` with motors off.
+
+    ``steady``: both halves of the flight show the same offset. ``cause``: what alone explains the field in flight, an
+    offset, a turn, or neither. ``motors``: None without ground or power.
+    """
+
+    samples: FieldSamples
+    air: OffsetFit
+    before: OffsetFit | None
+    after: OffsetFit | None
+    ground: OffsetFit | None
+    steady: bool
+    cause: Cause
+    proof: HeadingProof
+    motors: MotorField | None
+    motor_proof: HeadingProof | None
+
+    @property
+    def ground_agrees(self) -> bool:
+        """Whether the ground confirms the offset of the air."""
+        if self.ground is None or self.ground_differs:
+            return False
+        apart = self.air.offset - self.ground.offset
+        level = float(np.hypot(self.air.offset[0], self.air.offset[1]))
+        return float(np.hypot(apart[0], apart[1])) <= max(GROUND_UT, GROUND_SHARE * level)
+
+    @property
+    def ground_differs(self) -> bool:
+        """Whether the compass reads another field on the ground than in the air."""
+        return bool(self.ground_differs_along.any())
+
+    @property
+    def ground_differs_along(self) -> Mask:
+        """Axes (3,) along which ground and air differ."""
+        if self.ground is None:
+            return np.zeros(3, bool)
+        limit = np.maximum(OFFSET_SIGMAS * self.air.sigma, GROUND_UT)
+        return np.asarray(np.abs(self.air.offset - self.ground.offset) > limit)
+
+    @property
+    def follows_motors(self) -> bool:
+        """Whether power explains the heading in flight, as well as a constant offset does."""
+        one, other = self.motor_proof, self.proof
+        return one is not None and one.holds and one.after <= MOTORS_AS_GOOD * other.after + MOTORS_AS_GOOD_DEG
+
+    @property
+    def ground_repeats(self) -> bool:
+        """Whether the compass reads the same before take-off and after landing."""
+        if self.before is None or self.after is None or self.ground is None:
+            return False
+        apart = float(np.linalg.norm(self.before.offset - self.after.offset))
+        added = float(np.linalg.norm(self.air.offset - self.ground.offset))
+        return apart <= max(GROUND_REPEATS_UT, GROUND_REPEATS_SHARE * added)
+
+
+@cached_per_log
+def compass_studies(case: HealthCase) -> tuple[list[CompassStudy], str]:
+    """Study every compass with a known heading; with the reason where there is none."""
+    why = reason_no_heading(case)
+    model = alignment.earth_field(case.log)
+    if why or case.motion is None or model is None:
+        return [], why
+    found: list[CompassStudy] = []
+    for mag in case.log.mags:
+        if compass.dead_reason(mag, case.log.replay_imu):
+            continue
+        samples = field_samples(case, mag, case.motion, model)
+        if samples is not None and samples.seconds >= MIN_HEADING_S and is_alive(samples):
+            study = study_samples(samples)
+            found += [study] if study is not None else []
+    if not found:
+        why = f"No compass has {MIN_HEADING_S:.0f} s in flight with a heading known to 5 deg. {FLY_ADVICE}"
+    return found, why
+
+
+def is_alive(samples: FieldSamples) -> bool:
+    """Return whether the compass reads a field that changes."""
+    field = samples.measured[samples.air]
+    size = float(np.median(np.linalg.norm(field, axis=1)))
+    return size > MIN_ALIVE_UT and bool(np.any(np.std(field, axis=0) > MIN_MOVING_UT))
+
+
+def study_samples(samples: FieldSamples) -> CompassStudy | None:
+    """Fit air, ground, halves and motors of one compass; None where the air determines nothing."""
+    parts = flight_halves(samples)
+    air, first, second = (fit_offset(samples, use) for use in (samples.air, *parts))
+    if air is None or first is None or second is None:
+        return None
+    before, after = fit_offset(samples, samples.before), fit_offset(samples, samples.after)
+    ground = fit_offset(samples, samples.before | samples.after)
+    shape = samples.measured.shape
+    by_offset = np.broadcast_to(first.offset, shape), np.broadcast_to(second.offset, shape)
+    one, two = (motor_field(samples, part, fit, ground) for part, fit in zip(parts, (first, second), strict=True))
+    by_motors = None if one is None or two is None else (one.at(samples), two.at(samples))
+    same = np.maximum(HALVES_SHARE * air.size, HALVES_SIGMAS * air.sigma)
+    return CompassStudy(
+        samples,
+        air,
+        before,
+        after,
+        ground,
+        steady=bool(np.all(np.abs(first.offset - second.offset) <= same)),
+        cause=_single_cause(samples) if air.counts else "offset",
+        proof=cross_validate(samples, parts, by_offset),
+        motors=motor_field(samples, samples.air, air, ground),
+        motor_proof=None if by_motors is None else cross_validate(samples, parts, by_motors),
+    )
+
+
+def motor_field(samples: FieldSamples, use: Mask, air: OffsetFit, ground: OffsetFit | None) -> MotorField | None:
+    """Return the motors' field by two points, the ground and the fit ``air`` of the samples ``use``.
+
+    None without ground or power, or where power hardly differs.
+    """
+    if ground is None or not np.isfinite(samples.hover):
+        return None
+    on_ground = samples.mean_power(samples.before | samples.after)
+    power = samples.mean_power(use) - on_ground
+    if not power > MIN_POWER_RISE * samples.hover:
+        return None
+    per_unit = (air.offset - ground.offset) / power
+    return MotorField(per_unit, power, ground.offset - per_unit * on_ground if ground.counts else np.zeros(3))
+
+
+def _single_cause(samples: FieldSamples) -> Cause:
+    use = samples.air
+    found = fit_simplest(samples.t[use], samples.expected[use], samples.measured[use], samples.seconds)
+    if found is None or not found.one_fault:
+        return "neither"
+    return "offset" if abs(found.turn_deg) <= TURN_OFF_DEG else "turn"
+
+
+# The check of an offset.
+
+# 150 mG: the heading swings by 45 deg where the horizontal field is 20 uT.
+OFFSET_FAR_UT = 15.0
+# Where four sigmas are larger, an offset that is not found is no answer.
+MAX_UNCERTAINTY_UT = 10.0
+OFFSET_LIMIT = (
+    f"ok up to {OFFSET_SIGMAS:.0f} sigma or {MIN_OFFSET_UT} uT, fault above {OFFSET_FAR_UT:.0f} uT horizontally"
+)
+OFFSET_SOURCE = "measured on 39 simulated flights with truth and 98 compasses"
+
+
+def offset_check(case: HealthCase, study: CompassStudy) -> Check:
+    """Check the offset of one compass in flight, and offer the parameters that remove it."""
+    found, source = study.air, study.samples.source
+    verdict: Verdict = "unknown" if OFFSET_SIGMAS * float(found.sigma.max()) > MAX_UNCERTAINTY_UT else "ok"
+    if found.counts:
+        verdict = "fault" if float(np.hypot(found.offset[0], found.offset[1])) > OFFSET_FAR_UT else "warning"
+    check = Check(
+        "compass_offset",
+        verdict,
+        f"{source} is off by {axes_with_interval(found.offset, found.sigma)} uT in x, y, z in flight.",
+        unit="uT",
+        threshold=OFFSET_LIMIT,
+        evidence=_offset_evidence(study),
+        sensor=source,
+        n=found.n,
+        seconds=round(study.samples.seconds, 1),
+        source=OFFSET_SOURCE,
+    )
+    check.measure(found.size, found.size_sigma, 1, least=0.0).measure_axes(found.offset, found.sigma, 2)
+    if verdict == "unknown":
+        unsure = "The flight turns too little or its heading is too unsure. Fly turns and hard stops."
+        check.why_no_setting = reason_unsound(study) or unsure
+    elif verdict != "ok":
+        check.why_no_setting = offset_refusal(case, study)
+        if not check.why_no_setting:
+            offer = settings.compass_proposal(case.log, study.samples.mag, 1e-6 * found.offset)
+            check.settings, check.why_no_setting = offer.settings, offer.refused
+    return check
+
+
+def offset_refusal(case: HealthCase, study: CompassStudy) -> str:
+    """Return why the offset of the flight is not to be set; empty where it may be."""
+    if why := reason_unsound(study):
+        return why
+    if study.ground is None:
+        why = "No sample on the ground separates this offset from the motors' field."
+        return f"{why} {case.log.advice('rest')}".strip()
+    on_ground = axes_with_interval(study.ground.offset, study.ground.sigma)
+    if study.ground_differs:
+        return (
+            f"On the ground it is off by {on_ground} uT. "
+            "The motors or the place bend the field, and this offset would be wrong on the ground."
+        )
+    if not study.ground_agrees:
+        return f"The ground does not confirm it: off by {on_ground} uT there."
+    if study.cause == "turn":
+        return "A compass mounted askew would read the same: compare its orientation with the parameters."
+    if study.cause == "neither":
+        return "No constant offset explains the field in flight: motors or soft iron bend it."
+    if not study.proof.holds:
+        return "The offset does not improve the heading of the half that it was not fitted to."
+    return ""
+
+
+def reason_unsound(study: CompassStudy) -> str:
+    """Return why no offset of this flight is constant; empty where it is."""
+    if not study.samples.mag.calibrated:
+        return "This compass was never calibrated: calibrate it on the ground."
+    if not study.steady:
+        return "The first half of the flight shows another offset than the second: none is constant."
+    return ""
+
+
+def _offset_evidence(study: CompassStudy) -> list[str]:
+    evidence = [
+        f"On the ground {when} it is off by {axes_with_interval(fit.offset, fit.sigma)} uT ({fit.n} samples)."
+        for when, fit in (("before take-off", study.before), ("after landing", study.after))
+        if fit is not None
+    ]
+    heading = rms_deg(study.samples.sigma_heading[study.samples.air])
+    known = f"The heading by motion alone is known to {heading:.1f} deg (1 sigma), in {study.air.blocks} blocks."
+    return [*evidence, study.proof.sentence, known]
+
+
+def axes_with_interval(value: Array, sigma: Array) -> str:
+    """Return three numbers in words, each with half its 95 % interval."""
+    return ", ".join(f"{v:.1f} ± {1.96 * s:.1f}" for v, s in zip(value, sigma, strict=True))

@@ -1,0 +1,147 @@
+"""Motor current or throttle beside the field of a compass, and the size of the field against it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.spans import inside
+from attlog.flight.model import Array, FlightLog, Mag, Stream
+from attlog.health.check import Check, Verdict, unknown
+from attlog.health.flown import samples_in_use
+from attlog.segments.model import Segments
+
+Power = Literal["current", "throttle"]
+
+MOVE_ADVICE = "Move the compass away from power wires, or calibrate it against the motors."
+# A weaker correlation is no sign: the field also changes with attitude and place.
+MIN_CORRELATION = 0.6
+# The earth's field has 22 uT or more; a fitted line that ends lower is compared with this.
+MIN_FIELD_UT = 1.0
+# Change of the field over the range of the drive: ardupilot.org, "Magnetic Interference", limits it to 30 %.
+INTERFERENCE_PCT = (12.0, 30.0)
+LIMIT = f"ok up to {INTERFERENCE_PCT[0]:.0f} % or r below {MIN_CORRELATION}, fault above {INTERFERENCE_PCT[1]:.0f} %"
+# The least range of a drive that shows a slope: 0.1 of throttle, and twice the noise of a current sensor.
+MIN_RANGES: dict[Power, float] = {"throttle": 0.1, "current": 2.0}
+# A tenth of a minute at 5 Hz: fewer samples correlate by chance.
+MIN_FIELD_S, MIN_FIELD_SAMPLES = 10.0, 50
+# Offsets explain a field whose size then varies by half as much, where the vehicle turned far enough for a sphere.
+STEADIER_SHARE, MIN_SPHERE_TURN_DEG = 0.5, 15.0
+# A record of power further away than this from a sample of the field is of another manoeuvre.
+MAX_POWER_DISTANCE_S = 2.0
+# A current that never exceeds this is that of a sensor that is not there.
+MIN_CURRENT_A = 0.5
+
+
+def motor_drives(log: FlightLog) -> dict[Power, Stream]:
+    """Return battery current (A) and throttle (0 to 1), where they are logged."""
+    found: dict[Power, Stream] = {}
+    battery, throttle = log.power.battery, log.power.throttle
+    if battery is not None and battery.x.shape[1] > 1 and np.isfinite(battery.x[:, 1]).any():
+        found["current"] = Stream(battery.t, battery.x[:, 1:2], "A", "", battery.source)
+    if throttle is not None and len(throttle.t) > 1:
+        found["throttle"] = throttle
+    return found
+
+
+def motor_drive(log: FlightLog) -> tuple[Power, Stream | None]:
+    """Return the kind and stream of the motors' power: the current, else the throttle."""
+    drives = motor_drives(log)
+    if "current" in drives and np.nanmax(np.abs(drives["current"].x[:, 0])) >= MIN_CURRENT_A:
+        return "current", drives["current"]
+    return "throttle", drives.get("throttle")
+
+
+def power_at(drive: Stream | None, t: Array) -> Array:
+    """Interpolate the power at ``t`` (n,) s; NaN far from any record."""
+    if drive is None:
+        return np.full(len(t), np.nan)
+    known = np.isfinite(drive.x[:, 0])
+    at, x = drive.t[known], drive.x[known, 0]
+    if not len(at):
+        return np.full(len(t), np.nan)
+    k = np.clip(np.searchsorted(at, t), 1, max(len(at) - 1, 1))
+    gap = np.minimum(np.abs(t - at[k - 1]), np.abs(at[np.minimum(k, len(at) - 1)] - t))
+    return np.where(gap <= MAX_POWER_DISTANCE_S, np.interp(t, at, x), np.nan)
+
+
+def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:
+    """Check the size of a compass's field against current and throttle."""
+    field = mag.field
+    use = samples_in_use(log, segments, field.t_best, ("armed", "airborne"))
+    use &= inside(field.t_best, segments.spans("armed") or segments.spans("airborne"))
+    flown = use & inside(field.t_best, segments.spans("airborne"))
+    best: Check | None = None
+    for kind, drive in motor_drives(log).items():
+        seen = follow_drive(field, drive, use, MIN_RANGES[kind])
+        if seen is None:
+            continue
+        r, low, high = seen
+        change = 100.0 * abs(high - low) / max(min(low, high), MIN_FIELD_UT)
+        follows = abs(r) >= MIN_CORRELATION and change > INTERFERENCE_PCT[0]
+        verdict: Verdict = "ok" if not follows else "fault" if change > INTERFERENCE_PCT[1] else "warning"
+        text = f"The field goes from {low:.1f} to {high:.1f} uT with the {kind} (r = {r:.2f})."
+        if follows and offsets_explain(field, drive, flown if flown.sum() >= MIN_FIELD_SAMPLES else use):
+            verdict, text = "ok", f"{text[:-1]}, but offsets of the compass explain that: not the motors."
+        if best is None or (verdict != "ok" and change > float(best.value or 0.0)):
+            best = Check("compass_motors", verdict, text, round(change, 1), "%", LIMIT, sensor=field.source)
+            best.about = "field_size"
+    if best is None:
+        why = "The log holds no throttle or current that changes while armed."
+        return unknown("compass_motors", why, LIMIT, sensor=field.source)
+    best.source = "correlation in flight; ardupilot.org, Magnetic Interference"
+    if best.is_trouble:
+        best.why_no_setting = "Without a heading by motion no value is known. Fly with GNSS, turning and braking."
+        best.action = log.remedy("interference") or MOVE_ADVICE
+    return best
+
+
+def follow_drive(
+    field: Stream, drive: Stream, use: NDArray[np.bool_], min_range: float
+) -> tuple[float, float, float] | None:
+    """Return correlation of the field's size with a drive, and its line (uT) at the drive's 5th and 95th percentile.
+
+    ``use`` (n,) selects samples of the field. None where the drive varies by less than ``min_range`` or few remain.
+    """
+    size = np.sqrt(np.sum(field.x**2, axis=1)) * 1e6
+    use = np.isfinite(size) & (size > 0) & use
+    known = np.isfinite(drive.x[:, 0])
+    t, at, x = field.t_best[use], drive.t[known], drive.x[known, 0]
+    if len(at) < MIN_FIELD_SAMPLES or len(t) < MIN_FIELD_SAMPLES or np.ptp(t) < MIN_FIELD_S:
+        return None
+    near = np.abs(t - at[np.clip(np.searchsorted(at, t), 0, len(at) - 1)]) < 1.0
+    power, size = np.interp(t, at, x)[near], size[use][near]
+    if len(power) < MIN_FIELD_SAMPLES:
+        return None
+    low, high = np.quantile(power, [0.05, 0.95])
+    if high - low < min_range or np.std(size) == 0:
+        return None
+    slope, start = np.polyfit(power, size, 1)
+    return float(np.corrcoef(power, size)[0, 1]), float(start + slope * low), float(start + slope * high)
+
+
+def offsets_explain(field: Stream, drive: Stream, use: NDArray[np.bool_]) -> bool:
+    """Return whether offsets of the compass explain why its size follows a drive, as on a fast flight one way.
+
+    The best sphere's offsets must leave a size that varies less and no longer follows the drive.
+    """
+    use = use & rotation.finite_rows(field.x)
+    x = 1e6 * field.x[use]
+    if len(x) < MIN_FIELD_SAMPLES:
+        return False
+    size = np.linalg.norm(x, axis=1)
+    middle = np.mean(x / size[:, None], axis=0)
+    middle = middle / max(float(np.linalg.norm(middle)), 1e-9)
+    if np.degrees(np.quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.95)) < MIN_SPHERE_TURN_DEG:
+        return False
+    scale = float(np.median(size))
+    center, *_ = np.linalg.lstsq(np.column_stack([2.0 * x, np.ones(len(x))]), np.sum(x**2, axis=1), rcond=1e-3 / scale)
+    after = np.linalg.norm(x - center[:3], axis=1)
+    known = np.isfinite(drive.x[:, 0])
+    power = np.interp(field.t_best[use], drive.t[known], drive.x[known, 0])
+    if np.std(after) > STEADIER_SHARE * np.std(size) or np.std(power) == 0 or np.std(after) == 0:
+        return False
+    return abs(float(np.corrcoef(power, after)[0, 1])) < MIN_CORRELATION

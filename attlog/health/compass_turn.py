@@ -1,0 +1,209 @@
+"""Offset and turn of the compass in use by the heading of the reference, where motion alone shows none.
+
+The compass reads ``m = T R' h + o``: R attitude, h the earth's field by the world magnetic model, o an offset that
+moves with the vehicle (hard iron), T a turn about its vertical (mounting, or a heading that is off). A vehicle that
+turns shows both; without turns, a turn keeps the size of the horizontal field and an offset does not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from attlog.core import rotation
+from attlog.flight.model import Array, FlightLog
+from attlog.health.check import Check, HealthCase, Verdict, unknown
+from attlog.health.regression import robust_fit
+from attlog.reference import alignment
+from attlog.reference.model import Reference
+from attlog.segments.model import Segments
+
+MIN_SAMPLES, MIN_FLIGHT_S = 50, 20.0
+# Horizontally; 5 uT (50 mG) swing the heading by 14 deg where the horizontal field is 20 uT.
+OFFSET_OFF_UT, OFFSET_FAR_UT = 5.0, 15.0
+# Errors count from four sigmas of 1.5 standard errors, 0.3 uT, and 0.8 deg of tilt in the vertical field.
+SIGMAS, STANDARD_ERRORS, FLOOR_UT, TILT_RAD = 4.0, 1.5, 0.3, math.radians(0.8)
+# Error of the model's field in size.
+MODEL_SIZE_ERROR = 0.01
+# Prior of the turn where nothing turns: onboard headings of flights with truth are off by 0.3 to 3 deg.
+HEADING_PRIOR_RAD = math.radians(3.0)
+# Twice the error of a coarse mounting, and half of the smallest setting of an orientation (45 deg).
+TURN_OFF_DEG, TURN_FAR_DEG = 10.0, 20.0
+# The horizontal field has the model's size to 2 % (prior); a turn keeps it to 10 %.
+SCALE_PRIOR, SIZE_KEPT = 0.02, 0.1
+# Halves of a flight agree within 40 % of the error or three sigmas.
+HALVES_SHARE, HALVES_SIGMAS = 0.4, 3.0
+# One fault alone explains the field where it leaves at most 1.5 times what both leave (RMS).
+SIMPLER_RATIO = 1.5
+NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
+OFFSET_LIMIT = f"ok up to {OFFSET_OFF_UT:.0f} uT or {SIGMAS:.0f} sigma, fault above {OFFSET_FAR_UT:.0f} uT"
+TURN_LIMIT = f"ok up to {TURN_OFF_DEG:.0f} deg, fault above {TURN_FAR_DEG:.0f} deg"
+
+
+@dataclass(frozen=True, slots=True)
+class TurnFit:
+    """Offset (3,) uT and turn (deg, clockwise) of a compass with their sigmas, by the simplest model that fits.
+
+    ``left_ut``: residual RMS. ``steady``: both halves of the flight agree; ``one_fault``: an offset or a turn alone
+    explains the field.
+    """
+
+    offset: Array
+    offset_sigma: Array
+    turn_deg: float
+    turn_sigma: float
+    left_ut: float
+    samples: int
+    seconds: float
+    steady: bool = True
+    one_fault: bool = True
+
+    def by(self, reference: Reference) -> str:
+        """Return samples, time and attitude of the fit in words."""
+        return f"{self.samples} samples in {self.seconds:.0f} s, turned by {reference.source}"
+
+    def reason_unsure(self, reference: Reference) -> str:
+        """Return why neither offset nor turn counts; empty where they do."""
+        if not self.one_fault and reference.kind != "truth":
+            return "Neither an offset nor a turn alone explains the field: the attitude's heading may be in error."
+        if not self.steady:
+            return "The first half of the flight shows another error than the second: none is constant."
+        return ""
+
+
+def turn_checks(case: HealthCase) -> list[Check]:
+    """Check offset and turn of the compass in use by the reference's heading, else the onboard one."""
+    log = case.log
+    if log.mag is None or not case.segments.of("airborne"):
+        return []
+    model, reference, source = alignment.earth_field(log), heading_reference(case), log.mags[log.mag].field.source
+    found = None
+    if reference is None or reference.kind == "none" or model is None:
+        why = "No attitude in this log can turn the field." if model is not None else "No position, so no earth field."
+    else:
+        found = fit_turn(log, case.segments, reference)
+        why = f"Fewer than {MIN_SAMPLES} samples or {MIN_FLIGHT_S:.0f} s of flight have an attitude."
+    if reference is None or found is None:
+        checks = [unknown("compass_offset", why, OFFSET_LIMIT), unknown("compass_turn", why, TURN_LIMIT)]
+    else:
+        checks = [offset_check(source, found, reference), turn_check(source, found, reference)]
+    for check in checks:
+        check.sensor, check.about = source, "attitude"
+    return checks
+
+
+def heading_reference(case: HealthCase) -> Reference | None:
+    """Return truth or smoother with a heading of its own, else a sound onboard attitude; None without one."""
+    own = case.reference is not None and case.reference.heading.by == "own"
+    found = case.reference if own else case.rates
+    return found if found is None or found.heading.by == "own" else None
+
+
+def offset_check(source: str, found: TurnFit, reference: Reference) -> Check:
+    """Check the horizontal size of an offset."""
+    level, unsure = float(np.hypot(*found.offset[:2])), float(found.offset_sigma[:2].max())
+    off = level > max(OFFSET_OFF_UT, SIGMAS * unsure)
+    if not off and SIGMAS * unsure > OFFSET_FAR_UT:
+        why = f"The flight turns too little: the offset is known to {unsure:.0f} uT only."
+        return unknown("compass_offset", why, OFFSET_LIMIT)
+    if off and (why := found.reason_unsure(reference)):
+        return unknown("compass_offset", why, OFFSET_LIMIT)
+    verdict: Verdict = "ok" if not off else "warning" if level <= OFFSET_FAR_UT else "fault"
+    sizes = ", ".join(f"{v:.0f} ± {1.96 * s:.0f}" for v, s in zip(found.offset, found.offset_sigma, strict=True))
+    text = f"{source} is off by {sizes} uT in x, y, z (95 %), {found.by(reference)}."
+    return Check("compass_offset", verdict, text, round(float(np.linalg.norm(found.offset)), 1), "uT", OFFSET_LIMIT)
+
+
+def turn_check(source: str, found: TurnFit, reference: Reference) -> Check:
+    """Check the turn of a compass about the vertical."""
+    size = abs(found.turn_deg)
+    off = size > max(TURN_OFF_DEG, SIGMAS * found.turn_sigma)
+    if not off and SIGMAS * found.turn_sigma > TURN_FAR_DEG:
+        why = f"The flight turns too little: the turn is known to {found.turn_sigma:.0f} deg only."
+        return unknown("compass_turn", why, TURN_LIMIT)
+    if off and (why := found.reason_unsure(reference)):
+        return unknown("compass_turn", why, TURN_LIMIT)
+    verdict: Verdict = "ok" if not off else "warning" if size <= TURN_FAR_DEG else "fault"
+    way = "clockwise" if found.turn_deg > 0 else "anticlockwise"
+    text = f"{source} points {size:.0f} ± {1.96 * found.turn_sigma:.0f} deg {way} of the attitude's heading (95 %), "
+    text += f"{found.by(reference)}."
+    return Check("compass_turn", verdict, text, round(found.turn_deg, 1), "deg", TURN_LIMIT)
+
+
+def fit_turn(log: FlightLog, segments: Segments, reference: Reference) -> TurnFit | None:
+    """Fit offset and turn to the field in flight; None where too little can be compared."""
+    model = alignment.earth_field(log)
+    if log.mag is None or model is None:
+        return None
+    field = log.mags[log.mag].field
+    q, _ = rotation.slerp_in_segments(reference.t, reference.q, reference.gap_segment, field.t_best)
+    use = rotation.finite_rows(q) & rotation.finite_rows(field.x) & segments.mask(field.t_best, "airborne")
+    use &= (field.t_best >= reference.scoring.start) & (field.t_best < reference.scoring.end)
+    t, m = field.t_best[use], 1e6 * field.x[use]
+    seconds = len(t) / max(field.rate, 1e-9)
+    if len(t) < MIN_SAMPLES or seconds < MIN_FLIGHT_S:
+        return None
+    u = rotation.rotate_inverse(q[use], 1e6 * np.array(model.ned_t))
+    found = fit_simplest(t, u, m, seconds)
+    middle = len(t) // 2
+    halves = [fit_simplest(t[k], u[k], m[k], seconds / 2) for k in (slice(None, middle), slice(middle, None))]
+    return None if found is None else replace(found, steady=_halves_agree(found, *halves))
+
+
+def _halves_agree(found: TurnFit, one: TurnFit | None, two: TurnFit | None) -> bool:
+    if one is None or two is None:
+        return False
+    apart, unsure = float(np.hypot(*(one.offset - two.offset)[:2])), _joint(one.offset_sigma[:2], two.offset_sigma[:2])
+    turned = abs((one.turn_deg - two.turn_deg + 180.0) % 360.0 - 180.0)
+    turn_unsure = math.hypot(one.turn_sigma, two.turn_sigma)
+    same_turn = turned <= max(HALVES_SHARE * abs(found.turn_deg), HALVES_SIGMAS * turn_unsure)
+    level = float(np.hypot(*found.offset[:2]))
+    return same_turn and apart <= max(HALVES_SHARE * level, HALVES_SIGMAS * unsure)
+
+
+def _joint(one: Array, two: Array) -> float:
+    return float(np.hypot(one.max(), two.max()))
+
+
+def fit_simplest(t: Array, u: Array, m: Array, seconds: float) -> TurnFit | None:
+    """Fit a turn or an offset alone where it explains the field, else both.
+
+    ``u``, ``m`` (n, 3) uT: the earth's field in body axes and the compass's. ``m_x = a u_x + b u_y + o_x`` and
+    ``m_y = a u_y - b u_x + o_y``; the angle of (a, b) is the turn.
+    """
+    along, across = u[:, :2], np.column_stack([u[:, 1], -u[:, 0]])
+    columns = np.concatenate([np.stack([along, across], axis=2), np.broadcast_to(np.eye(2), (len(t), 2, 2))], axis=2)
+    target = m[:, :2] - along
+    both = robust_fit(t, columns, target, np.array([SCALE_PRIOR, 10.0, np.inf, np.inf]))
+    turned = robust_fit(t, columns[:, :, :2], m[:, :2])
+    moved = robust_fit(t, columns, target, np.array([SCALE_PRIOR, HEADING_PRIOR_RAD, np.inf, np.inf]))
+    if both is None or turned is None or moved is None:
+        return None
+    least = _rms_left(columns, target, both.x)
+    enough = SIMPLER_RATIO * least + FLOOR_UT
+    keeps_size = abs(math.hypot(*turned.x) - 1.0) < SIZE_KEPT
+    one_fault = True
+    if keeps_size and _rms_left(columns[:, :, :2], m[:, :2], turned.x) <= enough:
+        x = np.array([turned.x[0], turned.x[1], 0.0, 0.0])
+        sigma = np.array([*turned.sigma, FLOOR_UT, FLOOR_UT])
+    elif abs(moved.x[1]) <= 2.0 * HEADING_PRIOR_RAD and _rms_left(columns, target, moved.x) <= enough:
+        x, sigma = moved.x + NO_TURN, moved.sigma
+    else:
+        x, sigma, one_fault = both.x + NO_TURN, both.sigma, False
+    level, down = float(np.median(rotation.length(along))), float(np.median(np.abs(u[:, 2])))
+    offset = np.array([x[2], x[3], float(np.median(m[:, 2] - u[:, 2]))])
+    tilted = TILT_RAD * down
+    vertical = math.hypot(TILT_RAD * level, MODEL_SIZE_ERROR * math.hypot(level, down))
+    fitted = STANDARD_ERRORS * np.array([sigma[2], sigma[3], 0.0])
+    unsure = np.sqrt(fitted**2 + np.array([tilted, tilted, vertical]) ** 2 + FLOOR_UT**2)
+    turn, turn_sigma = math.atan2(x[1], x[0]), math.hypot(STANDARD_ERRORS * sigma[1], HEADING_PRIOR_RAD)
+    degrees = math.degrees(turn), math.degrees(turn_sigma)
+    return TurnFit(offset, unsure, *degrees, least, len(t), seconds, one_fault=one_fault)
+
+
+def _rms_left(columns: Array, target: Array, x: Array) -> float:
+    """Return the residual RMS of a model in uT without its largest twentieth."""
+    left = np.sort(np.sum((target - columns @ x) ** 2, axis=1))
+    return float(np.sqrt(np.mean(left[: max(1, int(0.95 * len(left)))])))
