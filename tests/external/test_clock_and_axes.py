@@ -58,15 +58,6 @@ def test_rates_of_attitudes_are_means_over_a_span_in_body_axes() -> None:
     assert len(clock.attitude_rates(t[:3], q[:3]).start) == 0
 
 
-def test_rates_on_another_clock_keep_their_size_and_are_thinned_out_evenly() -> None:
-    one = truth()
-    moved = one.shifted(3.0, 1e-3, 30.0)
-    np.testing.assert_allclose(moved.start, one.start + 3.0 + 1e-3 * (one.start - 30.0))
-    np.testing.assert_array_equal(moved.rate, one.rate)
-    assert len(one.at_most(300).start) == 250  # every fourth of a thousand
-    assert len(one.at_most(1000).start) == 1000
-
-
 @pytest.mark.parametrize("offset", [0.0, 0.4])
 def test_the_turn_between_the_bodies_and_the_bias_are_those_that_were_planted(offset: float) -> None:
     found = clock.fit_turn(truth(offset), gyro(), offset)
@@ -78,11 +69,6 @@ def test_the_turn_between_the_bodies_and_the_bias_are_those_that_were_planted(of
     assert wrong is not None
     assert wrong.correlation < 0.97
     assert wrong.misfit > 100.0 * found.misfit
-
-
-def test_fewer_than_thirty_known_intervals_tell_no_turn() -> None:
-    assert clock.fit_turn(truth(begin=5.0, end=6.4), gyro()) is None
-    assert clock.fit_turn(truth(begin=5.0, end=6.6), gyro()) is not None
 
 
 def test_gross_errors_of_a_truth_do_not_turn_it() -> None:
@@ -137,13 +123,6 @@ def test_offset_drift_and_turn_come_back_together(drift: float) -> None:
     assert found.drift == pytest.approx(drift, abs=8e-6)
     np.testing.assert_allclose(found.turn, TURN, atol=2e-4)
     assert found.offset_sigma < 5e-4
-
-
-def test_motion_counts_in_as_many_seconds_as_it_is_spread_over() -> None:
-    start = np.arange(0.0, 30.0, 0.1)
-    for seconds in (1, 4, 30):
-        rate = np.where(start < seconds - 1e-9, 1.0, 0.0)[:, None] * [1.0, 2.0, 0.0]
-        assert clock._turning_seconds(BodyRates(start, start + 0.1, rate)) == pytest.approx(seconds)
 
 
 def level(velocity: Any = None, world: Any = None) -> tuple[Imu, np.ndarray, np.ndarray]:
@@ -258,16 +237,6 @@ def test_velocities_of_positions_are_over_two_tenths_of_a_second() -> None:
     np.testing.assert_allclose(found[0, :2], [3.0, -2.0], atol=1e-9)
     assert axes.velocity_from_position(T, 0.0 * position + 4.0) is None
     assert axes.velocity_from_position(T[:2], position[:2]) is None
-
-
-def test_the_velocity_of_a_receiver_is_linear_between_fixes_and_unknown_beyond() -> None:
-    at = np.arange(10.0, 20.0, 0.2)
-    velocity = np.column_stack([at, -2.0 * at, 0.0 * at])
-    found = axes.gnss_velocity(log_with(receiver(at, velocity, 2), receiver(at, velocity)), np.array([9.0, 10.1, 21.0]))
-    assert found is not None
-    np.testing.assert_allclose(found[1], [10.1, -20.2, 0.0])
-    assert np.isnan(found[[0, 2]]).all()
-    assert axes.gnss_velocity(log_with(receiver(at[:20], velocity[:20])), T) is None
 
 
 # Which clock and which axes a file has: planted offsets and half turns, asymmetric in every axis.

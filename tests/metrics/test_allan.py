@@ -26,16 +26,6 @@ def test_the_degrees_of_freedom_are_those_of_allantools():
     np.testing.assert_allclose(ours.dof, theirs, rtol=1e-6)
 
 
-def test_white_rate_noise_of_known_density_lies_on_its_line():
-    density = 0.01  # deg/s/sqrt(Hz), two-sided: sigma(tau) = density / sqrt(tau)
-    rate = density / np.sqrt(STEP) * np.random.default_rng(2).standard_normal(60_000)
-    d = allan.deviation(np.cumsum(rate) * STEP, STEP)
-    line = density / np.sqrt(d.tau)
-    inside = (d.low <= line) & (line <= d.high)
-    assert inside.mean() > 0.85
-    np.testing.assert_allclose(d.sigma[d.tau < 2], line[d.tau < 2], rtol=0.05)
-
-
 REST = [Segment("continuous", 0, 400), Segment("rest.long", 0, 400)]
 
 
@@ -43,13 +33,6 @@ def walking_row(seconds, density=0.01, seed=3):
     t = np.arange(0.0, seconds, STEP)
     rate = density / np.sqrt(STEP) * np.random.default_rng(seed).standard_normal(len(t))
     return flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(np.cumsum(rate) * STEP)))
-
-
-def test_the_angle_random_walk_is_60_times_the_density():
-    row = walking_row(300.0)
-    answer = allan.ALLAN.ask(flights.case([row], REST), row, "rest")["allan_arw_deg_per_sqrt_h"]
-    assert answer.value == pytest.approx(0.6, rel=0.1)
-    assert answer.ci95[0] < 0.6 < answer.ci95[1]
 
 
 def test_a_floor_that_the_rest_is_too_short_for_is_not_invented():

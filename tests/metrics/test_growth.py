@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
@@ -11,8 +10,8 @@ import pytest
 
 from attlog.core import rotation
 from attlog.flight.model import Attitude
-from attlog.metrics import allan, gyro_bias
 from attlog.metrics import drift as drift_rest
+from attlog.metrics import gyro_bias
 from attlog.metrics import step_error as step_curves
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics import step_products as step_groups
@@ -78,9 +77,9 @@ def curves(seconds: float) -> Callable[[], object]:
 def unscored(seconds: float) -> Callable[[], object]:
     t = np.arange(0.0, seconds, 1.0 / HZ)
     reference = flights.case([], [], (t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))).reference
-    reference.unscored, few = SPANS * 20, SPANS[:1]
+    reference.scoring.unscored, few = SPANS * 20, SPANS[:1]
     many = cost(lambda: scoring.scored_mask(reference, t))
-    reference.unscored = few
+    reference.scoring.unscored = few
     one = cost(lambda: scoring.scored_mask(reference, t))
     assert many < 8 * one + 0.005
     return lambda: None
@@ -135,29 +134,6 @@ def test_segments_of_an_onboard_row_are_found_once_and_not_for_each_rest(monkeyp
     for span in SPANS[::2]:
         drift_rest.rest_blocks(case, row, (span,))
     assert len(found) == 1
-
-
-def peak(work: Callable[[], object]) -> int:
-    """Most bytes allocated at a time."""
-    tracemalloc.start()
-    try:
-        work()
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
-@pytest.mark.slow
-def test_allan_deviations_of_a_long_rest_take_no_memory():
-    """All 50 differences at once would be 50 times the record."""
-    phase = np.cumsum(np.random.default_rng(0).standard_normal(50_000))
-    assert peak(lambda: allan.deviation(phase, 0.01)) < phase.nbytes
-
-
-def test_rotations_of_a_long_log_take_the_memory_of_their_answer():
-    q = rotation.normalize(np.random.default_rng(0).standard_normal((200_000, 4)))
-    for work in (rotation.multiply, lambda a, b: rotation.rotate(a, b[:, 1:]), lambda a, _: rotation.to_euler(a)):
-        assert peak(lambda work=work: work(q, q)) < 1.3 * q.nbytes
 
 
 def test_rows_share_what_they_need_not_copy():

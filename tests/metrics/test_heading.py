@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
 
@@ -88,14 +86,3 @@ def test_the_north_that_was_taken_out_is_known_of_one_segment_with_a_compass() -
     assert heading.own_north(row) is None
     row.heading_offset_deg = None
     assert heading.own_north(row) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("offset", "turned", "shown"), [(170.0, 40.0, -150.0), (-170.0, -30.0, 160.0), (5.0, 0.0, 5.0)]
-)
-def test_a_heading_that_was_taken_out_is_put_back_within_half_a_turn(
-    offset: float, turned: float, shown: float
-) -> None:
-    found = heading.HeadingOffset(**{f.name: 1.0 for f in fields(heading.HeadingOffset)})  # type: ignore[arg-type]
-    found = replace(found, offset_deg=offset)
-    assert heading._shifted(found, turned).offset_deg == pytest.approx(shown)

@@ -19,7 +19,7 @@ from attlog.metrics import accuracy, metric
 from attlog.metrics import step_turning as steps
 from attlog.metrics.gyro_bias import no_common_bias
 from attlog.metrics.innovations import AID_GROUPS
-from attlog.metrics.metric import CODES, Answer, Case, per_case, per_row, per_times
+from attlog.metrics.metric import CODES, Answer, Case, per_row, per_times
 from attlog.metrics.traces import traces
 from attlog.reference.model import Track
 from attlog.segments.model import WINDOWS, Segment
@@ -38,21 +38,6 @@ def row(name: str) -> Track:
     return flights.row(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), name)
 
 
-def test_what_rows_share_is_computed_once_for_equal_spans(calls: list[str]) -> None:
-    @per_case
-    def total(case: Case, spans: list[tuple[float, float]], scale: float = 1.0) -> float:
-        calls.append("total")
-        return scale * sum(b - a for a, b in spans)
-
-    case = flights.case([], [])
-    assert [total(case, [(0.0, 1.0)]), total(case, [(0.0, 1.0)])] == [1.0, 1.0]
-    assert len(calls) == 1
-    assert total(case, [(0.0, 2.0)]) == 2.0
-    assert total(case, [(0.0, 2.0)], scale=3.0) == 6.0
-    assert total(flights.case([], []), [(0.0, 1.0)]) == 1.0
-    assert len(calls) == 4
-
-
 def test_rows_of_one_name_are_different_rows(calls: list[str]) -> None:
     """Two evaluations of one case may both hold a row ``mahony``."""
 
@@ -67,19 +52,6 @@ def test_rows_of_one_name_are_different_rows(calls: list[str]) -> None:
     assert [first(case, r, slice(0, 3)) for r in (a, b, a)] == [0.0, 5.0, 0.0]
     assert first(case, a, slice(2, 3)) == pytest.approx(0.2)
     assert len(calls) == 3
-
-
-def test_functions_do_not_share_what_they_found() -> None:
-    @per_case
-    def one(case: Case) -> int:
-        return 1
-
-    @per_case
-    def two(case: Case) -> int:
-        return 2
-
-    case = flights.case([], [])
-    assert (one(case), two(case)) == (1, 2)
 
 
 def test_what_was_found_for_a_row_goes_with_the_row() -> None:
@@ -248,13 +220,6 @@ def test_every_number_is_the_same_whatever_the_heading(table):
                 assert answer.code == was.code, name
                 if answer.value is not None:
                     assert answer.value == pytest.approx(was.value, rel=1e-5, abs=1e-7), name
-
-
-def test_the_same_log_gives_the_same_numbers(table):
-    again = made_up()
-    assert {r.name: to_plain(metrics.compute(again, r, ["all"])["all"]) for r in again.rows} == {
-        name: to_plain(t["all"]) for name, t in table.items()
-    }
 
 
 def test_traces_have_the_columns_that_the_figures_draw(case):

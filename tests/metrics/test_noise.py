@@ -13,7 +13,6 @@ from attlog import estimators
 from attlog.core import rotation
 from attlog.flight.model import Imu, Stream
 from attlog.metrics import compute, noise, rank, windows
-from attlog.metrics import intervals as interval
 from attlog.metrics.correction_noise import correction_residual
 from attlog.metrics.following import pulse_gains
 from attlog.metrics.noise import gyro_noise_floor, left_at_rest
@@ -93,26 +92,6 @@ def test_one_burst_does_not_carry_the_value():
     assert found.value < found.ci95[1] < 0.2
 
 
-def test_tilt_is_the_mean_variance_of_roll_and_pitch():
-    t, q = still(0.01)
-    shaken = np.radians(0.05) * np.random.default_rng(5).standard_normal(len(t))
-    found = answers(flights.row(t, rotation.multiply(q, rotation.from_rotvec(shaken[:, None] * [1.0, 0, 0]))))
-    expected = np.sqrt((0.05**2 + 2 * 0.01**2) / 2)
-    assert found["noise_tilt_deg"].value == pytest.approx(expected, rel=0.05)
-
-
-def test_noise_does_not_depend_on_where_north_is():
-    t, q = still(0.01)
-    one, two = (answers(flights.row(t, x), "all") for x in (q, rotation.turn_about_down(q, 1.3)))
-    assert {k: a.value for k, a in one.items()} == pytest.approx({k: a.value for k, a in two.items()}, rel=1e-9)
-
-
-def test_a_slow_drift_is_not_noise():
-    t, q = still(0.001)
-    row = flights.row(t, rotation.turn_about_down(q, np.radians(0.1) * t))
-    assert answers(row)["noise_heading_deg"].value < 0.0012
-
-
 def test_what_a_filter_does_while_it_settles_is_not_noise():
     t, q = still(0.001)
     early = rotation.from_rotvec(np.radians(5.0) * (np.exp(-t / 2.0) * np.sin(20 * t))[:, None] * [1.0, 0.0, 0.0])
@@ -121,13 +100,6 @@ def test_what_a_filter_does_while_it_settles_is_not_noise():
     assert found.detail["settled_after_s"] in (15.0, 20.0)
     assert found.n == 6 - (found.detail["settled_after_s"] - 10.0) / 5.0
     assert "settled_after_s" not in answers(flights.row(t, q))["noise_roll_deg"].detail
-
-
-def test_at_most_all_but_three_windows_settle():
-    falling = np.exp(-np.arange(8.0))[:, None] * np.ones(4)
-    assert noise.unsettled(falling**2) == 5
-    assert noise.unsettled(np.ones((8, 4))) == 0
-    assert noise.unsettled(np.array([[9.0] * 4, [1.0] * 4, [1.0] * 4])) == 0
 
 
 FLIGHT = [
@@ -197,21 +169,6 @@ def test_the_noise_of_integrated_gyro_means_nothing_in_the_air_and_is_not_ranked
     assert (at_rest.ranked, at_rest.reason) == (False, "it is not corrected by gravity")
     for phase in ("idle", "hover", "cruise"):
         assert noise.NOISE.ask(case, row, phase)["noise_tilt_deg"].code == "not_applicable"
-
-
-def test_onboard_noise_in_the_air_has_one_digit_and_no_rank():
-    case, row = flown()
-    row.kind = "onboard"
-    told = noise.NOISE.ask(case, row, "hover")["noise_tilt_deg"]
-    assert not told.ranked
-    for x in (told.value, *told.ci95):
-        assert x == float(f"{x:.1g}")
-
-
-def test_no_rest_is_a_code_and_a_sentence():
-    answer = answers(flights.row(*still(0.01)), segments=REST[:1])["noise_roll_deg"]
-    assert answer.code == "no_rest"
-    assert "20 s" in answer.reason
 
 
 def test_why_there_is_no_rest_is_said_without_names_of_windows():
@@ -342,16 +299,6 @@ def test_what_the_step_of_logged_values_adds_is_taken_out_of_value_and_interval(
     assert told.ci95 == pytest.approx([np.sqrt(max(x**2 - 0.05**2 / 12, 0)) for x in whole.ci95])
 
 
-def test_a_single_axis_in_cruise_is_known_less_from_one_window_than_tilt():
-    t = np.arange(0.0, 10.0, 0.02)
-    row = flights.row(t, rotation.from_euler(0 * t, 0 * t, 0 * t))
-    widths = [
-        np.diff(interval.moderated_interval([0.0], noise.prior_of(row, "cruise", axis)))[0] for axis in noise.NOISE_AXES
-    ]
-    assert widths[0] == widths[1] == widths[2] > 1.5 * widths[3]
-    assert noise.prior_of(row, "hover", "roll") == noise.prior_of(row, "hover", "tilt")
-
-
 def test_a_filter_that_corrects_the_lag_of_its_sensor_does_not_add_the_lag():
     """Its attitude at a stamp is the one that the gyro shows 20 ms later: at 40 deg/s 0.8 deg, and no noise."""
     case, row = flown()
@@ -476,35 +423,7 @@ def test_it_is_what_white_noise_of_the_gyro_becomes_when_it_is_integrated(hz):
     assert tilt == pytest.approx(np.sqrt((roll**2 + pitch**2) / 2))
 
 
-def test_a_slow_motion_of_the_vehicle_is_hardly_any_of_it():
-    t = np.arange(0.0, 200.0, 0.004)
-    gyro = 0.3 * np.random.default_rng(3).standard_normal((len(t), 3))
-    sway = 20.0 * np.sin(2 * np.pi * 0.3 * t)[:, None]
-    assert gyro_noise_floor(flown_with_share(gyro + sway, 250.0), 0, "hover") == pytest.approx(
-        gyro_noise_floor(flown_with_share(gyro, 250.0), 0, "hover"), rel=0.15
-    )
-
-
-def test_without_a_window_of_the_phase_it_is_not_known():
-    assert gyro_noise_floor(flown_with_share(np.ones((2000, 3)), 100.0), 0, "cruise") == [0.0] * 4
-
-
 # Where windows are laid, which samples fill one, and what counts as settling: closed forms.
-
-
-@pytest.mark.parametrize(
-    ("length", "count"), [(4.9, 0), (4.96, 1), (9.9, 1), (9.96, 2), (30.0, 6)], ids=lambda x: str(x)
-)
-def test_a_span_has_a_window_for_each_five_seconds_from_its_start(length: float, count: int) -> None:
-    laid = windows.lay_windows((3.0, 3.0 + length), "hover")
-    assert laid == [(3.0 + 5.0 * k, 8.0 + 5.0 * k) for k in range(count)]
-
-
-def test_a_rest_of_two_seconds_is_one_window_and_no_hover_is() -> None:
-    assert windows.lay_windows((1.0, 3.0), "rest") == [(1.0, 3.0)]
-    assert windows.lay_windows((1.0, 5.9), "rest") == [(1.0, 5.9)]
-    assert windows.lay_windows((1.0, 2.9), "rest") == []
-    assert windows.lay_windows((1.0, 3.0), "hover") == []
 
 
 def test_a_window_needs_twenty_samples_without_a_gap_up_to_both_ends() -> None:

@@ -12,7 +12,6 @@ from scipy.signal import step as step_of
 
 from attlog.core import rotation
 from attlog.flight.model import Attitude, TimeLine
-from attlog.flight.vehicle import commands_attitude
 from attlog.metrics import setpoint
 from attlog.metrics import setpoint as response
 from attlog.segments.model import Segment
@@ -76,21 +75,6 @@ def test_a_known_plant_comes_back_to_3_ms_and_5_percent(plant_of, noise_deg):
         assert found["setpoint_settling_s"].value == pytest.approx(settled, abs=0.03)
 
 
-def test_settling_rise_and_peak_of_closed_forms():
-    """First order: ln 2, ln 9 and ln 20 time constants. Second order: overshoot exp(-pi z / sqrt(1 - z^2))."""
-    t = np.arange(0.0, 2.0, 1e-3)
-    delay, rise, peak, settled = setpoint.response_features(t, 1.0 - np.exp(-t / 0.1))
-    assert delay == pytest.approx(0.1 * np.log(2), abs=1e-5)
-    assert rise == pytest.approx(0.1 * np.log(9), abs=1e-5)
-    assert peak == pytest.approx(1.0, abs=1e-6)
-    assert settled == pytest.approx(0.1 * np.log(20), abs=1e-5)
-    w, z = 15.0, 0.5
-    wd = w * np.sqrt(1 - z * z)
-    second = 1 - np.exp(-z * w * t) * (np.cos(wd * t) + z / np.sqrt(1 - z * z) * np.sin(wd * t))
-    overshoot = np.exp(-np.pi * z / np.sqrt(1 - z * z))
-    assert setpoint.response_features(t, second)[2] == pytest.approx(1 + overshoot, abs=1e-4)
-
-
 @pytest.mark.slow
 def test_a_vehicle_that_follows_at_once_has_no_delay_and_answers_never_come_before_the_command():
     case, row = flight(noise_deg=0.0)
@@ -125,16 +109,6 @@ def test_modes_that_command_no_attitude_and_times_disarmed_are_left_out():
     assert setpoint.SETPOINT.ask(case, row, "all")["setpoint_delay_ms"].seconds < 0.55 * half
     case.log.state.mode = TimeLine(np.array([0.0]), ["ACRO"], "made")
     assert setpoint.SETPOINT.ask(case, row, "all")["setpoint_delay_ms"].code == "not_covered"
-
-
-def test_hold_is_a_standing_rover_but_a_hovering_px4():
-    assert [commands_attitude(m) for m in ("Hold", "HOLD", "STABILIZE", "Rattitude", "mode 99")] == [
-        True,
-        False,
-        True,
-        False,
-        True,
-    ]
 
 
 def test_without_a_set_point_there_is_a_code():
@@ -205,17 +179,6 @@ def test_what_follows_a_fifth_of_its_set_point_or_less_has_no_response(gain: flo
     _, step = response.step_response(flown(gain))
     assert bool(np.isfinite(step).all()) is known
     assert bool(np.isfinite(response.response_features(T[: len(step)], step)).all()) is known
-
-
-def test_blocks_count_both_axes_and_a_choice_of_them_is_their_part() -> None:
-    blocks = flown()
-    assert set(blocks.axis.tolist()) == {0, 1}
-    pitch = blocks.only(blocks.axis == 1)
-    assert len(pitch.yy) == np.count_nonzero(blocks.axis == 1)
-    np.testing.assert_array_equal(pitch.xx, blocks.xx[blocks.axis == 1])
-    still = np.zeros((len(T), 2))
-    assert response.blocks_of([(T, still, still)]) is None
-    assert response.blocks_of([]) is None
 
 
 def test_features_of_straight_lines_are_read_between_samples() -> None:

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.stats import binom
 
 from attlog.core import rotation
-from attlog.metrics import intervals as interval
 from attlog.metrics import step_error
 from attlog.metrics import step_error as step_curves
 from attlog.metrics import step_turning as steps
@@ -63,13 +61,6 @@ def test_an_error_counts_along_the_stroke_from_its_mean_before_the_onset(axis: i
     np.testing.assert_allclose(found.reference[found.t > 5.55], 30.0, atol=0.4)
     np.testing.assert_allclose(np.interp(5.25, found.t, found.reference), 15.0, atol=0.5)
     assert found.seconds[0] == pytest.approx(found.t[0] - found.event.onset)
-
-
-def test_the_reference_is_known_to_the_last_sample_of_the_event() -> None:
-    found = shown(0, 30.0, 0.0 * T)
-    assert found.t[-1] == pytest.approx(found.event.end, abs=0.011)
-    rising = shown(0, 30.0, np.where(T >= 5.5, T - 5.5, 0.0))
-    np.testing.assert_allclose(rising.error[-1], rising.t[-1] - 5.5, atol=0.05)
 
 
 EVENT = StepEvent(0, 5.0, 5.25, 5.45, -20.0, 4.5, 6.45)
@@ -148,30 +139,6 @@ def test_two_events_are_too_few():
     assert found["step_error_deg.0.5s"].code == "too_few_events"
 
 
-@pytest.mark.parametrize(
-    ("n", "ranks"), [(5, None), (6, (1, 6)), (8, (1, 8)), (9, (2, 8)), (10, (2, 9)), (20, (6, 15))]
-)
-def test_the_interval_of_a_median_has_the_ranks_of_printed_tables(n, ranks):
-    """Ranks for 95 % of Conover, Practical Nonparametric Statistics, and most books of tables."""
-    found = interval.median_interval(np.arange(1.0, n + 1.0)[::-1])
-    assert found == ranks
-
-
-def test_the_interval_of_a_median_of_thousands_is_that_of_the_binomial_distribution():
-    for n in (649, 1100, 5000):
-        rank = int(binom.ppf(0.025, n, 0.5))
-        rank += bool(2.0 * binom.cdf(rank, n, 0.5) <= 0.05)
-        assert interval.median_interval(np.arange(1.0, n + 1.0)) == (rank, n + 1 - rank)
-
-
-def test_units_are_magnitudes_whatever_the_unit():
-    found = answers(lambda t, q: short_by(t, q, lambda since: 0.1))
-    deg, pct = found["step_error_deg.0.5s"], found["step_error_pct.0.5s"]
-    np.testing.assert_allclose(deg.units.values, pct.units.values)
-    assert deg.units.kind == "step_event"
-    assert pct.units.on(pct.units.ids[:4]).value == pytest.approx(-10.0, abs=1.0)
-
-
 def test_the_own_error_of_a_smoother_is_a_floor_in_both_units():
     def est(t, q):
         return short_by(t, q, lambda since: 0.1)
@@ -182,16 +149,3 @@ def test_the_own_error_of_a_smoother_is_a_floor_in_both_units():
     assert deg.floor == 0.05
     assert pct.floor == pytest.approx(100.0 * 0.05 / stroke)
     assert answers(est)["step_error_deg.0.5s"].floor == 0.0
-
-
-def test_the_reference_of_a_movement_begins_at_its_onset_and_ends_at_its_size():
-    t, q = motion("yaw", 36.0)
-    ref = sampled(t, q, 50.0)
-    made = flights.row(ref.t, ref.q)
-    end = float(ref.t[-1])
-    case = flights.case([made], [Segment("continuous", 0, end), Segment("airborne", 1, end)], (ref.t, ref.q))
-    found = step_error.curves(case, made, "all")
-    assert len(found) >= 8
-    for one in found:
-        assert np.interp(0.0, one.seconds, one.reference) == pytest.approx(0.0, abs=1e-6)
-        assert one.reference.max() == pytest.approx(abs(one.event.delta_deg), rel=0.05)

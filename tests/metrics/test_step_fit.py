@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
 from attlog.flight.model import Imu, Mag, Stream
-from attlog.metrics import lag, step_sensors
+from attlog.metrics import lag
 from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_fit as step_solution
 from attlog.metrics import step_products as step_groups
 from attlog.metrics import step_turning as steps
 from attlog.segments.model import Segment
@@ -191,38 +189,9 @@ def test_an_event_with_a_gap_is_left_out():
     assert len(found.events) == len(events) - 1
 
 
-def test_a_constant_turning_of_the_reference_itself_adds_up():
-    """The summed increments of a steady turn are rate times time, whatever the attitude."""
-    t = np.arange(0.0, 10.0, 0.01)
-    turn = Rotation.from_rotvec(np.outer(t, [0.3, -0.8, 0.5])) * Rotation.from_euler("xyz", [0.1, 0.2, 0.3])
-    track = sampled(t, np.roll((Rotation.from_euler("xyz", [1, 0.2, 0.3]) * turn).as_quat(), 1, axis=1), 100.0)
-    rate = np.linalg.norm(track.turned[-1]) / (track.t[-1] - track.t[0])
-    assert rate == pytest.approx(np.degrees(np.linalg.norm([0.3, -0.8, 0.5])), rel=1e-6)
-
-
-def test_gains_beyond_reason_need_much_evidence():
-    assert step_solution.SCALES.shape == (3 + len(step_sensors.NAMES),)
-    small, large = (step_solution.ridge(np.eye(12), v, 100) for v in (1.0, 4.0))
-    np.testing.assert_allclose(np.diag(large)[2:] / np.diag(small)[2:], 4.0, rtol=1e-6)
-
-
 def test_an_axis_keeps_the_aiding_and_misalignment_of_the_whole():
     case, row = thrust_flight(2.0)
     found = step_fits.fits(case, row, "all")
     for axis in ("roll", "pitch"):
         np.testing.assert_array_equal(found[axis].x[2:], found["all"].x[2:])
         assert found[axis].delay == pytest.approx(0.0, abs=5e-5)
-
-
-def test_a_delay_with_the_misalignment_held_where_it_is_best_is_the_best_delay():
-    """Least squares: what is held at its optimum leaves the others at theirs."""
-    t, q = motion("steps", 60.0)
-    row = sampled(t, rotation.multiply(q, rotation.from_rotvec(np.radians([2.0, -1.0, 2.5]))), 200.0, DELAY)
-    found = fit(row, sampled(t, q, 100.0))["all"]
-    free, every = found.sums, np.arange(len(found.events))
-    plain = free.plain[every].sum(axis=0)
-    best = np.zeros(step_solution.SCALES.size + 2)
-    normal = plain[1:, 1:] + free.ridge
-    best[:5] = np.linalg.solve(normal[:5, :5], plain[1:6, step_solution.Y])
-    assert np.degrees(np.abs(best[2:5])).max() > 2.0
-    np.testing.assert_allclose(free.keeping(best).without_aiding(every), free.without_aiding(every), rtol=1e-9)

@@ -94,15 +94,6 @@ def test_events_lie_so_far_apart_that_none_reaches_into_the_next():
     assert (np.diff(found.fast.low) > 0.9 * STRIDE_S).all()
 
 
-def test_without_a_compiler_the_loops_give_the_same_bits(monkeypatch):
-    found = columns_of(100.0, 25.0)
-    compiled = found.products(0.003, 0.008, np.ones(6))[0], found.powers(np.array([0.0, 0.01]))
-    monkeypatch.setenv("ATTLOG_NO_JIT", "1")
-    plain = found.products(0.003, 0.008, np.ones(6))[0], found.powers(np.array([0.0, 0.01]))
-    for a, b in zip(compiled, plain, strict=True):
-        np.testing.assert_array_equal(a, b)
-
-
 HOLDING = (step_sensors.held_field.function, step_sensors.held_field)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -117,12 +116,6 @@ def test_a_stroke_of_each_axis_has_a_least_size(axis: int, least: float) -> None
     assert found((5.0, 0.25, 3.6 * least), axis=axis) == []
 
 
-def test_what_turns_further_than_a_second_counts_for_its_first_second() -> None:
-    (event,) = found((5.0, 2.0, 30.0))
-    assert event.delta_deg == pytest.approx(30.0, abs=1.0)
-    assert event.middle == pytest.approx(5.5, abs=0.03)
-
-
 def test_the_largest_excursion_counts_and_not_the_last() -> None:
     (event,) = found((5.0, 0.3, 60.0), (5.4, 0.4, -50.0))
     assert event.delta_deg == pytest.approx(18.0, abs=1.3)
@@ -177,26 +170,6 @@ def test_a_turn_about_one_body_axis_is_a_step_of_this_axis_alone(axis: int) -> N
     q = rotation.multiply(np.tile(start, (len(T), 1)), rotation.from_rotvec(angle[:, None] * np.eye(3)[axis]))
     (event,) = steps.find_steps(T, q, np.zeros(len(T), np.int64))
     assert (event.axis, event.delta_deg) == (axis, pytest.approx(30.0, abs=1.3))
-
-
-def test_steps_of_all_axes_come_in_the_order_of_time() -> None:
-    def angle(*strokes: tuple[float, float, float]) -> Any:
-        return np.radians(np.concatenate([[0.0], np.cumsum(turned(*strokes))]))
-
-    q = rotation.from_euler(angle((6.0, 0.3, 60.0)), 0.0 * T, angle((3.0, 0.3, 60.0)))
-    assert [e.axis for e in steps.find_steps(T, q, np.zeros(len(T), np.int64))] == [2, 0]
-
-
-def test_windows_of_neighbours_meet_half_way_between_one_and_the_next() -> None:
-    events = [StepEvent(0, t, t + 0.1, t + 0.2, 20.0, t - 0.5, t + 1.2) for t in (2.0, 3.0, 9.0)]
-    cut = steps._cut_to_neighbours(events)
-    assert [(e.begin, e.end) for e in cut] == [(1.5, pytest.approx(2.6)), (pytest.approx(2.6), 4.2), (8.5, 10.2)]
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 50])
-def test_the_largest_ahead_is_that_of_each_window(count: int) -> None:
-    x = np.random.default_rng(count).normal(size=40)
-    np.testing.assert_array_equal(steps._largest_ahead(x, count), [x[i : i + count].max() for i in range(40)])
 
 
 # The samples of a track around each movement.
@@ -254,14 +227,6 @@ def test_turning_is_the_sum_of_rotation_vectors_also_of_quaternions_that_are_not
     wanted = np.degrees(np.cumsum(turn, axis=0))
     np.testing.assert_array_equal(found[0], 0.0)
     np.testing.assert_allclose(found[1:], wanted, atol=1e-12 + 2e-7 * np.degrees(step_rad) * 400)
-
-
-def test_the_series_of_small_turns_meets_the_arc_tangent():
-    q, _ = attitudes(0.057)
-    series, arc = np.empty((len(q), 3)), np.empty((len(q), 3))
-    summed_turning(series, q)
-    arc[0], arc[1:] = 0.0, np.cumsum(np.degrees(rotation.increments(q)), axis=0)
-    np.testing.assert_allclose(series, arc, rtol=1e-12, atol=1e-12)
 
 
 def test_turning_about_axes_begins_with_each_event():

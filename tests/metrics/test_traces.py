@@ -15,17 +15,7 @@ from scipy import signal
 import attlog
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.metrics.sensor_traces import (
-    BUCKETS,
-    G,
-    at_the_end,
-    averaged,
-    buckets,
-    ground,
-    periodogram,
-    size_of,
-    vibration,
-)
+from attlog.metrics.sensor_traces import BUCKETS, G, at_the_end, ground, periodogram, size_of, vibration
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_turning import StepEvent
 from attlog.metrics.trace import BUDGET, SampleBudget, envelope, extremes
@@ -147,15 +137,6 @@ def test_the_size_keeps_its_mean_and_its_peaks():
     assert np.isfinite(trace.columns["mean"]).all()
 
 
-def test_windows_follow_one_another_without_a_sample_left_out_even_across_a_gap():
-    t = np.concatenate([np.arange(0, 10, 0.01), np.arange(100, 110, 0.01)])
-    middle, edges = buckets(t, 0.5)
-    assert edges[0] == 0
-    assert edges[-1] == len(t)
-    assert (np.diff(edges) > 0).all()
-    assert len(middle) == len(edges) - 1
-
-
 # The height over a flight is that over the ground it stood on, though its barometer drifts.
 
 HEIGHT_T = np.arange(0.0, 200.0, 0.1)
@@ -170,26 +151,10 @@ def test_a_drift_of_the_barometer_is_no_height() -> None:
     assert np.abs(above[inside] - 8.0).max() < 0.1
 
 
-def test_without_a_flight_the_middle_is_the_ground_and_without_ground_the_lowest() -> None:
-    x = np.where(HEIGHT_T < 20.0, 103.0, 100.0)
-    stream = Stream(HEIGHT_T, x[:, None], "m", "", "BARO")
-    assert ground(stream, [])[0] == 100.0
-    assert ground(stream, [(HEIGHT_T[0], HEIGHT_T[-1])])[0] == 100.0
-
-
 def test_where_a_log_ends_in_the_air_there_is_no_ground() -> None:
     x = np.where(HEIGHT_T < 50.0, 100.0, 130.0)
     above = x - ground(Stream(HEIGHT_T, x[:, None], "m", "", "BARO"), [(50.0, HEIGHT_T[-1] - 0.15)])
     assert (above[HEIGHT_T > 51.0] == 30.0).all()
-
-
-def test_a_part_of_the_log_without_samples_has_no_height() -> None:
-    t = np.concatenate([HEIGHT_T[:800], HEIGHT_T[1200:]])
-    at, means = averaged(t, np.ones(len(t)))
-    silent = (at > 80.5) & (at < 119.5)
-    assert silent.any()
-    assert np.isnan(means[silent]).all()
-    assert np.nanmax(np.abs(means - 1.0)) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -323,11 +288,6 @@ def test_the_representative_movement_is_the_median_of_the_axis_that_moved_most(m
     monkeypatch.setattr("attlog.metrics.step_turning.reference_steps", lambda case: events)
     found = representative(flights.case([], []))
     assert found == events[2]
-
-
-def test_without_movements_there_is_no_representative_one(monkeypatch):
-    monkeypatch.setattr("attlog.metrics.step_turning.reference_steps", lambda case: [])
-    assert representative(flights.case([], [])) is None
 
 
 def test_movements_are_compared_by_their_share_of_the_stroke_with_the_band_of_the_middle_eighty_percent():

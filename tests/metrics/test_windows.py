@@ -43,12 +43,6 @@ def test_a_row_settles_for_10_s_after_its_start_and_5_s_after_the_motors_stop():
     assert starts(case, own, "rest") == [10.0, 15.0, 20.0, 25.0, 95.0, 100.0, 105.0, 110.0]
 
 
-def test_windows_lie_at_the_same_times_for_a_row_that_starts_later():
-    late = row(7.0)
-    case = flights.case([late], FLIGHT)
-    assert starts(case, late, "rest") == [20.0, 25.0, 95.0, 100.0, 105.0, 110.0]
-
-
 def test_after_a_restart_a_row_settles_again_and_no_window_crosses_it():
     segments = [Segment("continuous", 0, 30), Segment("continuous", 33, 120), Segment("rest.long", 0, 120)]
     own = row()
@@ -63,23 +57,6 @@ def test_an_onboard_row_counts_from_the_reset_that_aligned_it():
     aligned = [Segment("reset", 12.0, 12.05), Segment("reset", 70.0, 70.05)]
     case = flights.case([own], FLIGHT + aligned)
     assert windows.own_start(case, own) == pytest.approx(22.05)
-
-
-def test_phases_are_never_pooled_and_a_window_of_the_users_own_is_the_first_phase_in_it():
-    case = flights.case([row()], FLIGHT)
-    told = {w: windows.phase_of(case, w) for w in ("all", "rest", "hover", "cruise", "idle", "airborne", "armed")}
-    assert told == {
-        "all": "rest",
-        "rest": "rest",
-        "hover": "hover",
-        "cruise": "cruise",
-        "idle": "idle",
-        "airborne": None,
-        "armed": None,
-    }
-    assert windows.phase_of(case, "45:80") == "hover"
-    assert windows.phase_of(case, "62:80") == "cruise"
-    assert windows.phase_of(case, "20:80") == "rest"
 
 
 def test_in_the_air_windows_begin_at_the_scoring_start_and_end_at_the_impact():
@@ -97,24 +74,6 @@ def test_rest_of_2_to_5_s_is_one_window_and_shorter_flight_is_none():
     assert windows.lay_windows((3.0, 4.5), "rest") == []
     assert windows.lay_windows((3.0, 6.5), "hover") == []
     assert windows.lay_windows((0.0, 14.97), "hover") == [(0.0, 5.0), (5.0, 10.0), (10.0, 15.0)]
-
-
-def window_samples(t, q, segment, window):
-    return windows.unbroken_samples(windows.filled_samples(t, window), q, segment)
-
-
-def test_a_window_with_a_gap_a_reset_or_too_few_samples_is_not_used():
-    own = row(hz=20.0)
-    whole = window_samples(own.t, own.q, own.segment, (10.0, 15.0))
-    assert (whole.start, whole.stop) == (200, 300)
-    holes = np.delete(np.arange(len(own.t)), np.arange(220, 228))
-    assert window_samples(own.t[holes], own.q[holes], own.segment[holes], (10.0, 15.0)) is None
-    assert window_samples(own.t, own.q, (own.t > 12).astype(np.int64), (10.0, 15.0)) is None
-    assert window_samples(own.t[::6], own.q[::6], own.segment[::6], (10.0, 15.0)) is None
-    assert window_samples(own.t[:280], own.q[:280], own.segment[:280], (10.0, 15.0)) is None
-    spoiled = own.q.copy()
-    spoiled[250] = np.nan
-    assert window_samples(own.t, spoiled, own.segment, (10.0, 15.0)) is None
 
 
 def test_why_there_is_nothing_names_what_would_be_needed():
@@ -186,34 +145,10 @@ RATE = np.radians([0.5, -0.2, 0.4])
 VECTOR = np.array([1.0, 3.0, -9.0])
 
 
-def test_a_vector_that_turns_as_the_gyro_says_follows_and_one_that_stands_or_turns_back_does_not() -> None:
-    assert gyro_bias._follows(T, seen(RATE, VECTOR), RATE, SPAN)
-    assert not gyro_bias._follows(T, seen(0.0 * RATE, VECTOR), RATE, SPAN)
-    assert not gyro_bias._follows(T, seen(-RATE, VECTOR), RATE, SPAN)
-
-
 def test_a_part_of_the_turn_is_enough_from_its_share_on() -> None:
     share = gyro_bias.TURNED_SHARE
     for factor, follows in ((share + 0.07, True), (share - 0.07, False)):
         assert gyro_bias._follows(T, seen(factor * RATE, VECTOR), RATE, SPAN) is follows
-
-
-def test_a_turn_about_the_vector_itself_and_one_that_is_too_small_tell_nothing() -> None:
-    along = 0.7 * VECTOR / np.linalg.norm(VECTOR) * np.radians(1.0)
-    assert not gyro_bias._follows(T, seen(along, VECTOR), along, SPAN)
-    across = np.cross(VECTOR, [1.0, 0.0, 0.0])
-    across /= np.linalg.norm(across)
-    seconds = 0.8 * 40.0  # between the middles of the first and the last fifth
-    for degrees, follows in ((1.1 * gyro_bias.TURN_DEG, True), (0.9 * gyro_bias.TURN_DEG, False)):
-        rate = across * np.radians(degrees) / seconds
-        assert gyro_bias._follows(T, seen(rate, VECTOR), rate, SPAN) is follows
-
-
-def test_without_samples_at_both_ends_nothing_follows() -> None:
-    v = seen(RATE, VECTOR)
-    for hole in ((4.0, 13.5), (36.5, 46.0)):
-        kept = (T < hole[0]) | (T > hole[1])
-        assert not gyro_bias._follows(T[kept], v[kept], RATE, SPAN)
 
 
 @pytest.mark.parametrize("which", [0, 1])
@@ -224,12 +159,3 @@ def test_either_vector_tells_a_turn_and_a_span_without_a_gyro_none(which: int) -
     vectors[which] = (T, seen(RATE, VECTOR))
     assert gyro_bias.turned(gyro, vectors, SPAN)
     assert not gyro_bias.turned((T + 100.0, gyro[1]), vectors, SPAN)
-
-
-@pytest.mark.parametrize(("seconds", "count"), [(10.0, 10), (2.0, 4), (0.15, 2)])
-def test_blocks_are_of_a_second_but_four_at_least(seconds: float, count: int) -> None:
-    t = T[T < seconds]
-    x = np.random.default_rng(1).normal(size=(len(t), 3))
-    found = gyro_bias._blocks(t, x)
-    assert abs(len(found) - count) <= 1
-    np.testing.assert_allclose(found, [part.mean(axis=0) for part in np.array_split(x, len(found))])

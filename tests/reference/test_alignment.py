@@ -50,14 +50,6 @@ def test_declination_comes_from_the_model_of_place_and_date():
     assert "WMM-2020 (2024.50)" in text_of(reference, "declination")
 
 
-def test_without_a_date_the_model_is_used_and_says_so():
-    log = flight()
-    log.gnss = [receiver()]
-    assert "date unknown" in text_of(chosen(log), "declination")
-    log.utc_offset = 0.0
-    assert "date unknown" in text_of(chosen(log), "declination")
-
-
 @pytest.mark.parametrize(("name", "value"), [("COMPASS_DEC", math.radians(11.0)), ("EKF2_MAG_DECL", 11.0)])
 def test_without_a_place_the_autopilots_parameter_is_used_in_its_own_unit(name, value):
     reference = chosen(ardupilot(flight(), **{name: value}))
@@ -110,11 +102,6 @@ def test_the_declination_seen_is_where_the_reference_turns_the_field_to():
 
 
 # --- input delay ------------------------------------------------------------------------------------------------
-
-
-def test_a_gyro_without_a_known_filter_is_not_late():
-    log = flight()
-    assert alignment.filter_delay(log.imus[0])[0] == 0.0
 
 
 def test_a_delay_that_the_reader_knows_is_believed():
@@ -171,20 +158,6 @@ def test_the_step_of_logged_angles_is_measured(step):
     assert alignment.logged_step_deg(stored(step)) == pytest.approx(step, rel=0.02)
 
 
-def test_float32_quaternions_resolve_a_hundred_thousandth_of_a_degree():
-    """The trap: acos of the scalar part would read them as 0.06 deg."""
-    assert alignment.logged_step_deg(stored(0.0)) == alignment.FLOAT32_DEG
-    assert alignment.logged_step_deg(stored(0.0)[:3]) == alignment.FLOAT32_DEG
-
-
-def test_a_step_that_the_reader_knows_is_the_floor():
-    log = flight()
-    log.attitudes["ATT"].step_deg = 0.01
-    reference = chosen(log)
-    assert reference.alignment.step_deg == 0.01
-    assert reference.alignment.floor_deg >= 0.01
-
-
 def test_stamps_in_whole_milliseconds_cost_their_step_times_the_rate():
     rng = np.random.default_rng(2)
     log = flight()
@@ -214,12 +187,6 @@ def test_stamps_in_whole_milliseconds_that_differ_show_their_step() -> None:
     assert timestamp_tick_s(np.cumsum(rng.choice([0.020, 0.021], 200))) == TICK_S
     assert timestamp_tick_s(np.arange(200) * 0.02) == 0.0, "nothing shows where all are equal"
     assert timestamp_tick_s(np.cumsum(rng.uniform(0.01, 0.03, 200))) == 0.0
-
-
-def test_intervals_none_of_which_is_usual_show_no_step() -> None:
-    assert (
-        timestamp_tick_s(np.cumsum([0.0, *[0.010, 0.090] * 40])) == 0.0
-    )  # the median of an even number lies between them
 
 
 def test_a_gap_that_ends_an_estimate_leaves_no_error_and_a_bridged_one_a_quarter_of_its_turn():

@@ -25,9 +25,9 @@ from attlog.reference import (
     onboard_rows,
     replayed,
 )
-from attlog.segments.model import Segment, Segments
+from attlog.segments.model import Segment
 from tests.conftest import corpus_logs, corpus_root
-from tests.reference.flights import SECONDS, attitude_at, flight, sampled
+from tests.reference.flights import SECONDS, flight, sampled
 from tests.segments.flights import imu_log
 
 
@@ -148,10 +148,6 @@ def test_scoring_starts_after_fifteen_seconds_or_a_third_of_a_short_log(seconds,
     assert chosen(flight(seconds)).scoring.start == pytest.approx(start, abs=0.01)
 
 
-def test_the_user_may_start_scoring_elsewhere():
-    assert chosen(flight(), score_from=3.0).scoring.start == 3.0
-
-
 def test_the_first_seconds_after_a_restart_are_not_scored():
     log = flight()
     for stream in (log.imus[0].gyro, log.imus[0].acc):
@@ -197,11 +193,6 @@ def test_samples_that_are_no_attitude_do_not_enter_the_reference():
     np.testing.assert_allclose(np.linalg.norm(reference.q, axis=1), 1.0)
 
 
-def test_a_slow_reference_says_that_lag_cannot_be_judged():
-    assert "too slow for lag" in step(chosen(flight(onboard_hz=4.0)), "resampling").text
-    assert "too slow" not in step(chosen(flight(onboard_hz=10.0)), "resampling").text
-
-
 def test_the_reference_of_a_log_without_imu_is_still_compared():
     log = flight(truth_hz=50.0)
     log.imus, log.imu = [], None
@@ -221,27 +212,12 @@ def test_an_instance_that_flew_is_the_reference_and_not_the_first():
     assert chosen(log).source == "1"
 
 
-def test_choosing_without_segments_or_options_works():
-    log = flight()
-    log.state.armed = TimeLine(np.zeros(1), [True], "vehicle_status")
-    assert choose(log, Segments()).kind == "onboard"
-    np.testing.assert_allclose(np.abs(np.sum(choose(log, Segments()).q * attitude_at(log.attitudes["ATT"].t), 1)), 1.0)
-
-
 def test_an_attitude_that_covers_only_a_rest_is_not_called_frozen():
     log = flight()
     attitude = log.attitudes["ATT"]
     log.attitudes["ATT"] = Attitude(attitude.t[:5], np.tile(attitude.q[0], (5, 1)), "ATT")
     log.imus[0].gyro.x[log.imus[0].gyro.t <= attitude.t[4]] = 0.0
     assert chosen(log).kind == "onboard"
-
-
-def test_equal_reasons_of_resets_are_given_once():
-    log = flight()
-    log.attitudes["ATT"].resets = np.array([100, 200, 300])
-    text = step(chosen(log), "resets").text
-    assert text.startswith("3 resets, cut out: ")
-    assert ";" not in text
 
 
 # Logs of any shape get segments, a reference and rows without an exception or a warning.

@@ -25,14 +25,11 @@ from attlog.reference import (
     choose,
     expected_reference,
     heading_references,
-    meaning,
     onboard_rows,
-    own_sigma_deg,
     scoring,
     sigma_deg,
     smoother,
 )
-from attlog.reference.model import SensorFault
 from attlog.segments.model import Segment, Segments
 from tests.reference.flights import RATE, SECONDS, ardupilot, attitude_at, contradicted, estimate, flight, sampled
 
@@ -70,10 +67,6 @@ def test_it_is_run_only_where_it_is_wanted(option: str) -> None:
     assert chosen(flight(truth_hz=50.0), never, option).kind == ("truth" if option == "auto" else option)
 
 
-def test_it_is_taken_before_truth_where_it_is_asked_for() -> None:
-    assert chosen(flight(truth_hz=50.0), made(), "smoother").kind == "smoother"
-
-
 @pytest.mark.parametrize(
     ("found", "why"),
     [
@@ -93,12 +86,6 @@ def test_one_that_is_not_sure_of_itself_gives_way_to_the_onboard_attitude_and_sa
     assert f"smoother refused: {reference.faults.refused['smoother']}" in reference.alignment.steps[0].text
     assert reference.faults.reference == ""
     assert "onboard" in heading_references(log, segments.build(log), reference)
-
-
-def test_one_that_gravity_contradicts_is_refused() -> None:
-    reference = chosen(flight(), made(off=estimate(tilt_deg=30.0)))
-    assert reference.kind == "onboard"
-    assert "disagrees with gravity at rest by 30 deg" in reference.faults.refused["smoother"]
 
 
 def test_one_that_cannot_run_says_so_and_is_an_error_only_where_it_was_asked_for() -> None:
@@ -406,34 +393,6 @@ def test_no_smoother_is_made_of_an_accelerometer_that_shows_no_gravity(scale: fl
     assert "no gravity" in smoother.reason_not_smoothed(log, segments.build(log))
 
 
-def test_a_turn_between_headings_is_the_mean_over_a_second_on_each_side():
-    rng = np.random.default_rng(3)
-    t, x = np.sort(rng.uniform(0.0, 30.0, 400)), rng.standard_normal(400)
-    wanted = [x[np.abs(t - at) <= 1.0].mean() for at in t]
-    np.testing.assert_allclose(smoother._running_mean(t, x), wanted, atol=1e-12)
-
-
-def test_a_smoother_without_a_heading_is_not_quoted_with_a_sigma_of_it() -> None:
-    reference = chosen(flight(), made(heading=180.0))
-    assert reference.heading.by == "onboard"
-    assert reference.heading.why == "neither compass nor motion shows the smoother a heading that stands"
-
-
-@pytest.mark.parametrize(
-    ("found", "words"),
-    [
-        (made(heading_from="both"), "Compass and motion agree on the heading."),
-        (made(heading_from="compass"), "The heading rests on the compass alone."),
-        (made(heading_from="motion"), "The heading is from motion, without the compass."),
-        (made(heading=180.0, heading_from="nobody", heading_why="they differ"), "There is no heading: they differ."),
-    ],
-)
-def test_the_page_says_what_a_heading_rests_on(found: Estimate, words: str) -> None:
-    said = meaning(chosen(flight(), found))
-    assert said.endswith(words)
-    assert "relative to the IMU as mounted" in said
-
-
 @pytest.mark.parametrize(
     ("found", "words"),
     [
@@ -456,20 +415,6 @@ def test_a_smoother_that_was_asked_for_although_its_checks_fail_is_in_doubt() ->
         caveat(chosen(flight(), made(tilt=2.0), "smoother"))
         == "the smoother is in doubt: its tilt sigma is above 1 deg"
     )
-
-
-def test_a_smoother_refused_by_its_sensors_leaves_their_names_to_the_check() -> None:
-    reference = chosen(flight(), made(tilt=2.0))
-    reference.faults.refused["smoother"] = "the field of vehicle_magnetometer:0 points 8 deg above the level"
-    reference.faults.sensors = {"field": SensorFault(reference.faults.refused["smoother"])}
-    assert caveat(reference) == "the smoother was refused: its sensors failed a check"
-
-
-def test_a_heading_that_is_borrowed_has_no_sigma_of_the_smoothers() -> None:
-    reference = chosen(flight(), made(heading=5.0, heading_from="compass"))
-    assert own_sigma_deg(reference, "heading") is None
-    assert own_sigma_deg(reference, "tilt") == pytest.approx(0.1)
-    assert "compass alone" not in meaning(reference)
 
 
 def segment_of(seconds: float, heading_from: str, heading: float = 0.2) -> Estimate:

@@ -11,7 +11,7 @@ import pytest
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Imu, Stream
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments import airborne, flight_signs, resets, windows
+from attlog.segments import airborne, flight_signs, windows
 from attlog.segments import flight_signs as signs
 from attlog.segments.airborne import HeightLevel
 from attlog.segments.flight_signs import Grid, hold_last, seconds_to_nearest, true_runs
@@ -323,13 +323,6 @@ def test_a_speed_is_that_of_the_first_receiver_with_four_fixes_of_three_dimensio
     np.testing.assert_allclose(flight_signs.speed_at(log, at), [np.nan, 0.6, 1.8, 3.0, np.nan])
 
 
-@pytest.mark.parametrize("n", [3, 4, 7])
-def test_a_smoothed_value_is_the_mean_of_its_window_and_of_fewer_at_the_ends(n: int) -> None:
-    x = np.random.default_rng(n).normal(size=(20, 2))
-    want = [x[max(k - n // 2, 0) : k - n // 2 + n].mean(axis=0) for k in range(20)]
-    np.testing.assert_allclose(windows.centred_mean(x, n), want, atol=1e-12)
-
-
 def test_fast_force_of_each_second_is_what_a_mean_over_a_fifth_of_it_leaves() -> None:
     t = np.arange(0.0, 8.0, 0.01)
     acc = np.random.default_rng(2).normal(size=(len(t), 3)) * [1.0, 2.0, 3.0] * (1.0 + t)[:, None]
@@ -341,22 +334,3 @@ def test_fast_force_of_each_second_is_what_a_mean_over_a_fifth_of_it_leaves() ->
     for k, values in enumerate(found):
         np.testing.assert_allclose(values, np.sqrt(np.mean(fast[100 * k : 100 * (k + 1)] ** 2, axis=0)), rtol=0.03)
     assert len(windows.vibration_levels(unit, [(2.0, 2.08)])[0]) == 0
-
-
-def test_the_ninetieth_percentile_of_what_is_known_is_that_of_numpy() -> None:
-    rows = np.random.default_rng(1).normal(size=(30, 20))
-    rows[np.random.default_rng(2).random(rows.shape) < 0.4] = np.nan
-    rows[7], rows[8, 1:] = np.nan, np.nan
-    want = [np.nanquantile(r, 0.9) if np.isfinite(r).any() else 0.0 for r in rows]
-    np.testing.assert_allclose(resets._percentile_90(rows), want)
-
-
-@pytest.mark.parametrize(("around", "kept"), [(0.49, True), (0.51, False)])
-def test_a_jump_stands_out_four_times_of_its_neighbours_but_for_the_next_ones(around: float, kept: bool) -> None:
-    jump = np.full(200, 0.01)
-    jump[89:112] = around
-    jump[100] = 2.0
-    jump[99] = jump[101] = 0.9
-    assert resets._jump_indices(jump, np.zeros(200)).tolist() == ([100] if kept else [])
-    jump[:] = np.nan
-    assert resets._jump_indices(jump, np.zeros(200)).tolist() == []

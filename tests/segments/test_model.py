@@ -95,12 +95,6 @@ def test_time_that_goes_back_ends_a_run():
     np.testing.assert_array_equal(np.unique(model.number_segments(t)), [0, 1])
 
 
-def test_nothing_and_a_single_sample_have_no_run():
-    assert model.find_continuous(np.zeros(0)) == []
-    assert model.find_continuous(np.zeros(1)) == []
-    assert len(model.number_segments(np.zeros(0))) == 0
-
-
 def test_samples_that_are_not_finite_or_not_later_are_left_out():
     t = np.array([0.0, 1.0, 1.0, np.nan, 0.5, 2.0, 3.0])
     x = np.array([[0.0], [1.0], [9.0], [9.0], [9.0], [np.nan], [3.0]])
@@ -121,29 +115,6 @@ def test_good_samples_are_copied_only_where_some_are_bad():
     some = model.select_good(np.array([True, False, True, True, False]), x, y)
     np.testing.assert_array_equal(some[0], [0.0, 2.0, 3.0])
     np.testing.assert_array_equal(some[1], y[[0, 2, 3]])
-
-
-def test_samples_lacking_at_the_ends_alone_cost_no_copy():
-    x, good = np.arange(20.0).reshape(10, 2), np.ones(10, bool)
-    good[[0, 1, 9]] = False
-    (ends,) = model.select_good(good, x)
-    assert np.array_equal(ends, x[good])
-    assert np.shares_memory(ends, x)
-    good[4] = False
-    (amid,) = model.select_good(good, x)
-    assert np.array_equal(amid, x[good])
-    assert not np.shares_memory(amid, x)
-    few = np.arange(10) < 3
-    assert not np.shares_memory(model.select_good(few, x)[0], x)  # else a few samples would keep all of them
-    assert len(model.select_good(np.zeros(10, bool), x)[0]) == 0
-
-
-def test_numbers_that_rise_by_one_already_are_themselves():
-    own, other = np.array([0, 0, 1, 1, 2]), np.array([7, 7, 7, 9, 9])
-    assert model.merge_numbers(own, np.full(5, 3)) is own
-    assert model.merge_numbers(own, other).tolist() == [0, 0, 1, 2, 3]
-    assert model.merge_numbers(other).tolist() == [0, 0, 0, 1, 1]
-    assert model.merge_numbers(np.zeros(0, np.int64)).tolist() == []
 
 
 @pytest.mark.parametrize("number", [[0, 0, 1, 1], [1, 1, 0, 0]])

@@ -79,11 +79,6 @@ def test_without_land_detector_and_throttle_a_fast_climb_while_armed_tells_fligh
     assert airborne(landed=None, baro=[height()], armed=None)[0] == []
 
 
-def test_throttle_without_climb_is_no_flight():
-    found, _ = airborne(landed=None, throttle=throttle(), baro=[height(top=0.0)])
-    assert found == []
-
-
 def test_landed_throughout_a_flight_that_climbs_is_refuted():
     stuck = TimeLine(np.array([0.0]), [True], "vehicle_land_detected")
     found, _ = airborne(landed=stuck, throttle=throttle(), baro=[height()])
@@ -111,11 +106,6 @@ def test_a_log_without_imu_has_the_runs_of_its_attitude_and_no_rest():
     assert len(found.of("continuous")) == 1
     assert found.of("rest") == []
     assert "no IMU" in found.notes["continuous"]
-
-
-def test_a_log_with_nothing_has_no_segment():
-    log = flight(50.0, imu=None, imus=[], attitudes={}, onboard=None)
-    assert segments.build(log).segments == []
 
 
 @pytest.mark.parametrize("vehicle", ["fixed wing", "quadrotor"])

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.flight.model import Imu, Stream
 from attlog.segments import rest, windows
 from attlog.segments.rest import FlagSpans
-from attlog.segments.windows import ImuWindows, vibration_levels
+from attlog.segments.windows import ImuWindows
 
 
 def test_windows_on_both_sides_of_a_gap_are_not_joined_however_short_it_is() -> None:
@@ -75,16 +74,6 @@ def test_windows_are_joined_where_they_follow_each_other_in_one_segment() -> Non
 
 def flags(spans: list[tuple[float, float]] | None = None, measured: bool = False, known: bool = True) -> FlagSpans:
     return FlagSpans(known, spans or [], "armed", measured)
-
-
-def test_the_limit_of_a_still_gyro_is_four_times_its_floor_within_bounds() -> None:
-    for floor, limit in ((0.02, 0.15), (0.05, 0.2), (0.1, 0.4), (0.5, 0.6)):
-        noise = np.full(100, 3.0)
-        noise[:10] = floor
-        assert rest.still_rate_limit(made(100, rate_std=noise)) == pytest.approx(limit)
-    assert rest.still_rate_limit(made(0, rate=np.zeros((0, 3)))) == 0.15
-    assert rest.largest_rate_limit(made(), flags(measured=True)) == 0.6
-    assert rest.largest_rate_limit(made(), flags()) == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(
@@ -164,15 +153,3 @@ def test_without_rest_three_degrees_per_second_may_be_the_gyros_own_offset() -> 
 
 
 # Vibration second by second: its size, and which seconds count.
-
-
-def test_a_second_that_a_span_cuts_off_counts_for_nothing() -> None:
-    """A sine of 2 m/s^2 is 1.41 rms; the last 0.3 s of the span, where it is ten times as large, are no second."""
-    t = np.arange(0.0, 8.0, 0.005)
-    size = np.where(t < 5.0, 2.0, 20.0)
-    acc = np.column_stack([size * np.sin(2.0 * np.pi * 50.0 * t), np.zeros(len(t)), np.full(len(t), -9.8)])
-    imu = Imu(0, Stream(t, np.zeros_like(acc), "rad/s", "FRD", "IMU"), Stream(t, acc, "m/s^2", "FRD", "IMU"))
-    starts, found = vibration_levels(imu, [(0.0, 5.3)])
-    assert starts.tolist() == pytest.approx([0.0, 1.0, 2.0, 3.0, 4.0])
-    assert found[:, 0] == pytest.approx(np.sqrt(2.0), rel=0.05)
-    assert found[:, 1] == pytest.approx(0.0, abs=1e-9)
