@@ -182,11 +182,13 @@ def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | N
 
 def traces_of(case: Case, row: Track) -> list[Trace]:
     """Return the lines of the figure that shows a re-run beside what the onboard filter logged of itself."""
-    from attlog.estimators.ekf2.logged import logged_tables
-    from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
+    from attlog.estimators.ekf2.logged import logged_tables as logged_ekf2
+    from attlog.estimators.ekf3.logged import logged_tables as logged_ekf3
 
-    inputs = inputs_of(case, "")
-    logged = logged_tables(inputs) if isinstance(inputs, Ekf2Inputs) else {}
+    if case.log.firmware.name == "ArduPilot" and row.imu is not None:
+        logged = logged_ekf3(inputs_of(case, str(row.imu.index)))
+    else:
+        logged = logged_ekf2(inputs_of(case, ""))
     for table in logged.values():
         table[:, 0] -= case.log.t0_us * 1e-6
     return rerun_traces(case, row, logged)

@@ -39,6 +39,20 @@ UBLOX_TYPES = (1, 2)
 # A motor output above this turns the motor (us).
 MOTOR_TURNS_US = 1150.0
 MILLIGAUSS = 1e-3
+# Innovations of XKF3 by the aids of a re-run, and their size in its units.
+INNOVATION_COLUMNS = {
+    "velocity_n": ("IVN", 1.0),
+    "velocity_e": ("IVE", 1.0),
+    "velocity_d": ("IVD", 1.0),
+    "position_n": ("IPN", 1.0),
+    "position_e": ("IPE", 1.0),
+    "baro_height": ("IPD", 1.0),
+    "mag_x": ("IMX", MILLIGAUSS),
+    "mag_y": ("IMY", MILLIGAUSS),
+    "mag_z": ("IMZ", MILLIGAUSS),
+    "heading": ("IYAW", np.pi / 180.0),
+    "airspeed": ("IVT", 1.0),
+}
 # Texts of a core ("EKF3 IMU0 ...") by the event that they report.
 EVENT_TEXTS = {
     "initialised": "initialised",
@@ -76,7 +90,8 @@ class Ekf3Inputs:
 
     ``t``, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2: IMU records; ``gyro_late``, ``acc_late`` s: delay of the filters
     ahead of the logger, which the EKF's own increments have not. Aids are mappings of columns; absent ones are empty.
-    ``events``: times by the names of :data:`EVENT_TEXTS`. ``step_s``: mean filter step where XKT reports it.
+    ``innovations``: of XKF3 by aid. ``events``: times by the names of :data:`EVENT_TEXTS`. ``step_s``: mean filter step
+    where XKT reports it.
     """
 
     core: int
@@ -98,6 +113,7 @@ class Ekf3Inputs:
     events: Mapping[str, Array]
     states: Ekf3States | None
     lanes: Mapping[str, Array]
+    innovations: Mapping[str, Array]
     step_s: float | None
     gnss_lag_ms: float
     plane: bool
@@ -245,6 +261,12 @@ def _states(builder: DataflashBuilder, core: int, trim: Array | None) -> Ekf3Sta
     return Ekf3States(t[good], x[good], tv, v, status["t"], status["status"], fusion["t"], fusion["mode"])
 
 
+def _innovations(builder: DataflashBuilder, core: int) -> dict[str, Array]:
+    table = _core_table(builder, "XKF3", core)
+    found = _read(builder, table, {aid: column for aid, (column, _) in INNOVATION_COLUMNS.items()})
+    return {name: x * INNOVATION_COLUMNS[name][1] if name in INNOVATION_COLUMNS else x for name, x in found.items()}
+
+
 def _events(log: FlightLog, builder: DataflashBuilder, unit: int) -> dict[str, Array]:
     found: dict[str, list[float]] = {name: [] for name in EVENT_TEXTS.values()}
     for text in builder.messages.texts:
@@ -341,6 +363,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         events=_events(log, builder, unit),
         states=_states(builder, core, log.parameters.trim),
         lanes=_read(builder, builder.messages.first("XKF4"), {"primary": "PI"}),
+        innovations=_innovations(builder, core),
         step_s=step_s,
         gnss_lag_ms=gnss_lag(builder),
         plane=plane,
