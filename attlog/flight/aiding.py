@@ -159,13 +159,16 @@ def noise_parameter(log: FlightLog, aid: str, source: str) -> NoiseParameter | N
     return NoiseParameter(name, float(old), *limits, float(sigmas) * unit)
 
 
+NO_TEST_RATIOS = {
+    "PX4": "No estimator_status in flight: set bit 0 of SDLOG_PROFILE to log test ratios.",
+    "ArduPilot": "No XKF4 or NKF4 in flight: ATTITUDE of LOG_BITMASK logs test ratios.",
+    "": "The log holds no test ratios of an EKF.",
+}
+
+
 def advise_test_ratios(log: FlightLog) -> str:
     """Return what would log test ratios."""
-    if log.firmware.name == "PX4":
-        return "No estimator_status in flight: set bit 0 of SDLOG_PROFILE to log test ratios."
-    if log.firmware.name == "ArduPilot":
-        return "No XKF4 or NKF4 in flight: ATTITUDE of LOG_BITMASK logs test ratios."
-    return "The log holds no test ratios of an EKF."
+    return NO_TEST_RATIOS.get(log.firmware.name, NO_TEST_RATIOS[""])
 
 
 # --- requirements on GNSS ----------------------------------------------------------------------------------------

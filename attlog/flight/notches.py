@@ -172,6 +172,11 @@ def advise_reboot(values: dict[str, float]) -> str:
 
 # The firmware whose level is that of differences of samples that it logs at full rate itself.
 DIFFERENCE_FIRMWARE = "PX4"
+NO_LEVEL = {
+    "PX4": "No vehicle_imu_status (PX4 1.11 and later) and no samples at full rate: vibration is not measured.",
+    "ArduPilot": "No VIBE record, which ArduPilot 3.4 and later write with the IMU's bit of LOG_BITMASK.",
+    "": "This log holds no vibration level of the autopilot, and its samples are too slow for one.",
+}
 FLIGHT_ADVICE = "fly two minutes with changes of throttle"
 
 
@@ -187,13 +192,7 @@ def measures_differences(log: FlightLog) -> bool:
 
 def advise_vibration_level(log: FlightLog) -> str:
     """Return why a log holds no vibration level, and what would log one."""
-    if log.firmware.name == "PX4":
-        return (
-            "No vehicle_imu_status (PX4 1.11 and later log it) and no samples at full rate: vibration is not measured."
-        )
-    if log.firmware.name == "ArduPilot":
-        return "This log holds no VIBE record; ArduPilot 3.4 and later write it with the IMU's bit of LOG_BITMASK."
-    return "This log holds no vibration level of the autopilot, and its samples are too slow for one."
+    return NO_LEVEL.get(log.firmware.name, NO_LEVEL[""])
 
 
 def advise_fast_gyro(log: FlightLog) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ def valid_stamp(t_us: int) -> int:
 
 # --- other messages at a time ------------------------------------------------------------------------------------
 
+# The column with the time of each record alone.
+TIMESTAMP_COLUMN = {"ulog": "timestamp"}
 # Messages are logged together when a logger goes on after a pause; slow ones follow within this time.
 CORROBORATION_US = 10_000_000
 # Messages with times, the judged one among them, that a log must have for one to contradict another.
@@ -72,11 +75,12 @@ def _message_clocks(messages: Messages) -> Iterator[Stamps]:
 
 
 def _own_stamps(log_format: str, table: Table) -> Stamps | None:
+    """Return the boot times (n,) that the records carry themselves in us, None without numbers."""
     if log_format in ("dataflash", "dataflash_text"):
         from attlog.flight.ardupilot.imu import own_time
 
         return own_time(table)
-    column = "timestamp" if log_format == "ulog" else "_t_us"
+    column = TIMESTAMP_COLUMN.get(log_format, "_t_us")
     try:
         return read_stamps(table, column) if column in table else None
     except ValueError:
@@ -84,9 +88,6 @@ def _own_stamps(log_format: str, table: Table) -> Stamps | None:
 
 
 # --- clock of any record -----------------------------------------------------------------------------------------
-
-# The column with the time of each record alone.
-TIMESTAMP_COLUMN = {"ulog": "timestamp"}
 
 
 def table_time_span(messages: Messages, system: int | None = None) -> Callable[[Table], tuple[int, int] | None]:
@@ -118,15 +119,7 @@ def record_clock(messages: Messages, system: int | None = None) -> Callable[[Tab
         instance = choose_system(messages, messages.path, system)
         packets = PacketClock(messages, instance)
         return lambda table: packets.of(table) if table.instance == instance else packets.by_packet(table)
-    column = TIMESTAMP_COLUMN.get(messages.format, "_t_us")
-
-    def of(table: Table) -> Stamps | None:
-        try:
-            return read_stamps(table, column) if column in table else None
-        except ValueError:
-            return None
-
-    return of
+    return partial(_own_stamps, messages.format)
 
 
 # --- power-ups ---------------------------------------------------------------------------------------------------

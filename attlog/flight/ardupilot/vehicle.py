@@ -202,107 +202,108 @@ FLIGHT_MODE, FENCE, EKF_PRIMARY = 10, 9, 24
 MAX_EVENT_KINDS = 100
 
 
+# Usual cause and remedy of a report, by a word.
+CAUSES = {
+    "": ("", ""),
+    "core": ("Another core agreed better with its sensors.", ""),
+    "mode": ("The mode needs a position or an arming state that was not there.", ""),
+    "compass": (
+        "The compass does not answer: wiring, bus or the compass itself.",
+        "Check wiring and supply of the compass.",
+    ),
+    "radio": ("Out of range, transmitter off or antenna shadowed.", "Check antennas and range."),
+    "battery": ("The battery was empty or weak.", "Land earlier or change the battery."),
+    "gnss": ("Bad view of the sky or a disturbed receiver.", "Raise the antenna above power wires and transmitters."),
+    "link": ("The radio link was lost.", "Check the telemetry link."),
+    "glitch": (
+        "Bad reception, or an attitude and acceleration that predict a wrong position.",
+        "Raise the antenna above power wires and transmitters.",
+    ),
+    "contradiction": ("Sensors contradict each other: vibration, a disturbed compass or bad GNSS.", ""),
+    "processor": ("The processor was overloaded.", ""),
+    "thrust": (
+        "A motor, propeller or the battery gave way.",
+        "Check motors, propellers and battery; compare the motor outputs.",
+    ),
+    "vibration": (
+        "Vibration that the accelerometer turns into a constant offset.",
+        "Balance propellers, check bearings and arms, mount the autopilot softer.",
+    ),
+    "report": ("", "Report it with this log."),
+    "lost": ("GNSS was lost.", ""),
+    "released": ("By the pilot or by the crash check.", ""),
+    "height": ("Its height source changed or drifted.", ""),
+}
+
+
 @dataclass(frozen=True, slots=True)
 class EventMeaning:
-    """Meaning of a record: a sentence, its severity, cause and remedy, and the code of the problem."""
+    """Meaning of a record: its severity, a sentence, a word of CAUSES, and the code of the problem."""
 
+    severity: Severity
     text: str
-    severity: Severity = "warning"
-    cause: str = ""
-    remedy: str = ""
+    why: str = ""
     code: str = ""
 
 
-_NO_GNSS = EventMeaning(
-    "GNSS was lost for more than 5 s while it was needed",
-    cause="Bad view of the sky or a disturbed receiver.",
-    remedy="Raise the antenna above power wires and transmitters.",
-)
-_BAD_COMPASS = "The compass does not answer: wiring, bus or the compass itself."
-_CHECK_COMPASS = "Check wiring and supply of the compass."
-
 # By subsystem and code.
 ERRORS: dict[tuple[int, int], EventMeaning] = {
-    (1, 1): EventMeaning("The main loop waited for the inertial sensor", "note"),
-    (2, 2): EventMeaning("Radio frames came late for 2 s", "note"),
-    (3, 1): EventMeaning("The compass failed to start", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
-    (3, 4): EventMeaning("The compass was not healthy", cause=_BAD_COMPASS, remedy=_CHECK_COMPASS),
-    (5, 1): EventMeaning(
-        "Radio failsafe: no signal from the transmitter",
-        cause="Out of range, transmitter off or antenna shadowed.",
-        remedy="Check antennas and range.",
-    ),
-    (6, 1): EventMeaning(
-        "Battery failsafe: voltage or capacity below its limit",
-        cause="The battery was empty or weak.",
-        remedy="Land earlier or change the battery.",
-    ),
-    (7, 1): replace(_NO_GNSS, text="GNSS failsafe: no good position for 5 s while armed"),
-    (8, 1): EventMeaning(
-        "Ground station failsafe: no heartbeat from it",
-        cause="The radio link was lost.",
-        remedy="Check the telemetry link.",
-    ),
+    (1, 1): EventMeaning("note", "The main loop waited for the inertial sensor"),
+    (2, 2): EventMeaning("note", "Radio frames came late for 2 s"),
+    (3, 1): EventMeaning("warning", "The compass failed to start", "compass"),
+    (3, 4): EventMeaning("warning", "The compass was not healthy", "compass"),
+    (5, 1): EventMeaning("warning", "Radio failsafe: no signal from the transmitter", "radio"),
+    (6, 1): EventMeaning("warning", "Battery failsafe: voltage or capacity below its limit", "battery"),
+    (7, 1): EventMeaning("warning", "GNSS failsafe: no good position for 5 s while armed", "gnss"),
+    (8, 1): EventMeaning("warning", "Ground station failsafe: no heartbeat from it", "link"),
     (11, 2): EventMeaning(
-        "GNSS glitch: its position jumped away from the prediction",
-        cause="Bad reception, or an attitude and acceleration that predict a wrong position.",
-        remedy="Raise the antenna above power wires and transmitters.",
-        code="gnss_glitch",
+        "warning", "GNSS glitch: its position jumped away from the prediction", "glitch", "gnss_glitch"
     ),
-    (12, 1): EventMeaning("Crash check: tilted and out of control, the motors were stopped", "error", code="crash"),
-    (12, 2): EventMeaning("Loss of control was detected, as for the parachute", "error", code="crash"),
-    (13, 2): EventMeaning("A flip was abandoned", "note"),
-    (14, 2): EventMeaning("Autotune was refused or its gains were bad", "note"),
-    (15, 2): EventMeaning("The parachute was not released: too low", "error"),
-    (15, 3): EventMeaning("The parachute was not released: landed", "note"),
+    (12, 1): EventMeaning("error", "Crash check: tilted and out of control, the motors were stopped", "", "crash"),
+    (12, 2): EventMeaning("error", "Loss of control was detected, as for the parachute", "", "crash"),
+    (13, 2): EventMeaning("note", "A flip was abandoned"),
+    (14, 2): EventMeaning("note", "Autotune was refused or its gains were bad"),
+    (15, 2): EventMeaning("error", "The parachute was not released: too low"),
+    (15, 3): EventMeaning("note", "The parachute was not released: landed"),
     (16, 2): EventMeaning(
+        "warning",
         "EKF check: two test ratios of the EKF stayed above their limit for 1 s",
-        cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
-        code="ekf_check",
+        "contradiction",
+        "ekf_check",
     ),
-    (17, 1): EventMeaning(
-        "EKF failsafe: the EKF was given up",
-        "error",
-        cause="Sensors contradict each other: vibration, a disturbed compass or bad GNSS.",
-        code="ekf_failsafe",
-    ),
-    (18, 1): EventMeaning("The barometer failed to start"),
-    (18, 2): EventMeaning("The barometer jumped", "note"),
-    (18, 4): EventMeaning("The barometer was not healthy"),
-    (19, 1): EventMeaning("The main loop stood still for 2 s and more", "error", cause="The processor was overloaded."),
-    (20, 1): EventMeaning("Another aircraft came near", "note"),
-    (21, 2): EventMeaning("Terrain data were missing", "note"),
-    (22, 2): EventMeaning("A destination could not be set", "note"),
-    (22, 3): EventMeaning("Return to launch was restarted", "note"),
-    (22, 4): EventMeaning("The circle mode could not start", "note"),
-    (22, 5): EventMeaning("A destination outside the fence was refused", "note"),
-    (22, 6): EventMeaning("Return to launch lacked its range finder", "note"),
-    (23, 1): EventMeaning("Terrain failsafe: no terrain data for 5 s"),
-    (25, 1): EventMeaning(
-        "Thrust loss: full throttle and still falling",
-        "error",
-        cause="A motor, propeller or the battery gave way.",
-        remedy="Check motors, propellers and battery; compare the motor outputs.",
-    ),
-    (26, 1): EventMeaning("Sensor failsafe"),
-    (27, 1): EventMeaning("Leak failsafe: water inside", "error"),
-    (28, 1): EventMeaning("No input from the pilot"),
+    (17, 1): EventMeaning("error", "EKF failsafe: the EKF was given up", "contradiction", "ekf_failsafe"),
+    (18, 1): EventMeaning("warning", "The barometer failed to start"),
+    (18, 2): EventMeaning("note", "The barometer jumped"),
+    (18, 4): EventMeaning("warning", "The barometer was not healthy"),
+    (19, 1): EventMeaning("error", "The main loop stood still for 2 s and more", "processor"),
+    (20, 1): EventMeaning("note", "Another aircraft came near"),
+    (21, 2): EventMeaning("note", "Terrain data were missing"),
+    (22, 2): EventMeaning("note", "A destination could not be set"),
+    (22, 3): EventMeaning("note", "Return to launch was restarted"),
+    (22, 4): EventMeaning("note", "The circle mode could not start"),
+    (22, 5): EventMeaning("note", "A destination outside the fence was refused"),
+    (22, 6): EventMeaning("note", "Return to launch lacked its range finder"),
+    (23, 1): EventMeaning("warning", "Terrain failsafe: no terrain data for 5 s"),
+    (25, 1): EventMeaning("error", "Thrust loss: full throttle and still falling", "thrust"),
+    (26, 1): EventMeaning("warning", "Sensor failsafe"),
+    (27, 1): EventMeaning("error", "Leak failsafe: water inside"),
+    (28, 1): EventMeaning("warning", "No input from the pilot"),
     (29, 1): EventMeaning(
+        "warning",
         "Vibration failsafe: height is held without the vertical accelerometer",
-        cause="Vibration that the accelerometer turns into a constant offset.",
-        remedy="Balance propellers, check bearings and arms, mount the autopilot softer.",
-        code="vibration_failsafe",
+        "vibration",
+        "vibration_failsafe",
     ),
-    (30, 1): EventMeaning("An internal error of the firmware", "warning", remedy="Report it with this log."),
-    (31, 1): EventMeaning("Dead reckoning failsafe: no position for too long", cause="GNSS was lost."),
+    (30, 1): EventMeaning("warning", "An internal error of the firmware", "report"),
+    (31, 1): EventMeaning("warning", "Dead reckoning failsafe: no position for too long", "lost"),
 }
 FENCE_BITS = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}
 # By the id of EV records; yaw resets are among the jumps of the attitude.
 EVENTS: dict[int, EventMeaning] = {
-    19: _NO_GNSS,
-    51: EventMeaning("The parachute was released", "error", cause="By the pilot or by the crash check.", code="crash"),
-    54: EventMeaning("The pilot stopped the motors (emergency stop)"),
-    60: EventMeaning("The EKF set its height anew", "note", cause="Its height source changed or drifted."),
+    19: EventMeaning("warning", "GNSS was lost for more than 5 s while it was needed", "gnss"),
+    51: EventMeaning("error", "The parachute was released", "released", "crash"),
+    54: EventMeaning("warning", "The pilot stopped the motors (emergency stop)"),
+    60: EventMeaning("note", "The EKF set its height anew", "height"),
 }
 
 
@@ -327,30 +328,23 @@ def report_events(builder: DataflashBuilder) -> None:
                 builder.problem("damaged_reports", "warning", f"{text}{MAX_EVENT_KINDS} are shown.", count=len(kinds))
                 break
             what = f"{record} {'/'.join(map(str, key))}"
-            builder.problems.append(
-                Problem(
-                    meaning.code or what.lower().replace(" ", "_").replace("/", "_"),
-                    meaning.severity,
-                    f"{meaning.text} ({what}).",
-                    t=float(t[first[k]]),
-                    count=int(counts[k]),
-                    cause=meaning.cause,
-                    remedy=meaning.remedy,
-                )
-            )
+            code = meaning.code or what.lower().replace(" ", "_").replace("/", "_")
+            at, (cause, remedy) = float(t[first[k]]), CAUSES[meaning.why]
+            problem = Problem(code, meaning.severity, f"{meaning.text} ({what}).", at, count=int(counts[k]))
+            builder.problems.append(replace(problem, cause=cause, remedy=remedy))
 
 
 def error_meaning(subsystem: int, code: int) -> EventMeaning | None:
     """Return the meaning of an ERR record, None for one that ends a fault."""
     if subsystem == EKF_PRIMARY:
         text = f"The EKF changed its primary core to {code}"
-        return EventMeaning(text, cause="Another core agreed better with its sensors.", code="lane_switch")
+        return EventMeaning("warning", text, "core", "lane_switch")
     if code == 0:
         return None
     if subsystem == FLIGHT_MODE:
         text = f"The change to flight mode {code} was refused"
-        return EventMeaning(text, "note", cause="The mode needs a position or an arming state that was not there.")
+        return EventMeaning("note", text, "mode")
     if subsystem == FENCE:
         crossed = " and ".join(n for bit, n in FENCE_BITS.items() if code & bit) or f"code {code}"
-        return EventMeaning(f"The fence was crossed ({crossed})")
-    return ERRORS.get((subsystem, code), EventMeaning(f"Subsystem {subsystem} reported error {code}", "note"))
+        return EventMeaning("warning", f"The fence was crossed ({crossed})")
+    return ERRORS.get((subsystem, code), EventMeaning("note", f"Subsystem {subsystem} reported error {code}"))
