@@ -113,7 +113,7 @@ class PreparedLogs:
     """
 
     def __init__(
-        self, paths: Sequence[Path], options: ComparisonOptions, check: Callable[[Case], None] | None = None
+        self, paths: Sequence[Path], options: ComparisonOptions, check: Callable[[Case], object] | None = None
     ) -> None:
         """``check``: raises AttlogError for a log on which nothing can be studied."""
         from attlog.batch.sources import find

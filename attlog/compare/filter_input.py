@@ -14,16 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators
-from attlog.compare.setting import SETTINGS, Configuration, Value, numbers_text
+from attlog.compare.setting import SETTINGS, Configuration, Value, numbers_text, parameter_table
 from attlog.core import rotation, signal
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
 from attlog.flight.parameters import read_parameter_file
 from attlog.flight.recalibration import recorrected_units
+from attlog.flight.vehicle import version_number
 from attlog.metrics.metric import Case
 from attlog.pipeline import replay
 from attlog.pipeline.onboard_rerun import rerun_row
-from attlog.reference.model import Track
+from attlog.reference.model import Reproduction, Track
 from attlog.result import EstimatorRow, ParameterValue
 from attlog.segments import model
 from attlog.words.flight import reproduction_text
@@ -78,9 +79,9 @@ class FilterInput:
         """Return a row for each parameter set laid over the configuration's own."""
         row = self.configuration.row
         if self.configuration.is_flown:
-            own = flown_parameters(self.case.log, self.configuration)
-            specs = [estimators.EstimatorSpec(row.estimator, row.preset, {**own, **setting}) for setting in settings]
-            return [rerun_row(self.case, self.case.imus[self.suffix], spec, spec.name)[0] for spec in specs]
+            specs = [replace(row, params={**row.params, **setting}) for setting in settings]
+            runs = [ConfiguredFilter(replace(self.configuration, row=spec, name=spec.name)) for spec in specs]
+            return [run.run(self.case, self.case.imus[self.suffix], "")[0] for run in runs]
         return replay.batch(self.case, self.imu, self.mag, row, settings, self.facts, self.aids)
 
     def row(self) -> tuple[Track, EstimatorRow]:
@@ -131,12 +132,15 @@ class ConfiguredFilter:
 def flown_parameters(log: FlightLog, c: Configuration) -> dict[str, float | str]:
     """Return the parameters that a configuration of a filter that flew changes.
 
-    Of a parameter file those that differ from the log's. UsageError for settings of the samples: the filter runs on
-    what it was given on board.
+    Of a parameter file those that differ from the log's. UsageError for settings of the samples, because the filter
+    runs on what it was given on board, and for parameters of another version.
     """
     others = [name for name in c.before if name != "params"]
     if others:
         raise UsageError(f"{', '.join(others)}: nothing comes before {c.row.estimator.name}, it runs on its own inputs")
+    wrong = [name for name in c.row.params if log.param(name) is None and not _is_of_version(log, c, name)]
+    if wrong:
+        raise UsageError(f"{log.firmware.name} {log.firmware.version} has no {', '.join(wrong)}")
     if c.params is None:
         return dict(c.row.params)
     known = {p.name for p in c.row.estimator.parameters}
@@ -147,13 +151,31 @@ def flown_parameters(log: FlightLog, c: Configuration) -> dict[str, float | str]
     return {**checked, **c.row.params}
 
 
-def require_reproduction(case: Case, name: str) -> None:
-    """Raise LogUnusable where a filter that is run again with the log's parameters does not follow what flew."""
+def _is_of_version(log: FlightLog, c: Configuration, name: str) -> bool:
+    """Return whether a log's firmware has a parameter of a filter that flew."""
+    table, version = parameter_table(c.row.estimator.name), version_number(log.firmware.version)
+    known = table.TABLE[name.removeprefix(table.PREFIX)]
+    at = table.era_of(version) if hasattr(table, "era_of") else version
+    return bool(known.first <= at <= known.last)
+
+
+def start_remark(found: Reproduction, c: Configuration) -> str:
+    """Return the sentence on parameters that act on a cold start alone, "" where the re-run has one or sets none."""
+    table = parameter_table(c.row.estimator.name)
+    names = [n for n in c.row.params if getattr(table.TABLE[n.removeprefix(table.PREFIX)], "start", False)]
+    if found.start != "warm" or not names:
+        return ""
+    return f"{', '.join(names)}: acts on a cold start alone, and this re-run begins from logged states"
+
+
+def require_reproduction(case: Case, name: str) -> Reproduction:
+    """Return how a filter run again with the log's parameters follows what flew. LogUnusable where it does not."""
     row, _ = rerun_row(case, next(iter(case.imus.values())), estimators.parse(name), name)
     found = row.reproduction
     said = reproduction_text(name, found) if found else f"{name} cannot be compared with what flew."
     if found is None or not found.follows:
         raise LogUnusable(f"{said} Its parameters are not studied; --anyway does")
+    return found
 
 
 def prepare_input(settings: Settings, log: FlightLog, imu: Imu, mag: Mag | None) -> tuple[Imu, Mag | None]:

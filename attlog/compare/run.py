@@ -19,7 +19,7 @@ from attlog.compare.comparison import (
     commonest_reason,
     select_questions,
 )
-from attlog.compare.filter_input import ConfiguredFilter, require_reproduction
+from attlog.compare.filter_input import ConfiguredFilter, require_reproduction, start_remark
 from attlog.compare.paired import Difference, paired, pool
 from attlog.compare.same_flight import FlightTrack, find_repeats, flight_track
 from attlog.compare.setting import Configuration, labels, parse_configuration, setting_argument
@@ -54,7 +54,7 @@ class LogComparison:
     """One log: answers and differences by question and configuration, or its line with a reason.
 
     ``overruns``: sentences on filters from files that exceeded their time. ``track``: to find records of the same
-    flight. ``nothing_ran``: why the first configuration failed where all did.
+    flight. ``nothing_ran``: why the first configuration failed where all did. ``remarks``: sentences on parameters.
     """
 
     line: LogLine
@@ -64,6 +64,7 @@ class LogComparison:
     overruns: tuple[str, ...] = ()
     track: FlightTrack | None = None
     nothing_ran: str = ""
+    remarks: tuple[str, ...] = ()
 
 
 def compare(
@@ -140,8 +141,9 @@ def failed_log(log: Path, name: str, error: Exception) -> LogComparison:
 def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison:
     runs = [ConfiguredFilter(parse_configuration(text, called)) for called, text in plan.configurations]
     case = prepare(log, plan.options)
-    for name_of_filter in {run.row.estimator.name for run in runs if run.configuration.is_flown and not plan.anyway}:
-        require_reproduction(case, name_of_filter)
+    changed = [run.configuration for run in runs if run.configuration.is_flown and not plan.anyway]
+    follows = {name: require_reproduction(case, name) for name in dict.fromkeys(c.row.estimator.name for c in changed)}
+    remarks = [start_remark(follows[c.row.estimator.name], c) for c in changed]
     result = evaluate(case, runs, only={question.metric for question in plan.questions})
     facts = result.log
     sha256 = str(facts.get("sha256") or "")
@@ -159,6 +161,7 @@ def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison
         overruns=tuple(finding.text for finding in result.findings if finding.kind == TIMED_OUT),
         track=flight_track(case.log, name, sha256),
         nothing_ran=nothing_ran(result.estimators),
+        remarks=tuple(filter(None, remarks)),
     )
     by_name = {row.name: row for row in result.estimators}
     rows = [by_name[called] for called, _ in plan.configurations]

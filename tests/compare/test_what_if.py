@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 
 import attlog
 from attlog.compare.comparison import Comparison
-from attlog.compare.filter_input import FilterInput, require_reproduction
+from attlog.compare.filter_input import FilterInput, require_reproduction, start_remark
 from attlog.compare.grid import parse_free_parameters, search_request
 from attlog.compare.run import compare
 from attlog.compare.search import default_metrics
@@ -117,6 +118,18 @@ def test_a_rerun_that_does_not_follow_is_not_studied(case: Case, monkeypatch: py
     assert refused.logs[0].code == 65
     assert anyway.used
     assert anyway.questions
+
+
+def test_a_parameter_of_another_version_is_refused_by_the_log(case: Case) -> None:
+    with pytest.raises(UsageError, match=r"PX4 1\.18\.0 alpha has no EKF2_AID_MASK"):
+        FilterInput.of(case, parse_configuration("EKF2_AID_MASK=0")).rows([{}])
+
+
+def test_a_parameter_of_the_start_is_remarked_in_a_warm_run(case: Case) -> None:
+    found = replace(require_reproduction(case, "px4_ekf2"), start="warm")
+    assert "cold start alone" in start_remark(found, parse_configuration("EKF2_ANGERR_INIT=0.3"))
+    assert start_remark(replace(found, start="cold"), parse_configuration("EKF2_ANGERR_INIT=0.3")) == ""
+    assert start_remark(found, parse_configuration(LATE)) == ""
 
 
 def test_a_log_of_another_firmware_is_refused() -> None:

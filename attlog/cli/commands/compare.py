@@ -142,6 +142,8 @@ class LogReport:
         for sentence in log.overruns:
             self._codes.add(PluginTimeout.exit_code)
             to_stderr(f"attlog: {log.line.path}: {sentence}")
+        for sentence in log.remarks:
+            to_stderr(f"attlog: {log.line.path}: {sentence}")
         if log.nothing_ran and not log.overruns:
             self._codes.add(PluginError.exit_code)
             to_stderr(f"attlog: {log.line.path}: no configuration ran: {log.nothing_ran}")

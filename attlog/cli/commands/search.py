@@ -86,7 +86,7 @@ def sweep_command(
     end(logs.errors)
 
 
-def _reproduction_check(base: Configuration, options: ComparisonOptions) -> Callable[[Case], None] | None:
+def _reproduction_check(base: Configuration, options: ComparisonOptions) -> Callable[[Case], object] | None:
     """Return the check that a filter that flew, run again, follows its own attitude; None where it is not wanted."""
     from attlog.compare.filter_input import require_reproduction
 
