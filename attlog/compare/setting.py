@@ -30,8 +30,14 @@ NUMBERS_PATTERN = re.compile(r"\s*([-+0-9.eE]+(?:/[-+0-9.eE]+)*)\s*(.*?)\s*$")
 MAX_FREQUENCY_HZ = 1e5
 # Suffixes of an estimator file and of an attitude computed elsewhere.
 FILE_SUFFIXES = (".py", ".csv")
-# Filters of the firmwares that run again, by the prefix of their parameters.
-FLOWN_PREFIXES = {"EKF2_": "px4_ekf2", "EK3_": "ap_ekf3"}
+# Filters of the firmwares that run again, by how names of their parameters begin.
+FLOWN_PREFIXES = {
+    "EKF2_": "px4_ekf2",
+    "SENS_GPS0_": "px4_ekf2",
+    "EK3_": "ap_ekf3",
+    "GPS_DELAY_MS": "ap_ekf3",
+    "GPS1_DELAY_MS": "ap_ekf3",
+}
 # A number with text behind it that may be its unit.
 WITH_UNIT = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 

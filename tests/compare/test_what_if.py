@@ -68,8 +68,16 @@ def test_a_value_that_cannot_be_is_refused_in_one_line(word: str, said: str) -> 
     assert "\n" not in str(error.value)
 
 
-def test_the_name_of_another_version_means_the_same_parameter() -> None:
-    assert parse_configuration("EKF2_WIND_NOISE=0.2") == parse_configuration("EKF2_WIND_NSD=0.2")
+@pytest.mark.parametrize(
+    ("word", "same"),
+    [
+        ("EKF2_WIND_NOISE=0.2", "EKF2_WIND_NSD=0.2"),
+        ("SENS_GPS0_DELAY=90", "EKF2_GPS_DELAY=90"),
+        ("GPS1_DELAY_MS=220", "ap_ekf3:GPS_DELAY_MS=220"),
+    ],
+)
+def test_the_name_of_another_version_means_the_same_parameter(word: str, same: str) -> None:
+    assert parse_configuration(word) == parse_configuration(same)
 
 
 def test_parameters_of_a_firmware_are_swept_without_naming_a_filter() -> None:
