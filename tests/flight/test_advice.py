@@ -96,11 +96,6 @@ def test_one_missing_bit_is_what_is_advised() -> None:
     assert modern("rover", everything & ~(1 << 11), "mag") == "Set bit 11 of LOG_BITMASK (compass)."
 
 
-def test_a_compass_that_is_switched_off_is_switched_on_first() -> None:
-    assert modern("plane", 0xFFFF, "mag", COMPASS_ENABLE=0) == "Set COMPASS_ENABLE to 1."
-    assert ardupilot("plane", "3.0.4", {"LOG_BITMASK": 0xFFFF, "MAG_ENABLE": 0}, "mag") == "Set MAG_ENABLE to 1."
-
-
 def test_limits_of_the_rate_are_named_where_they_are_the_reason() -> None:
     limits = {"LOG_FILE_RATEMAX": 10, "LOG_DARM_RATEMAX": 5, "LOG_BACKEND_TYPE": 1, "LOG_MAV_RATEMAX": 10}
     for rate in (5.2, 8.3, 10.0):
@@ -143,21 +138,6 @@ def test_bits_that_came_later_are_not_advised_to_old_versions(what: LoggingNeed)
 
 def test_an_unknown_vehicle_gets_no_number() -> None:
     assert re.search(r"\d", ardupilot("", "", {}, "imu")) is None
-
-
-CASES = {
-    "copter_4.8dev_barodrift.BIN": ("LOG_FILE_RATEMAX 10 Hz", "Set bit 7"),
-    "copter_3.6.8_compass.bin": ("bit 18 (fast IMU)", "bit 7"),
-}
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_advice_of_logs_that_were_told_something_false(corpus: Path, name: str) -> None:
-    log = flight.read(corpus / "logs" / "cases" / name)
-    said = " ".join(p.text for p in log.problems)
-    wanted, never = CASES[name]
-    assert wanted in said
-    assert never not in said
 
 
 # Advice on PX4's logging: src/modules/logger/params.c and logged_topics.cpp.

@@ -13,14 +13,7 @@ from attlog import flight
 from attlog.core.limits import MAX_ATTITUDES
 from attlog.flight import compass
 from attlog.flight.builder import LogBuilder
-from attlog.flight.imu import (
-    ImuCandidate,
-    best_per_unit,
-    choose_imu,
-    longest_held,
-    resample_vectors,
-    validate_candidate,
-)
+from attlog.flight.imu import ImuCandidate, best_per_unit, longest_held, resample_vectors, validate_candidate
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
 from tests.flight.fake import gravity, level, messages, micros
@@ -125,13 +118,6 @@ def test_two_axes_are_no_gyro_and_three_numbers_no_attitude() -> None:
     assert len(r.problems) == 3
 
 
-def test_a_handful_of_samples_is_no_flight() -> None:
-    r = builder()
-    one = validate_candidate(r, candidate(np.zeros((5, 3)), gravity(5).astype(float)))
-    assert choose_imu(r, [one], 0, "it flew", None) is None
-    assert [p.code for p in r.problems] == ["imu_too_short"]
-
-
 @pytest.mark.parametrize(("spikes", "weight"), [(1, "note"), (3, "note"), (4, "warning")])
 def test_single_spikes_of_a_short_log_warn_of_nothing_and_name_the_magnetometer(spikes: int, weight: str) -> None:
     field = np.tile([2e-5, 0, 4e-5], (67, 1))
@@ -207,13 +193,6 @@ def test_a_log_that_is_mostly_damaged_is_not_told_what_to_log() -> None:
     told = next(p.text for p in reader.read(made).problems if p.code == "no_imu")
     assert "900 bytes that are no records at byte 77" in told
     assert "SDLOG" not in told
-
-
-def test_an_attitude_that_is_never_set_is_told() -> None:
-    none = {"timestamp": micros(ODD_RECORDS, 50.0), "q": np.zeros((ODD_RECORDS, 4), np.float32)}
-    log = read({("sensor_combined", 0): combined(), ("vehicle_attitude", 0): none})
-    assert "vehicle_attitude" not in log.attitudes
-    assert [p.count for p in log.problems if p.code == "attitude_unset"] == [ODD_RECORDS]
 
 
 def test_of_more_attitudes_than_a_vehicle_has_those_with_most_records_are_kept() -> None:

@@ -12,7 +12,7 @@ import attlog
 from attlog import flight
 from attlog.flight import imu
 from attlog.flight.builder import LogBuilder
-from attlog.flight.compass import dead_reason, field_spikes
+from attlog.flight.compass import dead_reason
 from attlog.flight.frozen import turned_deg
 from attlog.flight.imu import ImuCandidate, validate_candidate
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
@@ -187,12 +187,6 @@ def test_unset_memory_in_px4_1_14_is_no_gyro_at_the_end_of_its_range(corpus, nam
     assert "gyro_clipped" not in codes(log)
 
 
-def test_a_px4_counter_that_does_not_begin_at_zero_counts_its_growth(corpus):
-    """It stands at 4 and 44 from the first record to the last."""
-    log = attlog.read(corpus / "logs" / "ulg_px4_1.15_fmuv6c_quad_nogps_cut.ulg")
-    assert counted(log)[1] == 0
-
-
 @pytest.mark.parametrize(
     ("name", "clips"),
     [
@@ -202,10 +196,6 @@ def test_a_px4_counter_that_does_not_begin_at_zero_counts_its_growth(corpus):
 )
 def test_ardupilot_counts_by_unit_in_one_record_or_in_one_for_each(corpus, name, clips):
     assert counted(attlog.read(corpus / "logs" / name)) == clips
-
-
-def test_ardupilot_before_3_4_tells_nothing(corpus):
-    assert attlog.read(corpus / "logs" / "cases" / "copter_3.3dev_118.BIN").vibration.clippings == []
 
 
 # Magnetometers: which one measures nothing.
@@ -232,12 +222,3 @@ def test_a_field_that_never_changes_is_none_only_where_the_vehicle_turns(deg: fl
 
 def test_a_field_of_zero_is_none_whatever_the_vehicle_does() -> None:
     assert dead_reason(compass(np.zeros(3)), None) == "all its values are zero"
-
-
-def test_a_record_three_times_as_large_or_small_as_its_neighbours_is_a_spike() -> None:
-    rng = np.random.default_rng(3)
-    field = np.array([21e-6, 2e-6, 42e-6]) * (1.0 + 0.05 * rng.standard_normal((100, 1)))
-    for k, factor in ((20, 4.0), (40, 0.2), (60, 2.0), (70, 0.5), (0, 0.2), (99, 4.0)):
-        field[k] *= factor
-    field[80], field[90] = 0.0, np.nan
-    assert np.flatnonzero(field_spikes(field)).tolist() == [0, 20, 40, 80, 90, 99]

@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 
 from attlog import flight, formats
 from attlog.core import rotation
-from attlog.core.errors import LogUnusable, UsageError
+from attlog.core.errors import UsageError
 from attlog.flight import mavlink
 from attlog.flight.mavlink import PacketClock, TelemetryBuilder, is_steady
 from attlog.flight.model import FlightLog
@@ -187,21 +187,6 @@ def test_a_ground_stations_file_without_a_vehicle_ends_with_65_and_that_sentence
         assert "no vehicle in this MAVLink file" in done.err
 
 
-def test_an_unknown_system_and_a_file_without_vehicle_are_refused() -> None:
-    tables = {("RAW_IMU", ME): raw_imu(100, 50)}
-    with pytest.raises(UsageError, match="system 7"):
-        read(tables, system=7)
-    with pytest.raises(LogUnusable, match="no vehicle"):
-        mavlink.read(messages("tlog", tables, info={"systems": {}, "system": None}), None, None, None)
-
-
-def test_a_unit_that_sends_zeros_is_named_and_not_used() -> None:
-    dead = {k: v if k in ("_t_us", "time_usec") else np.zeros_like(v) for k, v in raw_imu(500, 50).items()}
-    log = read({("RAW_IMU", ME): dead, ("ATTITUDE", ME): attitude(100, 10)})
-    assert log.imu is None
-    assert "imu_all_zero" in {p.code for p in log.problems}
-
-
 def test_heartbeats_tell_arming_mode_and_vehicle() -> None:
     n = 20
     beats = {
@@ -327,14 +312,6 @@ ATTITUDE = told(100 * np.arange(200), time_boot_ms=BOOT_MS, stamp=AHEAD_US + 100
 
 def test_whole_milliseconds_that_have_passed_are_half_of_one_more() -> None:
     assert mavlink.boot_stamps(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [7_500, 4_000_000_000_500]
-
-
-def test_clock_messages_are_put_in_file_order_and_those_that_were_never_set_left_out() -> None:
-    system = told([150, 5], time_boot_ms=[5_035, 0], stamp=[AHEAD_US + 5_035_000, 0], time_unix_usec=[0, 0])
-    own = clock_of(ATTITUDE=ATTITUDE, SYSTEM_TIME=system)
-    assert own.offsets[:4].tolist() == [0, 100, 150, 200]
-    assert own.boot[:4].tolist() == [5_000_500, 5_020_500, 5_035_500, 5_040_500]
-    assert len(own.offsets) == 201
 
 
 @pytest.mark.parametrize(("late", "steady"), [(0.45, True), (0.55, False)])

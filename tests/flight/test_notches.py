@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import pytest
 
 from attlog.flight.notches import (
@@ -34,11 +32,6 @@ def test_a_notch_covers_its_stop_band_or_what_it_measures(mode, reference, follo
     assert found.follows == follows
     assert all(found.covers(f) for f in covered)
     assert found.covers(120.0) == (follows == "measurement")
-
-
-def test_a_throttle_notch_stands_where_it_is_at_hover() -> None:
-    (found,) = active_notches(flew(**ON, INS_HNTCH_MODE=1.0, INS_HNTCH_REF=0.2, MOT_THST_HOVER=0.3))
-    assert found.frequency == pytest.approx(80.0 * math.sqrt(1.5))
 
 
 def test_notches_that_are_off_did_not_fly() -> None:

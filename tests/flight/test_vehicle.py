@@ -11,9 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 from scipy.spatial.transform import Rotation
 
 from attlog.flight import calibration, vehicle
-from attlog.flight.px4 import reader
 from attlog.flight.vehicle import NAME_OF_TYPE, VehicleKind, vehicle_kind, vehicle_name
-from tests.flight.fake import level, messages, micros
 
 ENUM = {number: entry.name for number, entry in mavutil.mavlink.enums["MAV_TYPE"].items()}
 WORDS = (
@@ -55,16 +53,6 @@ def test_wings_decide_on_hover_course_and_lying_inverted() -> None:
     assert (plane.hovers, vtol.hovers, quad.hovers) == (False, True, True)
     assert (plane.fixed_wing, vtol.fixed_wing, quad.fixed_wing) == (True, False, False)
     assert (plane.winged, vtol.winged, quad.winged) == (True, True, False)
-
-
-@pytest.mark.parametrize(
-    ("vehicle_type", "kind"),
-    [(1, VehicleKind.MULTIROTOR), (2, VehicleKind.PLANE), (3, VehicleKind.ROVER), (0, VehicleKind.OTHER)],
-)
-def test_px4_without_a_mavlink_type_tells_by_its_own(vehicle_type: int, kind: VehicleKind) -> None:
-    status = {"timestamp": micros(3, 1), "vehicle_type": [vehicle_type] * 3, "arming_state": [1] * 3}
-    tables = {("vehicle_attitude", 0): {"timestamp": micros(50, 50), "q": level(50)}, ("vehicle_status", 0): status}
-    assert reader.read(messages("ulog", tables)).kind is kind
 
 
 # Numbers of flight modes and of mountings mean what MAVLink's own lists say.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pymavlink import DFReader, mavutil
+from pymavlink import DFReader
 
 import attlog
 from attlog import flight, formats
@@ -16,7 +16,6 @@ from attlog.flight.ardupilot import reader
 from attlog.flight.ardupilot.imu import RecordClock, interpolate_stamps
 from attlog.flight.model import FlightLog
 from attlog.flight.timestamps import gps_time_us
-from attlog.flight.vehicle import ARDUPILOT_MODES
 from attlog.formats.table import ParamChange, Text
 from tests.flight.fake import gravity, messages, micros
 
@@ -354,18 +353,6 @@ def test_a_receiver_whose_week_counter_turned_over_tells_no_date() -> None:
         assert {p.code for p in log.problems} - {"no_mag"} == code, week
 
 
-def test_what_another_unit_saw_before_or_after_the_replayed_one_is_told() -> None:
-    late = imu(TimeUS=micros(N, RATE, 10_000_000 + 20_000_000))
-    log = read({("IMU", 0): imu(), ("IMU", 1): late})
-    told = [p.text for p in log.problems if p.code == "imu_covers_a_part"]
-    assert log.imus[log.imu].index == 0
-    assert len(told) == 1
-    assert "from 20.0 s to 40.0 s" in told[0]
-    assert "--imu 1" in told[0]
-    asked, together = read({("IMU", 0): imu(), ("IMU", 1): late}, imu=1), read({("IMU", 0): imu(), ("IMU", 1): imu()})
-    assert "imu_covers_a_part" not in {p.code for p in (*asked.problems, *together.problems)}
-
-
 def test_a_gyro_of_one_unit_and_an_accelerometer_of_another_are_no_pair() -> None:
     whole = imu(2000, 1000.0)
     gyr = {c: whole[c] for c in ("TimeUS", "GyrX", "GyrY", "GyrZ")}
@@ -413,34 +400,6 @@ def test_a_log_without_any_time_says_so() -> None:
     log = read({("IMU", 0): columns}, texts=())
     assert log.imu is None
     assert {"no_clock", "no_imu"} <= {p.code for p in log.problems}
-
-
-def test_slow_imu_names_the_setting_of_the_firmware() -> None:
-    new = read({("IMU", 0): imu(500, 25.0)}).problems[0].text
-    assert "Set bit 18 (fast IMU) or bit 19 (raw IMU) of LOG_BITMASK." in new
-    old = read({("IMU", 0): imu(500, 25.0)}, texts=(Text("APM:Copter V3.4.6 (e707341b)", 6, 0),))
-    assert old.problems[0].text.endswith(new[new.index("Set bit") :])
-    before = read({("IMU", 0): imu(500, 25.0)}, texts=(Text("APM:Copter V3.1.5 (e707341b)", 6, 0),)).problems[0].text
-    assert "3.4 and later" in before
-
-
-@pytest.mark.parametrize(
-    ("family", "theirs"),
-    [
-        ("copter", mavutil.mode_mapping_acm),
-        ("plane", mavutil.mode_mapping_apm),
-        ("rover", mavutil.mode_mapping_rover),
-        ("sub", mavutil.mode_mapping_sub),
-    ],
-)
-def test_mode_names_agree_with_pymavlink(family: str, theirs: dict[int, str]) -> None:
-    def letters(name: str) -> str:
-        return name.replace("_", "").upper()
-
-    ours = ARDUPILOT_MODES[family]
-    common = {n: (letters(ours[n]), letters(theirs[n])) for n in ours.keys() & theirs.keys()}
-    assert len(common) > 8
-    assert {n: pair for n, pair in common.items() if pair[0] != pair[1]} == {}
 
 
 @pytest.mark.parametrize(
@@ -511,9 +470,3 @@ def test_the_crash_of_a_log_without_an_imu_is_told(corpus):
     assert (crash.kind, crash.t) == ("overturn", pytest.approx(104.9, abs=0.5))
     assert any("ERR 12/1" in x for x in crash.evidence)
     assert any(e.kind == "liftoff" and e.evidence == ["CTUN.BarAlt"] for e in result.events)
-
-
-def test_an_attitude_that_turns_over_without_imu_or_report_is_no_crash(corpus):
-    log = attlog.read(corpus / "logs" / "log_copter_3.1_noimu.log")
-    log.problems = [p for p in log.problems if p.code != "crash"]
-    assert not [e for e in attlog.analyze(log).events if e.severity == "serious"]

@@ -88,16 +88,6 @@ def test_a_velocity_that_is_said_to_be_invalid_is_none() -> None:
     assert np.isnan(one.vel_ned).any(axis=1).tolist() == [False, False, True, False, True, False]
 
 
-def test_the_topic_that_was_logged_faster_is_the_receiver() -> None:
-    made = builder(vehicle_gps_position=receiver(), sensor_gps=receiver())
-    short = {"timestamp": T[:3], **{k: v[:3] for k, v in receiver().items()}}
-    tables: Any = {("vehicle_gps_position", 0): short, ("sensor_gps", 1): {"timestamp": T, **receiver()}}
-    faster = TopicBuilder(fake.messages("ulog", tables), t0_us=int(T[0]))
-    assert sensors.receivers(made)[0].source == "vehicle_gps_position:0"
-    assert sensors.receivers(faster)[0].source == "sensor_gps:1"
-    assert sensors.receivers(builder(other={"x": np.zeros(N)})) == []
-
-
 def test_the_date_is_the_median_of_what_receivers_with_a_fix_tell() -> None:
     unix = 1_700_000_000_000_000 + (T - T[0]).astype(np.int64)
     unix[1] += 90_000_000

@@ -128,17 +128,8 @@ def resubscriptions(n: int) -> bytes:
     )
 
 
-def repeated_subscriptions(n: int) -> bytes:
-    return log(PLAIN, *(subscribe("a", 1) + one(k) for k in range(n)))
-
-
 def headers(n: int) -> bytes:
     return b"".join(log(PLAIN, one(k)) for k in range(n))
-
-
-def headers_without_definitions(n: int) -> bytes:
-    """Each power-up subscribes something else that is not defined."""
-    return b"".join(log(subscribe(f"nothing{k}", 1), one(k)) for k in range(n))
 
 
 def bare_headers(n: int) -> bytes:
@@ -161,16 +152,8 @@ def parameters_in_data(n: int) -> bytes:
     return log(PLAIN, *(one(k) + record("P", keyed(f"float P{k:07d}", bytes(4))) for k in range(n)))
 
 
-def parameter_defaults(n: int) -> bytes:
-    return log(*(record("Q", b"\x01" + keyed(f"int32_t P{k:07d}", bytes(4))) for k in range(n)), PLAIN, one(1))
-
-
 def texts(n: int) -> bytes:
     return log(PLAIN, *(record("L", b"6" + struct.pack("<Q", k) + b"text") + one(k) for k in range(n)))
-
-
-def tagged_texts(n: int) -> bytes:
-    return log(PLAIN, *(record("C", b"6" + struct.pack("<HQ", k % 65536, k) + b"text") for k in range(n)))
 
 
 def statements(n: int) -> bytes:
@@ -179,10 +162,6 @@ def statements(n: int) -> bytes:
 
 def a_statement_in_parts(n: int) -> bytes:
     return log(*(record("M", bytes([k > 0]) + keyed("char[60] dump", b"x" * 60)) for k in range(n)), PLAIN, one(1))
-
-
-def statements_in_parts(n: int) -> bytes:
-    return log(*(record("M", b"\0" + keyed(f"uint8_t[4] d{k:07d}", b"abcd")) for k in range(n)), PLAIN, one(1))
 
 
 def dropouts(n: int) -> bytes:
@@ -229,19 +208,14 @@ BUILDERS: tuple[Callable[[int], bytes], ...] = (
     instances,
     topics,
     resubscriptions,
-    repeated_subscriptions,
     headers,
-    headers_without_definitions,
     bare_headers,
     layouts,
     parameters,
     parameters_in_data,
-    parameter_defaults,
     texts,
-    tagged_texts,
     statements,
     a_statement_in_parts,
-    statements_in_parts,
     dropouts,
     synchronisation,
     records_of_an_unknown_type,

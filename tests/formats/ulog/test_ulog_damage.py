@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from attlog import formats
 from attlog.core.errors import AttlogError
@@ -210,28 +208,6 @@ def test_looking_for_false_records_keeps_none_of_them_in_memory(raw: np.ndarray,
             tracemalloc.stop()
     assert log.damage
     assert kept[1] < kept[0] + 0.5 * len(raw)
-
-
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_whatever_bytes_change_the_reader_ends_with_a_log_or_an_error(
-    data: st.DataObject, small: bytes, tmp_path: Path
-) -> None:
-    hurt = bytearray(small)
-    for _ in range(data.draw(st.integers(1, 6))):
-        at = data.draw(st.integers(0, len(hurt) - 1))
-        junk = data.draw(st.binary(min_size=0, max_size=30))
-        gone = data.draw(st.integers(0, 30))
-        hurt[at : at + gone] = junk
-    (tmp_path / "any.ulg").write_bytes(hurt)
-    try:
-        log = formats.open(tmp_path / "any.ulg")
-    except AttlogError:
-        return
-    for table in log.values():
-        for name in table.fields:
-            assert len(table[name]) == len(table)
-    assert 0 <= log.damage_bytes <= 2 * len(hurt)
 
 
 @pytest.mark.parametrize(("wrong", "doubted"), [(2, 2), (150, 0)])
