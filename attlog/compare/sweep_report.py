@@ -17,6 +17,7 @@ from attlog.compare.search import SettingResult, Sweep, SweepColumn
 from attlog.compare.tables import TableCells
 from attlog.core import files
 from attlog.core.plain import to_plain
+from attlog.estimators.registry import FLOWN
 from attlog.report.figures.figure import PageFigure, json_numbers
 from attlog.words.numbers import between, change, change_end, counted, listed, number, quantity, unit_sign
 from attlog.words.text import clean
@@ -45,16 +46,17 @@ def sweep_sentences(s: Sweep, references: Mapping[str, int] | None = None) -> It
     """Return a sentence block for each question, and a remark on logs without truth (``references``: logs by kind)."""
     for column in s.columns:
         yield " ".join(_question_sentences(s, column))
-    yield from agreement_sentence(references or {})
+    yield from agreement_sentence(references or {}, s.filter)
 
 
-def agreement_sentence(references: Mapping[str, int]) -> Iterator[str]:
+def agreement_sentence(references: Mapping[str, int], filter_name: str) -> Iterator[str]:
     """Return the remark for logs that hold no truth."""
     if references.get("onboard"):
-        yield (
-            f"{counted(references['onboard'], 'log')} of {sum(references.values())} can only be compared with the "
-            "onboard attitude: what agrees with it, not with the truth."
-        )
+        some = f"{counted(references['onboard'], 'log')} of {sum(references.values())}"
+        if filter_name.partition(":")[0] in FLOWN:
+            yield f"On {some} neither truth nor smoother judges: innovations alone do."
+        else:
+            yield f"{some} can only be compared with the onboard attitude: what agrees with it, not with the truth."
 
 
 def count_references(about: Mapping[str, Any]) -> dict[str, int]:

@@ -16,25 +16,17 @@ from attlog.words.findings import shown_checks
 from attlog.words.names import row_names
 from attlog.words.numbers import counted, unit_sign
 from attlog.words.table import ColumnHeading, main_table
-from attlog.words.text import CONTROL, clean, escape_markdown
+from attlog.words.text import clean, escape_markdown
 
 TableForm = Literal["md", "csv", "tex"]
 TableCells = tuple[Sequence[str], Sequence[Sequence[str]]]
-LATEX_SIGNS = {
-    "\\": r"\textbackslash{}",
-    "&": r"\&",
-    "%": r"\%",
-    "$": r"\$",
-    "#": r"\#",
-    "_": r"\_",
-    "{": r"\{",
-    "}": r"\}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
+# Signs that LaTeX's fonts lack, after its special signs were escaped.
+LATEX_SIGNS: dict[str, str | int | None] = {
     "°": r"$^\circ$",
     "±": r"$\pm$",
     "−": r"$-$",
     "×": r"$\times$",
+    "÷": r"$\div$",
     "√": r"$\sqrt{}$",
     "µ": r"$\mu$",
     "²": r"$^2$",
@@ -62,21 +54,14 @@ def table_markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "".join([first, rule, *others])
 
 
-def table_latex(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a LaTeX tabular with the rules of booktabs."""
+def table_latex(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str | None = None) -> str:
+    """Return a LaTeX tabular with the rules of booktabs, with a caption a table environment."""
+    import pandas
 
-    def line(cells: Sequence[str]) -> str:
-        return "  " + " & ".join(map(latex_escaped, cells)) + " \\\\\n"
-
+    frame = pandas.DataFrame([list(map(clean, row)) for row in rows], columns=list(map(clean, head)))
     columns = "l" + "r" * (len(head) - 1)
-    body = "".join(map(line, rows))
-    whole = f"  \\toprule\n{line(head)}  \\midrule\n{body}  \\bottomrule\n"
-    return f"\\begin{{tabular}}{{{columns}}}\n{whole}\\end{{tabular}}\n"
-
-
-def latex_escaped(text: str) -> str:
-    """Return a text with LaTeX's special signs escaped."""
-    return "".join(LATEX_SIGNS.get(c, c) for c in CONTROL.sub(" ", " ".join(text.splitlines())))
+    text: str = frame.to_latex(index=False, escape=True, column_format=columns, caption=caption, position=None)
+    return text.translate(str.maketrans(LATEX_SIGNS))
 
 
 BEST_MARK, UNRANKED_MARK = "*", "~"
@@ -350,7 +335,6 @@ def comparison_latex(found: Comparison) -> str:
     """Return tables for LaTeX with the package booktabs, one table environment each."""
     parts = ["% Tables of attlog compare; needs \\usepackage{booktabs}"]
     for table in comparison_tables(found):
-        caption = latex_escaped(f"{table.title} ({table.caption})")
-        tabular = table_latex(table.head, table.rows)
-        parts.append(f"\\begin{{table}}\n\\centering\n\\caption{{{caption}}}\n{tabular}\\end{{table}}\n")
+        caption = f"{table.title} ({table.caption})".replace("_", r"\_").replace("%", r"\%")
+        parts.append(table_latex(table.head, table.rows, caption))
     return "\n".join(parts)

@@ -53,7 +53,7 @@ def tune_sentences(t: Tuning, references: Mapping[str, int]) -> Iterator[str]:
             lost.setdefault((t.parts[k].name, why), []).append(score.question.title)
     for (name, why), titles in lost.items():
         yield f"Not counted: {listed(titles)} of {clean(name)} ({why})."
-    yield from agreement_sentence(references)
+    yield from agreement_sentence(references, t.filter)
 
 
 def _recommendation(t: Tuning) -> str:
