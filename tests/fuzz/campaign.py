@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
+from attlog.core.limits import LAST_TIME_US
 from attlog.flight import limits
 from attlog.result.document import complete_answers
 from attlog.result.schema import schema
@@ -59,9 +60,9 @@ BY_NAME = {
     "t": (-DAY_S, DAY_S),
     "t0": (-DAY_S, DAY_S),
     "t1": (-DAY_S, DAY_S),
-    "t0_us": (0.0, limits.CLOCK_US.high),
+    "t0_us": (0.0, LAST_TIME_US),
     "seconds": (0.0, DAY_S),
-    "utc_offset": (-limits.CLOCK_US.high * 1e-6, limits.UTC_US.high * 1e-6),
+    "utc_offset": (-LAST_TIME_US * 1e-6, limits.UTC_US.high * 1e-6),
     "scoring_start_s": (-DAY_S, DAY_S),
     "floor_deg": (0.0, 180.0),
     "earth_turn_deg_per_min": (-1.0, 1.0),
