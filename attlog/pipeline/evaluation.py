@@ -42,6 +42,7 @@ from attlog.metrics.trace import Trace
 from attlog.pipeline import onboard_rerun, preparation, replay
 from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages
+from attlog.pipeline.proven_settings import prove_settings
 from attlog.pipeline.replay import Chosen
 from attlog.pipeline.summary import describe
 from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Track
@@ -62,6 +63,8 @@ def checks_of(
     asked = HealthCase(log, phases, ref, lambda: None if case is None else motion_attitude(case))
     with log_cache():
         found = guarded_part(log, "The checks", lambda: run_checks(asked), list[Check])
+        if case is not None:
+            found = guarded_part(log, "Settings run again", partial(prove_settings, case, found), lambda: found)
         if drawn is not None:
             drawn += traces(asked, found)
     return found

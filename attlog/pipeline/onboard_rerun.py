@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -83,10 +84,15 @@ def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
     )
 
 
-def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Track, EstimatorRow]:
-    """Run the onboard filter again with the values of ``spec`` over the log's own. UsageError for a thin log."""
+def rerun_row(
+    case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str, field_error_ut: Array | None = None
+) -> tuple[Track, EstimatorRow]:
+    """Run the onboard filter again with the values of ``spec`` over the log's own. UsageError for a thin log.
+
+    ``field_error_ut`` (3,): error of the compass in body axes that is removed from its samples first.
+    """
     changes = {key: float(value) for key, value in spec.params.items()}
-    found = run_again(case, imu, spec.estimator.name, changes)
+    found = run_again(case, imu, spec.estimator.name, changes, field_error_ut)
     estimate = found.estimate(case.log.t0_us * 1e-6)
     row = reference.replayed(
         case.log,
@@ -101,7 +107,7 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
     )
     row.imu, row.ns_per_update, row.aux = imu, None, dict(estimate.aux)
     row.aux[DIFFERENCE] = onboard_difference(case, estimate)
-    row.reproduction = None if changes else reproduction(case, estimate, found.start)
+    row.reproduction = None if changes or field_error_ut is not None else reproduction(case, estimate, found.start)
     known = {p.name: p for p in spec.estimator.parameters}
     parameters = {k: ParameterValue(v, "option", known[k].unit, known[k].meaning) for k, v in spec.params.items()}
     from attlog.pipeline.replay import table_row
@@ -109,12 +115,17 @@ def rerun_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -
     return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
 
 
-def run_again(case: Case, imu: Imu, name: str, changes: Mapping[str, float]) -> Rerun:
+def run_again(
+    case: Case, imu: Imu, name: str, changes: Mapping[str, float], field_error_ut: Array | None = None
+) -> Rerun:
     """Run a firmware's filter again with parameters (full names) over the log's own.
 
     UsageError where the log is of another firmware, or too thin.
     """
     inputs = inputs_of(case, str(imu.index) if case.log.firmware.name == "ArduPilot" else "")
+    if field_error_ut is not None and len(inputs.mag["t"]):
+        field = inputs.mag["x"] - field_error_ut * 1e-6 * GAUSS_PER_TESLA
+        inputs = replace(inputs, mag={**inputs.mag, "x": field})
     if name == "ap_ekf3":
         from attlog.estimators.ekf3 import parameters as ekf3
         from attlog.estimators.ekf3.run import rerun as rerun_ekf3
