@@ -261,8 +261,7 @@ def use_compass(
         c[DECLINATION_DUE] = 0.0
         due[OBS_DECLINATION] = 1.0
         w.z[OBS_DECLINATION], w.noise[OBS_DECLINATION] = declination, FIRST_DECLINATION_SIGMA**2
-    by_nose = abs(r[2, 0]) < abs(r[2, 1])
-    predicted = math.atan2(r[1, 0], r[0, 0]) if by_nose else math.atan2(-r[0, 1], r[1, 1])
+    predicted = present_heading(f)
     turning = math.sqrt(f.rate[0] ** 2 + f.rate[1] ** 2 + f.rate[2] ** 2)
     still = c[ON_GROUND] > 0.0 and turning < 0.1
     if not still:
@@ -330,6 +329,7 @@ def use_compass(
     if c[YAW] == 0.0:
         return
     if c[MAG_LEARN] == 0.0 or c[FIELD_SET] == 0.0:
+        predicted = present_heading(f)  # a reset may have changed it
         north, east = math.cos(predicted), math.sin(predicted)
         # the field in axes turned back by the predicted heading
         fn = r[0, 0] * m[0] + r[0, 1] * m[1] + r[0, 2] * m[2]
@@ -347,6 +347,14 @@ def use_compass(
     if x[16] > 1e-3 and (c[GNSS_ON] == 0.0 or known.has_table > 0.0):
         due[OBS_DECLINATION] = 1.0
         w.z[OBS_DECLINATION], w.noise[OBS_DECLINATION] = declination, DECLINATION_SIGMA**2
+
+
+def present_heading(f: Filter) -> float:
+    """Return the heading in rad by the order of rotations that is better conditioned."""
+    r = f.r
+    if abs(r[2, 0]) < abs(r[2, 1]):
+        return math.atan2(r[1, 0], r[0, 0])
+    return math.atan2(-r[0, 1], r[1, 1])
 
 
 def accept_gnss(f: Filter, par: Parameters, g: F1, t: float) -> None:
@@ -493,12 +501,12 @@ def measure_position(
             for i in range(2):
                 due[OBS_VEL_N + i] = 1.0
                 z[OBS_VEL_N + i] = 0.0
-                noise[OBS_VEL_N + i] = sigma * sigma
+                noise[OBS_VEL_N + i] = sigma * sigma * scale
         else:
             for i in range(2):
                 due[OBS_POS_N + i] = 1.0
                 z[OBS_POS_N + i] = c[HELD_N] if i == 0 else c[HELD_E]
-                noise[OBS_POS_N + i] = sigma * sigma
+                noise[OBS_POS_N + i] = sigma * sigma * scale
     if has_height:
         gate_height(f, par, kind, down, noise[kind], t, w)
     c[ARMED_BEFORE] = 1.0 if armed else 0.0
