@@ -217,7 +217,10 @@ def control_aiding(f: Filter, par: Parameters, known: Known, t: float, starts: b
     if t - max(c[T_VELOCITY], c[T_POSITION], c[T_AIRSPEED]) > AID_S:
         c[GNSS_ON] = 0.0
         c[HELD_N], c[HELD_E] = x[7], x[8]
+        x[4] = x[5] = 0.0
         x[9] = -c[HEIGHT]
+        forget_rows(f.P, VEL, 2, par.velne_m_nse**2)
+        forget_rows(f.P, POS, 2, par.noaid_m_nse**2)
         c[T_GOOD] = t
 
 
