@@ -34,22 +34,30 @@ BATCH_SIZE = 32
 
 
 # Innovations of a filter that flew, by what a parameter's name holds: the first that fits decides.
-DECIDING_AIDS = {"GPS": "gnss_velocity", "VEL": "gnss_velocity", "MAG": "compass_field", "HDG": "compass_heading"}
+DECIDING_AIDS = {
+    "GPS": "gnss_velocity",
+    "VEL": "gnss_velocity",
+    "MAG": "compass_field",
+    "HDG": "compass_heading",
+    "BARO": "height",
+    "HGT": "height",
+}
 FLOWN_AIDS = ("gnss_velocity", "compass_field", "compass_heading", "height")
 
 
-def default_metrics(case: Case, configuration: Configuration, axes: Iterable[str], plain: Sequence[str]) -> list[str]:
-    """Return the metrics that judge settings on a log where none are named, the deciding one first.
+def flown_questions(
+    cases: Sequence[Case], configuration: Configuration, axes: Iterable[str], plain: Sequence[str]
+) -> tuple[list[Question], list[Question]]:
+    """Return what judges settings of a filter that flew: metrics of ``plain``, and innovations, the deciding one first.
 
-    ``plain``: those of ordinary filters. A filter that flew is judged by its innovations where the reference is its own
-    attitude, else also by them. ``axes``: parameters that are varied.
+    Without those of ``plain`` where the reference of a log is the filter's own attitude. Innovations are those of the
+    first log. ``axes``: parameters that are varied.
     """
-    if not configuration.is_flown:
-        return list(plain)
     own = [aid for axis in axes for part, aid in DECIDING_AIDS.items() if part in axis]
-    own += ["height"] * any("BARO" in axis or "HGT" in axis for axis in axes)
-    innovations = [f"innovation_rms.{aid}" for aid in dict.fromkeys([*own, *FLOWN_AIDS])]
-    return innovations if case.reference.kind == "onboard" else [*plain, *innovations]
+    innovations = swept_questions(f"innovation_rms.{aid}" for aid in dict.fromkeys([*own, *FLOWN_AIDS]))
+    answers = SettingsOnLog(cases[0], configuration, innovations)([{}])[0].answers
+    judged = [] if any(case.reference.kind == "onboard" for case in cases) else swept_questions(plain)
+    return judged, [q for q in innovations if answers[q].value is not None]
 
 
 def swept_questions(texts: Iterable[str]) -> list[Question]:
@@ -139,12 +147,6 @@ class SettingsOnLog:
                 found[q] = answer or missing("not_applicable", nothing, q.unit, window)
         why = _unsound_reason(row) or (following.why_uncorrected(seen, row) or "" if self.guarded else "")
         return SettingResult(found, row.status, why)
-
-
-def answered(case: Case, configuration: Configuration, questions: Sequence[Question]) -> list[Question]:
-    """Return the questions that the default gains answer on a log; all where they answer none."""
-    answers = SettingsOnLog(case, configuration, questions)([{}])[0].answers
-    return [q for q in questions if answers[q].value is not None] or list(questions)
 
 
 def _unsound_reason(row: Track) -> str:

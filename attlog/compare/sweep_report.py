@@ -85,7 +85,7 @@ def _question_sentences(s: Sweep, c: SweepColumn) -> Iterator[str]:
     else:
         yield "All others are significantly worse, or have no value on some log."
     if c.differences[s.base].value is not None:
-        yield f"Default gains: {difference_text(c.differences[s.base], unit)}."
+        yield f"{_base_name(s).capitalize()}: {difference_text(c.differences[s.base], unit)}."
     edges = axes_at_edge(s, c.single)
     all_equal = {*c.near, c.single, s.base} >= set(range(len(s.settings)))  # which end is best is then chance
     if edges and not all_equal:
@@ -95,6 +95,11 @@ def _question_sentences(s: Sweep, c: SweepColumn) -> Iterator[str]:
         rest = len(some) - MAX_NAMED_LOGS + 1
         names = listed(some if len(some) <= MAX_NAMED_LOGS else [*some[: MAX_NAMED_LOGS - 1], f"{rest} more"])
         yield f"Not counted: {clean(names)} ({next(iter(c.left_out.values()))})."
+
+
+def _base_name(s: Sweep) -> str:
+    """Return what the settings without values are: those that flew, or the default gains."""
+    return "as flown" if s.filter.partition(":")[0] in FLOWN else DEFAULT_GAINS
 
 
 def value_ranges(s: Sweep, numbers: Sequence[int]) -> str:
@@ -148,7 +153,7 @@ def sweep_rows(s: Sweep) -> TableCells:
     head = [*axes, *(f"{c.question.title} [{c.question.unit}]" for c in s.columns), "beside the best"]
     rows = []
     for k in sorted(range(len(s.settings)), key=lambda k: (math.isnan(first.score[k]), first.score[k], k)):
-        values = [value_text(s.settings[k].get(a, DEFAULT_GAINS)) for a in axes]
+        values = [value_text(s.settings[k].get(a, _base_name(s))) for a in axes]
         scores = [three_digits(float(c.score[k])) for c in s.columns]
         beside = "best" if k == first.single else difference_text(first.differences[k], first.question.unit)
         rows.append([*values, *scores, beside])

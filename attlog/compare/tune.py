@@ -111,6 +111,12 @@ class ObjectiveTerm:
     question: Question
     weight: float
 
+    @classmethod
+    def of(cls, question: Question) -> ObjectiveTerm:
+        """Return the term of a question with weight 1 and its short name."""
+        names = {metric: name for name, metric in TERM_NAMES.items()}
+        return cls(names.get(question.metric, question.metric), question, 1.0)
+
 
 def parse_objective(texts: Sequence[str]) -> list[ObjectiveTerm]:
     """Return the terms of texts such as ``tilt=1``, ``tilt=1,noise=0.5``, ``lag_ms@airborne=0.2``.

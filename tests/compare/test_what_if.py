@@ -13,7 +13,7 @@ from attlog.compare.comparison import Comparison
 from attlog.compare.filter_input import FilterInput, require_reproduction, start_remark
 from attlog.compare.grid import parse_free_parameters, search_request
 from attlog.compare.run import compare
-from attlog.compare.search import default_metrics
+from attlog.compare.search import flown_questions
 from attlog.compare.setting import parse_configuration
 from attlog.compare.setting_words import select_words, with_params_file
 from attlog.core.errors import LogUnusable, UsageError
@@ -157,14 +157,16 @@ def test_of_a_parameter_file_only_what_differs_from_the_log_is_changed(case: Cas
     assert np.array_equal(by_file.q, by_name.q)
 
 
-def test_a_sweep_is_decided_by_truth_and_else_by_the_aid_of_its_parameter(case: Case) -> None:
+def test_a_search_is_decided_by_truth_and_else_by_the_aid_of_its_parameter(case: Case) -> None:
     flown = parse_configuration("px4_ekf2")
-    assert default_metrics(case, flown, ["EKF2_MAG_NOISE"], ["tilt_rmse_deg"])[:2] == [
-        "tilt_rmse_deg",
-        "innovation_rms.compass_field",
-    ]
+    judged, innovations = flown_questions([case], flown, ["EKF2_MAG_NOISE"], ["tilt_rmse_deg"])
+    assert [q.metric for q in judged] == ["tilt_rmse_deg"]
+    assert innovations[0].metric == "innovation_rms.compass_field"
+    assert "innovation_rms.compass_heading" not in [q.metric for q in innovations], "this log has none"
     own = attlog.prepare(STEPS, {"reference": "onboard"})
-    assert default_metrics(own, flown, ["EKF2_GPS_DELAY"], ["tilt_rmse_deg"])[0] == "innovation_rms.gnss_velocity"
+    judged, innovations = flown_questions([own], flown, ["EKF2_GPS_DELAY"], ["tilt_rmse_deg"])
+    assert judged == []
+    assert innovations[0].metric == "innovation_rms.gnss_velocity"
 
 
 # Statistics of innovations that are known.

@@ -64,7 +64,7 @@ def sweep_command(
     base = parse_configuration(asked.filter)
     metrics = metric or SWEEP_METRICS
     grid, _ = parse_all(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
-    for sentence in decimal_comma_hints(asked.axes):
+    for sentence in () if base.is_flown else decimal_comma_hints(asked.axes):
         to_stderr(f"attlog: {sentence}")
     with progress(common.quiet, common.verbose > 0):
         logs = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
@@ -97,12 +97,13 @@ def _on_logs(
     logs: PreparedLogs, base: Configuration, metrics: Sequence[str] | None, axes: Sequence[str]
 ) -> Iterator[SettingsOnLog]:
     """Yield the logs with the questions of ``metrics``, by default those that the first log answers."""
-    from attlog.compare.search import SettingsOnLog, answered, default_metrics, swept_questions
+    from attlog.compare.search import SettingsOnLog, flown_questions, swept_questions
 
     questions = swept_questions(metrics or SWEEP_METRICS)
     for number, case in enumerate(logs):
         if number == 0 and base.is_flown and not metrics:
-            questions = answered(case, base, swept_questions(default_metrics(case, base, axes, SWEEP_METRICS)))
+            judged, innovations = flown_questions([case], base, axes, SWEEP_METRICS)
+            questions = judged + innovations
         yield SettingsOnLog(case, base, questions)
         del case
 
@@ -186,9 +187,9 @@ def tune_command(
     """
     from attlog.compare import tune_report
     from attlog.compare.grid import parse_free_parameters, search_request
-    from attlog.compare.search import SettingsOnLog, default_metrics, swept_questions
+    from attlog.compare.search import SettingsOnLog, flown_questions, swept_questions
     from attlog.compare.setting import parse_configuration
-    from attlog.compare.tune import GENERATIONS, parse_objective, tune
+    from attlog.compare.tune import GENERATIONS, ObjectiveTerm, parse_objective, tune
 
     asked = search_request(words, TUNE_EXAMPLE)
     base = parse_configuration(asked.filter)
@@ -200,14 +201,13 @@ def tune_command(
     with progress(common.quiet, common.verbose > 0):
         prepared = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
         cases = list(prepared)
+        beside = swept_questions(SIDE_EFFECT_METRICS)
         if base.is_flown:
-            judged = [default_metrics(c, base, [f.name for f in free], goals) for c in cases]
-            others_of = [*SIDE_EFFECT_METRICS, *default_metrics(cases[0], base, (), ())]
-            terms = terms if objective else parse_objective(min(judged, key=len))
-        else:
-            others_of = list(SIDE_EFFECT_METRICS)
+            judged, innovations = flown_questions(cases, base, [f.name for f in free], SWEEP_METRICS)
+            beside += innovations
+            terms = terms if objective else [ObjectiveTerm.of(q) for q in judged or innovations]
         logs = [SettingsOnLog(c, base, [t.question for t in terms], guarded=True) for c in cases]
-        others = [SettingsOnLog(c, base, swept_questions(others_of)) for c in cases]
+        others = [SettingsOnLog(c, base, beside) for c in cases]
         first = {f.name: logs[0].values[f.name] for f in free}
         found = tune(asked.filter, free, terms, logs, others, first, GENERATIONS, seed)
         about = prepared.about()
