@@ -17,11 +17,9 @@ import numpy as np
 import pytest
 
 from attlog import analyze, flight
-from attlog import flight as room
 from attlog.core import rotation
 from attlog.core.errors import AttlogError, TooLittleMemory, error_message, exit_code
 from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S, MAG_LIMIT_T
-from attlog.flight import read
 from attlog.flight.model import FlightLog, Stream
 from attlog.formats.table import Messages, Table
 from attlog.pipeline.inspection import inspect
@@ -443,29 +441,29 @@ def log_of(samples: int, name: str = "sensor_combined") -> Messages:
 
 
 def test_samples_beyond_the_memory_are_refused_with_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(room, "available_bytes", lambda: 4_000_000_000)
-    room.check_flight_memory(log_of(4_000_000_000 // room.FLIGHT_BYTES))
+    monkeypatch.setattr(flight, "available_bytes", lambda: 4_000_000_000)
+    flight.check_flight_memory(log_of(4_000_000_000 // flight.FLIGHT_BYTES))
     with pytest.raises(TooLittleMemory, match=r"long.ulg: needs some 5\.1 GB .* 30,000,000 .* 4\.0 GB are free"):
-        room.check_flight_memory(log_of(30_000_000))
+        flight.check_flight_memory(log_of(30_000_000))
 
 
 @pytest.mark.parametrize("work", [inspect, analyze])
 def test_what_is_made_of_a_flight_is_asked_for_too(
     work: Callable[[Path], object], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(room, "ALWAYS_ALLOWED_SAMPLES", 0)
-    samples = len(read(SAMPLES / "px4_hover.ulg").imus[0].gyro.t)
-    monkeypatch.setattr(room, "available_bytes", lambda: samples * room.FLIGHT_BYTES)  # enough to read it
+    monkeypatch.setattr(flight, "ALWAYS_ALLOWED_SAMPLES", 0)
+    samples = len(flight.read(SAMPLES / "px4_hover.ulg").imus[0].gyro.t)
+    monkeypatch.setattr(flight, "available_bytes", lambda: samples * flight.FLIGHT_BYTES)  # enough to read it
     with pytest.raises(TooLittleMemory, match=r"px4_hover\.ulg: needs"):
         work(SAMPLES / "px4_hover.ulg")
 
 
 def test_what_is_short_or_has_no_inertial_samples_or_nobody_tells_is_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(room, "available_bytes", lambda: 0)
-    room.check_flight_memory(log_of(room.ALWAYS_ALLOWED_SAMPLES))
-    room.check_flight_memory(log_of(20_000_000, "actuator_outputs"))
-    monkeypatch.setattr(room, "available_bytes", lambda: None)
-    room.check_flight_memory(log_of(20_000_000))
+    monkeypatch.setattr(flight, "available_bytes", lambda: 0)
+    flight.check_flight_memory(log_of(flight.ALWAYS_ALLOWED_SAMPLES))
+    flight.check_flight_memory(log_of(20_000_000, "actuator_outputs"))
+    monkeypatch.setattr(flight, "available_bytes", lambda: None)
+    flight.check_flight_memory(log_of(20_000_000))
 
 
 def test_memory_that_runs_out_is_no_bug_of_attlog() -> None:
