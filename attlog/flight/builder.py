@@ -20,7 +20,7 @@ from attlog.core.limits import LAST_TIME_US, READ_BYTES
 from attlog.core.timestamps import Stamps, ValidRecords, plausible_records
 from attlog.flight import limits
 from attlog.flight.limits import Quantity
-from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Problem, Severity, Stream, TimeLine
+from attlog.flight.model import Array, Attitude, Clipping, Firmware, FlightLog, Problem, Severity, Stream, TimeLine
 from attlog.flight.timestamps import isolated_timestamps, read_stamps
 from attlog.formats.table import Messages, Table
 
@@ -33,6 +33,8 @@ VALUE_CODES = ("values_out_of_range", "rate_impossible")
 MAX_SAMPLE_AGE_US = 1_000_000
 # Share of records with a possible sample age from which the column of sample times counts.
 MIN_SAMPLED_SHARE = 0.9
+# Records of a counter closer than this may share a stamp.
+MIN_COUNTED_S = 1.0
 # Steps of logged angles of old records, in deg.
 ANGLE_STEP_DEG = 0.01
 
@@ -175,6 +177,21 @@ class LogBuilder:
         text = f"{source}: left out {count:,} of {x.size:,} values of {quantity.name}, outside {quantity.limits}"
         self.problem("values_out_of_range", "warning", f"{text} ({quantity.why}).", count=count)
         return np.where(beyond, np.nan, x)
+
+    def clipping(self, sensor: str, unit: int, source: str, table: Table, column: str) -> Clipping:
+        """Return what a counter of clipped samples (n,), or one of each axis (n, k), counts; a fall is a restart.
+
+        More than the sensor can sample since the record before is no count, and becomes a problem.
+        """
+        stamps, counts = self.stamps(table), table[column].astype(np.int64).reshape(len(table), -1)
+        new = np.maximum(np.diff(counts, axis=0, prepend=counts[:1]), 0).sum(axis=1)
+        elapsed_s = np.maximum(1e-6 * np.diff(stamps, prepend=stamps[:1]), MIN_COUNTED_S)
+        impossible = new > 3 * limits.RAW_HZ * elapsed_s
+        if impossible.any():
+            count = int(np.count_nonzero(impossible))
+            text = f"{source}: left out {count:,} of {len(new):,} counts, higher than a sensor can sample."
+            self.problem("values_out_of_range", "warning", text, count=count)
+        return Clipping(sensor, unit, source, self.seconds(stamps), np.where(impossible, 0, new), True)
 
     def add_value_problems(self, other: LogBuilder) -> None:
         """Add another builder's problems of values; its times were reported with another stream of the records."""
@@ -409,12 +426,6 @@ def columns(table: Table, *names: str) -> Array:
 def optional_column(table: Table, name: str) -> Array:
     """Return a column (n,) as float64, NaN where the table has none."""
     return table.value(name).astype(np.float64) if name in table else np.full(len(table), np.nan)
-
-
-def new_counts(counter: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the increments (n,) of a counter (n,) or of several (n, k) together; a fall is a restart."""
-    counts = counter.astype(np.int64).reshape(len(counter), -1)
-    return np.asarray(np.maximum(np.diff(counts, axis=0, prepend=counts[:1]), 0).sum(axis=1))
 
 
 def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:

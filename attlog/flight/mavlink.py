@@ -26,7 +26,7 @@ from attlog.flight.advice import VehicleSettings
 from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.ardupilot import vehicle
 from attlog.flight.ardupilot.imu import filter_cutoffs
-from attlog.flight.builder import LogBuilder, Part, columns, from_euler, new_counts, optional_column
+from attlog.flight.builder import LogBuilder, Part, columns, from_euler, optional_column
 from attlog.flight.compass import GAUSS, MILLIGAUSS, build_mag, choose_mag
 from attlog.flight.gnss import build_gnss
 from attlog.flight.imu import ImuCandidate, add_imus, best_per_unit, low_pass_delay, validate_candidate
@@ -582,11 +582,9 @@ def clippings(builder: TelemetryBuilder) -> list[Clipping]:
     table = builder.packets("VIBRATION")
     if table is None or len(table) < 2:
         return []
-    t = builder.seconds(builder.stamps(table))
     names = [f"clipping_{unit}" for unit in range(CLIPPING_UNITS)]
     return [
-        Clipping("accelerometer", unit, f"VIBRATION.{name}", t, new_counts(table[name]), True)
-        for unit, name in enumerate(names)
+        builder.clipping("accelerometer", unit, f"VIBRATION.{name}", table, name) for unit, name in enumerate(names)
     ]
 
 

@@ -243,10 +243,14 @@ def test_clipped_samples_are_counted_by_unit_and_levels_are_those_of_ardupilot(a
     columns = raw_imu(5, 1.0)
     own = {"time_usec": columns["time_usec"], "_t_us": columns["_t_us"]}
     own |= {c: np.full(5, v) for c, v in zip(("vibration_x", "vibration_y", "vibration_z"), (1, 2, 30), strict=True)}
-    own |= {f"clipping_{k}": np.zeros(5, np.uint32) for k in (0, 2)}
+    own["clipping_0"] = np.zeros(5, np.uint32)
+    own["clipping_2"] = np.array([0, 1, 2**32 - 1, 1, 2], np.uint32)  # more than a sensor can sample in a second
     own["clipping_1"] = np.array([7, 7, 9, 0, 4], np.uint32)  # it begins anew when a unit does
     log = read({("RAW_IMU", ME): raw_imu(500, 50), ("VIBRATION", ME): own}, autopilot)
-    assert [c.new.tolist() for c in log.vibration.clippings] == [[0] * 5, [0, 0, 2, 0, 4], [0] * 5]
+    assert [c.new.tolist() for c in log.vibration.clippings] == [[0] * 5, [0, 0, 2, 0, 4], [0, 1, 0, 0, 1]]
+    assert [p.text for p in log.problems if "clipping" in p.text] == [
+        "VIBRATION.clipping_2: left out 1 of 5 counts, higher than a sensor can sample."
+    ]
     assert (log.vibration.clippings[1].source, log.vibration.clippings[1].whole) == ("VIBRATION.clipping_1", True)
     assert np.diff(log.vibration.clippings[1].t) == pytest.approx(1.0)
     told = None if log.vibration.level is None else log.vibration.level.x[0].tolist()

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder, own_time, replay_frame_stamps, source_name
-from attlog.flight.builder import columns, new_counts, optional_column
+from attlog.flight.builder import columns, optional_column
 from attlog.flight.calibration import compass_device
 from attlog.flight.compass import MILLIGAUSS, build_mag
 from attlog.flight.gnss import build_gnss
@@ -392,8 +392,7 @@ def clippings(builder: DataflashBuilder) -> list[Clipping]:
         for unit, column in named:
             if column in table and (column == "Clip" or unit in have):
                 source = f"VIBE:{unit}.Clip" if column == "Clip" else f"VIBE.{column}"
-                t = builder.seconds(builder.stamps(table))
-                found.append(Clipping("accelerometer", unit, source, t, new_counts(table[column]), True))
+                found.append(builder.clipping("accelerometer", unit, source, table, column))
     return found
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
-from attlog.flight.builder import LogBuilder, columns, new_counts
+from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.calibration import px4_calibrate
 from attlog.flight.imu import (
     MAX_REFUSED_SHARE,
@@ -343,11 +343,10 @@ def clippings(builder: TopicBuilder) -> list[Clipping]:
     """Return new clipped samples over time: the counters of every unit, then the mask of the selected one."""
     found = []
     for unit, table in builder.topics("vehicle_imu_status").items():
-        t = builder.seconds(builder.stamps(table))
         for sensor, column in (("accelerometer", "accel_clipping"), ("gyro", "gyro_clipping")):
             if column in table and len(table) > 1:
                 source = f"{table.name}:{unit}.{column}"
-                found.append(Clipping(sensor, unit, source, t, new_counts(table[column]), True))
+                found.append(builder.clipping(sensor, unit, source, table, column))
     voted, column = builder.table("sensor_combined"), "accelerometer_clipping"
     if voted is not None and column in voted and len(voted):
         t, new = builder.seconds(builder.stamps(voted)), (voted[column] > 0).astype(np.int64)
