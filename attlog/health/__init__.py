@@ -30,11 +30,14 @@ __all__ = [
 ]
 
 
+FLY_STEPS = "Fly quick attitude steps of 15 deg and more in Stabilize."
+
+
 @dataclass(frozen=True, slots=True)
 class Answerable:
-    """Whether one of the four questions (accuracy, noise, lag, yaw_drift) can be answered from this log.
+    """Whether this log answers one of the four questions (accuracy, noise, lag, yaw_drift).
 
-    ``reason``: a sentence with the numbers; ``setting``: what would log the missing, for this firmware.
+    ``reason``: a sentence with the numbers; ``setting``: what would log what is missing, for this firmware.
     """
 
     question: str
@@ -43,14 +46,8 @@ class Answerable:
     setting: str = ""
 
 
-FLY_STEPS = "Fly quick attitude steps of 15 deg and more in Stabilize."
-
-
 def answerable(log: FlightLog, case: Case | None) -> list[Answerable]:
-    """The four questions in the order of the report, each with a reason and the setting that is missing.
-
-    ``case``: the log made ready, None where there is no usable IMU.
-    """
+    """Return the four questions in the order of the report; ``case``: None where there is no usable IMU."""
     if case is None or log.replay_imu is None:
         reason = next((p.text for p in log.problems if p.severity == "error"), "There is no usable IMU in this log.")
         setting = "" if log.imus else log.advice("imu")
@@ -66,7 +63,7 @@ def _answerable(question: str, found: Availability, case: Case) -> Answerable:
 
 
 def missing_setting(question: str, codes: tuple[str, ...], case: Case) -> str:
-    """What would log, or what to fly for, what a question lacks; empty where nothing is known or a fault is told."""
+    """Return what to log or to fly for what a question lacks; empty where nothing is known, or a fault is reported."""
     log, reference = case.log, case.reference
     if question in ("noise", "yaw_drift"):
         return log.advice("rest")

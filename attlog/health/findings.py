@@ -1,6 +1,6 @@
 """Findings: what is wrong with a log, one entry for each cause, from checks, reports of the autopilot and events.
 
-Each check, report and event that is not ok is a sign. :data:`REPORT_RULES` judge what readers and autopilot report,
+Each check, report and event that is not ok is a sign. :data:`REPORT_RULES` weigh what readers and autopilot report,
 :data:`RULES` give signs that share a cause the same kind; signs of one kind then become one finding.
 """
 
@@ -404,39 +404,30 @@ REPORT_KINDS = {
 }
 
 
-def drop_told_by_events(reports: Signs, context: Context) -> Signs:
+def drop_repeated_by_events(reports: Signs, context: Context) -> Signs:
     """Drop reports that an event names in more words."""
     happened = {event.kind for event in context.events}
     return [p for p in reports if not happened.intersection(EVENTS_FOR_CODES.get(p.kind, ()))]
 
 
-def note_harmless_failsafes(reports: Signs, context: Context) -> Signs:
-    """Note failsafes whose event is a note: disarmed, or before it could be true."""
+def note_harmless_reports(reports: Signs, context: Context) -> Signs:
+    """Note failsafes whose event is a note, reports of a wreck, and those of an autopilot that starts.
+
+    A wreck lasts from a crash until the next lift-off; an autopilot starts before the first sample and before arming.
+    """
     notes = [event.t for event in context.events if event.kind == "failsafe" and event.severity == "note"]
-    return [
-        replace(report, severity="note")
-        if report.kind in EXPLAINED_FAILSAFES
-        and any(report.t is not None and abs(report.t - t) < SAME_TIME_S for t in notes)
-        else report
-        for report in reports
-    ]
-
-
-def note_after_crashes(reports: Signs, context: Context) -> Signs:
-    """Note reports of a wreck: from a crash until the next lift-off."""
-    wrecks = wreck_spans(context.events)
-    return [
-        replace(report, severity="note") if report.kind != "crash" and _is_within(report.t, wrecks) else report
-        for report in reports
-    ]
-
-
-def note_before_start(reports: Signs, context: Context) -> Signs:
-    """Note reports from before the first sample and before arming: an autopilot that starts."""
-    line = context.log.state.armed
+    wrecks, line = wreck_spans(context.events), context.log.state.armed
     armed = [] if line is None else [t for t, value in zip(line.t.tolist(), line.value, strict=True) if value]
     begin = min([0.0, *armed])
-    return [replace(r, severity="note") if r.t is not None and r.t < begin and r.is_trouble else r for r in reports]
+
+    def harmless(report: Finding) -> bool:
+        if report.t is None:
+            return False
+        at_note = report.kind in EXPLAINED_FAILSAFES and any(abs(report.t - t) < SAME_TIME_S for t in notes)
+        wrecked = report.kind != "crash" and _is_within(report.t, wrecks)
+        return at_note or wrecked or (report.t < begin and report.is_trouble)
+
+    return [replace(report, severity="note") if harmless(report) else report for report in reports]
 
 
 def doubt_reported_crashes(reports: Signs, context: Context) -> Signs:
@@ -454,21 +445,14 @@ def name_kinds(reports: Signs, context: Context) -> Signs:
     return [replace(report, kind=REPORT_KINDS.get(report.kind, report.kind)) for report in reports]
 
 
-REPORT_RULES: tuple[Rule, ...] = (
-    drop_told_by_events,
-    note_harmless_failsafes,
-    note_after_crashes,
-    note_before_start,
-    doubt_reported_crashes,
-    name_kinds,
-)
+REPORT_RULES: tuple[Rule, ...] = (drop_repeated_by_events, note_harmless_reports, doubt_reported_crashes, name_kinds)
 
 
 # Rules of all signs.
 
 # Signs of one kind that are listed; a damaged log brings hundreds. Of more, so many are quoted.
 MAX_LISTED, MAX_QUOTED = 5, 3
-# What a reader reports of a compass that is missing says all of it.
+# Codes of readers for a compass that is missing.
 ONLY_OFFSETS = "mag_only_offsets"
 MISSING_COMPASS = ("mag_dead", "no_mag", "mag_not_in_log", ONLY_OFFSETS)
 # Kinds that belong to the compass where they are about heading and the compass is in doubt.

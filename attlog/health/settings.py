@@ -124,8 +124,7 @@ FILE_WARNING = (
 
 
 def param_file(firmware: str, log_name: str, settings: Sequence[Setting], vehicle: int = 1) -> str:
-    """Return the text of a parameter file; of a parameter that is named twice the first counts. Empty without
-    settings.
+    """Return the text of a parameter file, empty without settings; of a name given twice the first counts.
 
     ``firmware``: PX4 or ArduPilot; ``vehicle``: its MAVLink id.
     """

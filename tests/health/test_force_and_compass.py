@@ -94,22 +94,6 @@ def test_the_receiver_with_most_velocities_of_a_3d_fix_counts() -> None:
     assert accelerometer._best_receiver(log) is log.gnss[0]
 
 
-def test_changes_of_velocity_are_over_two_seconds_each_second() -> None:
-    log = flight()
-    gnss = log.gnss[0]
-    gnss.vel_ned[:, :2] = gnss.t[:, None] * [0.5, -2.0]
-    start, end, change = accelerometer._velocity_changes(gnss, [(10.0, 20.0), (40.0, 45.0)])
-    np.testing.assert_allclose(start, [*np.arange(10.1, 18.0), *np.arange(40.1, 43.0)], atol=0.11)
-    np.testing.assert_allclose(np.delete(np.diff(start), 7), 1.0)
-    np.testing.assert_allclose(end - start, 2.0, atol=1e-6)
-    np.testing.assert_allclose(change, np.tile([0.5, -2.0], (len(start), 1)))
-    lost = (gnss.t > 13.5) & (gnss.t < 17.5)
-    gnss.fix[lost] = 1
-    start, end, _ = accelerometer._velocity_changes(gnss, [(10.0, 20.0)])
-    assert not np.any(end - start >= 3.0)
-    assert not np.any((start < 13.5) & (end > 17.4))
-
-
 def made_fit(x: float, y: float, sigma: float) -> ForceFit:
     covariance = np.zeros((8, 8))
     covariance[4, 4] = covariance[5, 5] = sigma**2

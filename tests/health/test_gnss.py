@@ -15,7 +15,6 @@ from attlog.health import compass as declination_told
 from attlog.health import gnss
 from attlog.health import gnss as gnss_quality
 from attlog.health.check import Check, HealthCase
-from attlog.health.gyro import count_at_limit
 from attlog.segments.model import Segments
 from tests.conftest import SAMPLES
 from tests.health.made_flight import case
@@ -135,16 +134,6 @@ def test_a_wrong_declination_is_found_unless_the_autopilot_looks_it_up(flown: tu
     assert declination_told.declination_checks(HealthCase(without, Segments())) == []
 
 
-def test_a_gyro_at_the_end_of_a_range_lies_flat_there() -> None:
-    wave = 400.0 * np.abs(np.sin(np.linspace(0, 20, 4000)))
-    for full in (125.0, 250.0):
-        assert count_at_limit(np.minimum(wave, full)) == np.count_nonzero(wave >= full * 0.9995)
-    assert count_at_limit(wave) == 0
-    assert count_at_limit(wave * 250.0 / 400.0 + np.random.default_rng(0).normal(0, 0.2, 4000)) == 0
-    assert count_at_limit(np.array([3.0, 2100.0])) == 1
-    assert count_at_limit(np.zeros(0)) == 0
-
-
 def test_several_outages_are_told_with_the_first_their_sum_and_their_number(flown: tuple[FlightLog, Segments]) -> None:
     log, found = deepcopy(flown[0]), flown[1]
     first = middle(found) - 8.0
@@ -191,29 +180,6 @@ def test_good_reception_is_ok_in_all_three() -> None:
     ]
 
 
-@pytest.mark.parametrize(("name", "value"), [("satellites", 4.0), ("hdop", 3.0)])
-def test_a_poor_number_is_named(name: str, value: float) -> None:
-    one = quality_of(received(**{name: value}), "gnss_quality")
-    assert one.verdict == "warning"
-    assert f"{'HDOP' if name == 'hdop' else name} {value:.0f}" in one.text
-
-
-def test_speed_accuracy_counts_by_what_the_firmware_asks() -> None:
-    log = received()
-    log.gnss[0].s_acc[:] = 0.8
-    assert quality_of(log, "gnss_quality").verdict == "warning"
-
-
-def test_an_outage_is_told_with_its_time() -> None:
-    log = received()
-    t = log.gnss[0].t
-    log.gnss[0].fix[(t > 40.0) & (t < 52.0)] = 0
-    one = quality_of(log, "gnss_quality")
-    assert one.verdict == "warning"
-    assert one.t == pytest.approx(40.0, abs=0.3)
-    assert one.text == "GNSS had no fix for 12 s in flight, first at 40 s."
-
-
 def test_what_a_receiver_tells_without_a_fix_is_no_quality() -> None:
     """PX4's receivers tell no satellites and an accuracy of 100 m/s then."""
     log = received()
@@ -257,22 +223,6 @@ def test_a_receiver_that_tells_nothing_raises_nothing() -> None:
     for name in ("lat", "lon", "vel_ned", "s_acc", "h_acc"):
         getattr(log.gnss[0], name)[:] = np.nan
     assert [a.verdict for a in gnss.gnss_checks(case(log))] == ["unknown"]
-
-
-@pytest.mark.parametrize(("count", "answered"), [(19, 0), (20, 3)])
-def test_twenty_fixes_in_flight_tell_something(count: int, answered: int) -> None:
-    log = received()
-    gnss = log.gnss[0]
-    near = np.flatnonzero(gnss.t > 30.0)[:count]
-    for name in ("t", "lat", "lon", "alt", "vel_ned", "h_acc", "v_acc", "s_acc", "fix"):
-        setattr(gnss, name, getattr(gnss, name)[near])
-    assert gnss.reception is not None
-    gnss.reception = Reception(
-        **{name: getattr(gnss.reception, name)[near] for name in ("satellites", "hdop", "noise", "jamming")},
-        jamming_state=gnss.reception.jamming_state[near],
-        spoofing_state=gnss.reception.spoofing_state[near],
-    )
-    assert len(gnss_quality.gnss_checks(case(log))) == answered
 
 
 @pytest.mark.parametrize(("metres", "verdict"), [(2.8, "ok"), (3.3, "warning"), (-3.3, "warning")])

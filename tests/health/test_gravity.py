@@ -183,16 +183,6 @@ def test_a_gyro_at_rest_reads_up_to_one_and_three_degrees_a_second(dps: float, v
     assert gyro._rest_bias(log.imus[0], AIR) is None
 
 
-def test_a_bias_that_moved_is_told_with_its_axis_and_the_begin_of_the_later_rest() -> None:
-    x = np.radians(np.where(T[:, None] < 30.0, [0.1, 0.8, -0.3], [0.3, 0.2, -1.7]))
-    log = imu_log(T, x, x)
-    rests = Segments([Segment("rest.long", 0.0, 20.0), Segment("rest.long", 40.0, 60.0)])
-    found = gyro._rest_bias(log.imus[0], rests)
-    assert (found.verdict, found.value, found.t) == ("warning", -1.7, 40.0)
-    assert "0.10, 0.80, -0.30 deg/s about x, y, z until 20 s, and 0.30, 0.20, -1.70 from 40 s" in found.text
-    assert "moved by 1.40 deg/s about z." in found.text
-
-
 @pytest.mark.parametrize(
     ("rates", "count"),
     [
@@ -246,14 +236,6 @@ def test_a_vertical_force_that_changes_without_a_climb_is_told(
     if verdict != "ok":
         assert found.t == 32.0
         assert "first from 32 to 42 s" in found.text
-
-
-def test_windows_of_the_vertical_force_begin_two_seconds_after_take_off_and_span_no_hole() -> None:
-    log = force_log(0.0)
-    assert vibration._force_windows((10.0, 34.0), log.imus[0], log.baro) == [(12.0, 22.0), (22.0, 32.0)]
-    assert vibration._force_windows((10.0, 33.9), log.imus[0], log.baro) == [(12.0, 22.0)]
-    hole = Stream(log.baro.t[(log.baro.t < 15.0) | (log.baro.t > 16.2)], log.baro.x, "m", "", "BARO")
-    assert vibration._force_windows((10.0, 34.0), log.imus[0], hole) == [(22.0, 32.0)]
 
 
 @pytest.mark.parametrize(("throttle", "more"), [(0.64, False), (0.66, True)])

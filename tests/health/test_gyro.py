@@ -70,27 +70,6 @@ def test_no_interval_spans_a_reset_of_the_reference_or_a_gap_of_the_gyro() -> No
     assert np.any(begin > 24.94)
 
 
-def test_outside_the_gyros_record_there_is_nothing_to_compare() -> None:
-    begin, _, _ = turns.interval_rates(unit(T[(T >= 5.0) & (T < 25.0)]), reference())
-    assert (begin.min(), begin.max()) == (pytest.approx(5.1), pytest.approx(24.6))
-
-
-def test_a_reference_with_records_missing_gives_no_interval_that_lasts_twice_as_long() -> None:
-    t = T[::2]
-    t = t[(t < 15.0) | (t > 16.5)]
-    begin, by_gyro, _ = turns.interval_rates(unit(), reference(t))
-    assert not np.any((begin > 14.71) & (begin < 15.0))
-    np.testing.assert_allclose(np.degrees(by_gyro), np.tile(RATE_DPS, (len(begin), 1)), rtol=1e-9)
-
-
-def test_turns_of_a_radian_and_more_are_no_rate() -> None:
-    """200 deg/s about x turn by 60 deg in an interval, 180 deg/s by 54."""
-    for dps, seen in ((200.0, 0), (180.0, 99)):
-        imu = unit()
-        imu.gyro.x[:] = np.radians([dps, 0.0, 0.0])
-        assert len(turns.interval_rates(imu, reference())[0]) == seen
-
-
 @pytest.mark.parametrize(("axis", "size", "at"), [(0, 0.9, 4), (1, -2.0, 6), (2, 0.7, 9)])
 def test_the_clearest_step_has_its_axis_sign_size_and_first_block(axis: int, size: float, at: int) -> None:
     """Blocks that swing about by 0.1, 0.2 and 0.3 deg/s: a step of another axis is less clear than it is large."""
@@ -101,13 +80,6 @@ def test_the_clearest_step_has_its_axis_sign_size_and_first_block(axis: int, siz
     assert found == pytest.approx(size, abs=0.15 * (axis + 1))
     scatter = 1.4826 * 0.1 * (axis + 1) / np.sqrt(2.0)
     assert sigma == pytest.approx(np.hypot(1.25 * scatter * np.sqrt(1.0 / at + 1.0 / (12 - at)), 0.03))
-
-
-def test_a_step_has_three_blocks_on_either_side() -> None:
-    for at, found in ((1, 3), (3, 3), (9, 9), (11, 9)):
-        bias = np.zeros((12, 1))
-        bias[at:] = 5.0
-        assert turns.largest_step(bias)[3] == found
 
 
 @pytest.mark.parametrize("at", [41.3, 46.0, 53.7])

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from attlog.flight.model import Stream
-from attlog.health import gyro, imu, imu_pairs, temperature
+from attlog.health import gyro, imu, temperature
 from attlog.health.imu import Blocks, blocks, stream_blocks
-from attlog.health.imu_pairs import IN_FLIGHT, ImuDifference, imu_differences
+from attlog.health.imu_pairs import ImuDifference, imu_differences
 from attlog.health.temperature import ACC, GYRO, SlopeLimits, TemperatureSlope
 from attlog.reference.model import Reference
 from attlog.segments import Segment, Segments
@@ -235,33 +233,6 @@ def apart(size: float, sigma: float, phase: str) -> ImuDifference:
     """A difference along y of a size with one sigma."""
     made = Blocks(np.zeros(4), np.zeros((4, 3)), 100, 50.0, np.zeros(3))
     return ImuDifference(np.array([0.0, size, 0.0]), np.array([9.0, sigma, 9.0]), made, phase)
-
-
-def test_the_size_of_a_difference_is_as_unsure_as_it_is_along_it() -> None:
-    one = replace(apart(0.0, 0.0, IN_FLIGHT), middle=np.array([3.0, 0.0, 4.0]), sigma=np.array([0.5, 7.0, 0.25]))
-    assert one.size == 5.0
-    assert one.unsure == pytest.approx(np.hypot(3.0 * 0.5, 4.0 * 0.25) / 5.0)
-    assert replace(one, middle=np.zeros(3)).unsure == 7.0
-
-
-@pytest.mark.parametrize(
-    ("sizes", "wrong"),
-    [([0.3, 0.149], 0), ([0.3, 0.151], None), ([0.05, 0.16], 1), ([0.05, 0.14], None), ([0.4], None), ([0.2, 0.4], 1)],
-)
-def test_of_two_errors_the_larger_one_is_twice_the_other_and_one_that_counts(
-    sizes: list[float], wrong: int | None
-) -> None:
-    assert imu_pairs._larger_index(sizes, 0.15) == wrong
-
-
-def test_few_blocks_are_as_sure_as_their_samples_and_more_as_their_scatter() -> None:
-    x = np.array([[1.0], [2.0], [4.0], [7.0]])
-    made = Blocks(np.arange(4.0), x, 100, 20.0, np.array([0.3]))
-    factor = 1.5 * 1.2533
-    assert made.sigma(0.0)[0] == pytest.approx(factor * 1.4826 * 1.5 / 2.0)  # deviations from 3: 2, 1, 1, 4
-    assert made.sigma(5.0)[0] == pytest.approx(np.hypot(5.0, factor * 1.4826 * 1.5 / 2.0))
-    two = replace(made, x=x[:2])
-    assert two.sigma(0.0)[0] == pytest.approx(factor * 0.3 / np.sqrt(2.0))
 
 
 # Differences of units and blocks of a signal: closed forms with another number in every axis.

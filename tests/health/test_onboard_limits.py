@@ -148,22 +148,6 @@ def test_delays_are_measured_by_motion_where_it_is_sure_else_by_truth_or_smoothe
     assert (None if found is None else found.name) == name
 
 
-@pytest.mark.parametrize(("states", "verdict"), [(4, "ok"), (5, "warning"), (6, "warning")])
-def test_jamming_of_a_second_is_told(states: int, verdict: str) -> None:
-    """Five records a second."""
-    log = flight()
-    n = len(log.gnss[0].t)
-    state = np.ones(n)
-    state[200 : 200 + states] = 2.0
-    usual = dict(satellites=np.full(n, 15.0), hdop=np.full(n, 0.8), noise=np.zeros(n), jamming=np.zeros(n))
-    log.gnss[0].reception = Reception(**usual, jamming_state=state, spoofing_state=np.full(n, np.nan))
-    (found,) = (a for a in gnss_quality.gnss_checks(case(log)) if a.question == "gnss_interference")
-    assert found.verdict == verdict
-    assert found.evidence == []
-    if verdict != "ok":
-        assert found.value == states / 5.0
-
-
 @pytest.mark.parametrize(
     ("name", "good", "poor"), [("satellites", 6.0, 5.0), ("hdop", 2.5, 2.6), ("s_acc", 0.5, 0.51), ("h_acc", 3.0, 3.1)]
 )

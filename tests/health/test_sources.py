@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -183,17 +182,6 @@ def test_only_a_heading_of_its_own_judges_headings() -> None:
     )
     assert tilt == (pytest.approx(20.0, abs=0.1), pytest.approx(6.0, abs=0.1))
     assert sources.errors_of_both(truth(), log, "OTHER", "tilt", 99.0) is None
-
-
-def test_one_of_two_is_wrong_where_the_other_has_two_fifths_of_its_error_at_most() -> None:
-    known: Any = SimpleNamespace(kind="smoother")
-    for errors, said in (((3.9, 10.0), "B is wrong by the smoother, A off by 4 deg"), ((4.1, 10.0), "")):
-        assert sources.wrong_source_text(errors, "A", "B", known) == said
-    assert (
-        sources.wrong_source_text((10.0, 2.0), "A", "B and C", known)
-        == "A is wrong by the smoother, B and C off by 2 deg"
-    )
-    assert sources.wrong_source_text((2.0, 10.0), "A", "B and C", known).startswith("B and C are wrong")
 
 
 # Lanes with planted errors: the better one is named where the one in use is clearly worse.

@@ -7,7 +7,7 @@ import pytest
 
 from attlog.flight.model import Burst, FlightLog, OnboardSpectrum, Stream
 from attlog.health import spectrum
-from attlog.health.spectrum import Peak, find_peaks, frequency_interval, noise_floor
+from attlog.health.spectrum import Peak, find_peaks, frequency_interval
 from tests.health.shaken import BEGIN, END, SECONDS, shaken, throttle_at
 
 WITHIN = [(BEGIN, END)]
@@ -36,20 +36,6 @@ def test_noise_has_no_peak_and_a_tone_in_it_needs_ten_decibels() -> None:
     assert find_peaks(spectrum.all_spectra(log, WITHIN)[0]) == []
 
 
-@pytest.mark.parametrize(("decibels", "found"), [(9.5, 0), (10.5, 1)])
-def test_a_peak_stands_ten_decibels_above_the_floor(decibels: float, found: int) -> None:
-    density = np.ones((5, 200, 3))
-    density[:, 50] = 10.0 ** (decibels / 10.0)
-    one = spectrum.Spectra("gyro", 0, "", 800.0, 2.0, False, np.arange(5.0), 2.0 * np.arange(200), density)
-    assert [p.frequency for p in find_peaks(one)] == [100.0] * found
-
-
-def test_the_floor_is_the_local_median() -> None:
-    density = np.ones(200)
-    density[100] = 1e4
-    assert noise_floor(density, 2.0) == pytest.approx(np.ones(200))
-
-
 @pytest.mark.parametrize(
     ("frequency", "rate", "shown"),
     [(67.0, 120.0, 53.0), (74.0, 120.0, 46.0), (150.0, 200.0, 50.0), (230.0, 200.0, 30.0), (30.0, 200.0, 30.0)],
@@ -61,12 +47,6 @@ def test_a_slow_stream_folds(frequency: float, rate: float, shown: float) -> Non
     assert found.frequency == pytest.approx(shown, abs=0.6)
     assert min(abs(f - frequency) for f in found.possible) < 0.7
     assert found.true is None
-
-
-def test_every_alias_folds_back() -> None:
-    for frequency in spectrum.aliases(33.0, 190.0):
-        assert float(spectrum.fold(frequency, 190.0)) == pytest.approx(33.0)
-    assert spectrum.aliases(33.0, 190.0) == [33.0, 157.0, 223.0, 347.0, 413.0]
 
 
 def test_rotors_are_told_from_what_stays_where_it_is() -> None:
@@ -150,12 +130,6 @@ def test_a_tone_has_the_power_of_its_amplitude_and_a_gyro_is_in_degrees() -> Non
     assert np.argmax(density[0, :, 1]) == 25
     _, turning = spectrum.welch(x, 400.0, 200, "gyro")
     assert turning == pytest.approx(density * np.degrees(1.0) ** 2)
-
-
-def test_the_power_of_white_noise_is_its_variance_in_deg_per_s() -> None:
-    log = shaken(200.0, 60.0, rms_dps=0.0, noise_dps=2.0)
-    (found,) = spectrum.all_spectra(log, [(0.0, 80.0)])
-    assert found.density.mean(axis=0).sum(axis=0) * found.step == pytest.approx([4.0] * 3, rel=0.05)
 
 
 def test_windows_lie_in_flight_and_hold_no_gap() -> None:
