@@ -53,7 +53,7 @@ WORDS = r"""(height) => {
 }"""
 
 
-def stands(browser: Any, path: Path, scheme: str) -> tuple[int, int]:
+def page_words(browser: Any, path: Path, scheme: str) -> tuple[int, int]:
     """Open a page, unfold all of it and let axe look; words on its first screen and on the page as opened."""
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     visit = Visit(browser, path, color_scheme=scheme, viewport={"width": 1280, "height": 800})

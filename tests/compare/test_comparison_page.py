@@ -23,9 +23,8 @@ from attlog.compare.setting_words import read_configurations
 from attlog.compare.tables import comparison_tables, matrix, pooled_tables
 from attlog.compare.wording import own_value_text, signed_text
 from attlog.core.files import write_all_atomic
-from tests.compare.made import CONFIGURATIONS, FIRST, SECOND, comparison, stands
+from tests.compare.made import CONFIGURATIONS, FIRST, SECOND, comparison
 from tests.report.browser import Visit
-from tests.report.test_safety import EVIL
 
 
 def test_values_are_those_of_the_pairs_and_without_a_difference_those_of_each_configuration() -> None:
@@ -180,50 +179,6 @@ def test_figures_are_drawn_in_a_browser_and_saved_as_numbers(tmp_path: Path, bro
     with visit.page.expect_download() as download:
         visit.page.click("#fig-forest0 button[data-out=svg]")
     assert "<svg" in Path(download.value.path()).read_text()
-    visit.close()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_page_is_short_and_accessible(tmp_path: Path, browser: Any, scheme: str) -> None:
-    path = tmp_path / "compare.html"
-    path.write_text(page.render_comparison(made()), encoding="utf-8")
-    first, whole = stands(browser, path, scheme)
-    assert first <= 150
-    assert whole <= 1000
-
-
-@pytest.mark.slow
-def test_on_a_phone_the_name_of_a_configuration_stands_above_its_cells(tmp_path: Path, browser: Any) -> None:
-    path = tmp_path / "compare.html"
-    path.write_text(page.render_comparison(made()), encoding="utf-8")
-    visit = Visit(browser, path, viewport={"width": 390, "height": 844})
-    for row in visit.page.query_selector_all("#overview tbody tr:not(.scale)"):
-        name = row.query_selector("th").bounding_box()
-        for cell in row.query_selector_all(".cell"):
-            box = cell.bounding_box()
-            assert box["y"] >= name["y"] + name["height"]
-            assert box["x"] + box["width"] <= 390
-    visit.close()
-
-
-@pytest.mark.slow
-def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
-    found = made()
-    for line in found.logs:
-        line.vehicle = line.firmware = line.reference = EVIL
-    found.logs[-1].name = found.logs[-1].reason = EVIL
-    for question in found.questions:
-        logs = question.contrasts[0].logs
-        logs[0] = replace(logs[0], reason=EVIL, value=None)
-    found.questions = [replace(question, title=EVIL) for question in found.questions]
-    found.configurations[1].label = found.command = EVIL
-    path = tmp_path / "compare.html"
-    write_all_atomic({path: page.render_comparison(found)})
-    visit = Visit(browser, path)
-    assert visit.page.title() != "ran"
-    assert visit.complaints == []
-    assert visit.requests == [path.as_uri()]
     visit.close()
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,9 +24,7 @@ from attlog.core.errors import LogUnreadable, LogUnusable, UsageError
 from attlog.health.findings import Finding
 from attlog.metrics.metric import Answer
 from attlog.result import EstimatorRow
-from tests.compare.made import filtered, result, stands
-from tests.report.browser import Visit
-from tests.report.test_safety import EVIL
+from tests.compare.made import filtered, result
 from tests.words.made import absent, lag, merged, noise, tilt
 
 NONE = Tolerances()
@@ -301,23 +298,3 @@ def test_headline_numbers_by_question_and_causes_stand_in_this_order(tmp_path: P
         for w in ("A crash.", "Accuracy (1)", "Other numbers (30)", "28 more", "Filter gains", "No change")
     ]
     assert places == sorted(places)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("count", [1, 3])
-def test_the_page_is_short_and_accessible(tmp_path: Path, browser: Any, scheme: str, count: int) -> None:
-    path = written(tmp_path, *(made(f"x{k}.json") for k in range(count)))
-    first, whole = stands(browser, path, scheme)
-    assert first <= 150
-    assert whole <= 1000
-
-
-@pytest.mark.slow
-def test_hostile_names_are_only_text(tmp_path: Path, browser: Any) -> None:
-    path = written(tmp_path, made(EVIL, EVIL))
-    visit = Visit(browser, path)
-    assert visit.page.title() != "ran"
-    assert visit.complaints == []
-    assert visit.requests == [path.as_uri()]
-    visit.close()

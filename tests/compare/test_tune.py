@@ -35,7 +35,6 @@ from attlog.metrics.accuracy import of_blocks
 from attlog.metrics.metric import Answer, missing
 from attlog.metrics.statistics import UnitValues, make_ids
 from attlog.testing.motions import GRAVITY, Noise, motion
-from tests.compare.made import stands
 from tests.report.browser import Visit
 from tests.segments.flights import imu_log
 
@@ -265,16 +264,6 @@ def test_every_setting_that_was_tried_is_drawn(planted: Tuning, tmp_path: Path, 
     again = [float(fold.found.setting["kp"]) for fold in planted.folds]
     assert shapes == [pytest.approx([min(again), max(again)], rel=1e-4)]
     visit.close()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_the_page_is_short_and_accessible(planted: Tuning, tmp_path: Path, browser: Any, scheme: str) -> None:
-    path = tmp_path / "tune.html"
-    path.write_text(tune_page(planted, ABOUT), encoding="utf-8")
-    first, whole = stands(browser, path, scheme)
-    assert first <= 150
-    assert whole <= 1000
 
 
 def test_nothing_to_judge_by_is_refused_with_the_reason() -> None:
