@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.flight.ardupilot.estimator import from_euler_deg, heading_and_sigma
 from attlog.flight.ardupilot.imu import DataflashBuilder, primary_core, unit_of_core
@@ -231,9 +232,7 @@ def _states(builder: DataflashBuilder, core: int, trim: Array | None) -> Ekf3Sta
     if missing.any():
         q, _ = from_euler_deg(columns(first, "Roll", "Pitch", "Yaw"))
         if trim is not None:
-            from attlog.reference.alignment import untrim
-
-            q = untrim(q, trim)
+            q = rotation.multiply(q, rotation.from_rotvec(trim))
         x[missing, :4] = q[missing]
     x[:, 4:10] = columns(first, "VN", "VE", "VD", "PN", "PE", "PD")
     x[:, 10:13] = np.radians(columns(first, "GX", "GY", "GZ"))

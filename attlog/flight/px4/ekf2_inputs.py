@@ -243,7 +243,7 @@ def control_flags(messages: Messages, lane: int) -> dict[str, Array]:
 
 
 def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
-    """Logged states and variances of a lane; None where the log holds none."""
+    """Return the logged states and variances of a lane; None where the log holds none."""
     for name in ("estimator_states", "estimator_status"):
         table = messages.tables.get((name, lane))
         if table is None or not len(table) or "states" not in table or "covariances" not in table:
