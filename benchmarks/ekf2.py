@@ -43,7 +43,8 @@ def row(path: str) -> str:
     seconds = float(estimate.t[-1] - estimate.t[0])
     return (
         f"| {path.rpartition('/')[2]} | {version}, {found.start}{where} "
-        f"| {same.tilt_median:.2f} / {same.tilt_p95:.2f} | {same.heading_median:.2f} / {same.heading_p95:.2f} "
+        f"| {same.tilt_median_deg:.2f} / {same.tilt_p95_deg:.2f} "
+        f"| {same.heading_median_deg:.2f} / {same.heading_p95_deg:.2f} "
         f"| {sigma} | {100 * cost / seconds:.2f} |"
     )
 

@@ -15,7 +15,7 @@ from attlog.core.errors import PluginError, UsageError
 from attlog.estimators import run as loop
 from attlog.estimators.aids import Aids
 from attlog.estimators.interface import Array, Estimate, Estimator, LogFacts, cut_by_comma
-from attlog.estimators.registry import BUILT_IN, get, names
+from attlog.estimators.registry import BUILT_IN, FLOWN, get, names
 from attlog.estimators.samples import HOLD_PERIODS, Sampling, place, prepare
 
 # What ``default`` stands for: the papers' filters and modern ones with the gains of docs/estimators.md, and the bare
@@ -110,8 +110,8 @@ def _member(name: str) -> EstimatorSpec:
 
 def estimate(
     name: str | EstimatorSpec | Estimator,
-    t: ArrayLike,
-    gyr: ArrayLike,
+    t: Any,
+    gyr: ArrayLike | None = None,
     acc: ArrayLike | None = None,
     mag: ArrayLike | None = None,
     *,
@@ -122,7 +122,7 @@ def estimate(
     every: int = 1,
     aids: Aids | None = None,
     log: LogFacts | None = None,
-    **params: float | str,
+    **params: Any,
 ) -> Estimate:
     """The attitude (n, 4) that an estimator finds in raw sensor samples, with bias and counts.
 
@@ -136,6 +136,9 @@ def estimate(
     airspeed and times at rest for estimators that use them; its ``mag`` stands in for a missing ``mag``.
     ``log``: what a log tells about parameters; a preset and ``params`` override it.
 
+    A filter that flew (``px4_ekf2``, ``ap_ekf3``) takes a log or its path for ``t`` and a mapping of the firmware's
+    parameters as ``params``: ``estimate("ap_ekf3", log, params={"EK3_MAG_M_NSE": 0.1})``.
+
     The result stands at the input's own good samples; what was left out is counted in
     ``skipped``. North is magnetic unless ``declination`` is given, and without ``mag`` where the first heading
     pointed. Equations and sources of each: ``attlog estimators NAME``. UsageError for wrong shapes, names or values,
@@ -143,6 +146,14 @@ def estimate(
     """
     row = parse(name) if isinstance(name, str) else name if isinstance(name, EstimatorSpec) else EstimatorSpec(name)
     estimator = row.estimator
+    if estimator.name in FLOWN and gyr is None:
+        from attlog.pipeline.onboard_rerun import estimate_flown  # needs the whole flight
+
+        asked = {**row.params, **dict(params.pop("params", {})), **params}
+        values = {key: estimator.parameter(key).check(value, estimator.name) for key, value in asked.items()}
+        return estimate_flown(replace(row, params=values), t)
+    if gyr is None:
+        raise UsageError(f"{estimator.name} needs gyro samples: estimate({estimator.name!r}, t, gyr, acc)")
     if estimator.process is not None:
         facts = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
         return estimator.process.call(

@@ -10,12 +10,13 @@ variance, and above 1 the sample is rejected. :data:`AIDS` lists the aids with t
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.errors import UsageError
 from attlog.estimators.interface import Estimate
 
 Array = NDArray[np.float64]
@@ -79,6 +80,20 @@ class Rerun:
         return Estimate(
             t, self.q[good], bias=self.states["gyro_bias"][last], aux=aux, segment=np.zeros(len(t), np.int64)
         )
+
+
+def check_version(name: str, first: str, last: str, known: bool, version: str) -> None:
+    """UsageError for a parameter that the log's firmware version does not have; ``last`` is empty for none."""
+    if not known:
+        span = f"from {first} on" if not last else f"from {first} to {last}"
+        raise UsageError(f"{name} exists {span}; this log is of version {version}.")
+
+
+def check_start(changes: Mapping[str, float], at_start: Collection[str], start: str) -> None:
+    """UsageError where all changed parameters act on a cold start alone and the run starts warm."""
+    if start == "warm" and changes and all(name in at_start for name in changes):
+        names = " and ".join(changes)
+        raise UsageError(f"{names} acts at switch-on; this re-run begins from logged states, where it changes nothing.")
 
 
 def innovation_tables(log: Array) -> dict[str, Array]:

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,18 @@ def run_again(
         raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
     short = {key.removeprefix(PREFIX): value for key, value in changes.items()}
     return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""))
+
+
+def estimate_flown(spec: estimators.EstimatorSpec, log: FlightLog | Path | str) -> Estimate:
+    """Return the filter that flew, run again on a log with the values of ``spec`` over the log's own."""
+    from attlog.pipeline import prepare
+
+    case = prepare(log)
+    imu = case.log.replay_imu
+    if imu is None:
+        raise UsageError("The onboard filter cannot be run again: the log holds no IMU.")
+    changes = {key: float(value) for key, value in spec.params.items()}
+    return run_again(case, imu, spec.estimator.name, changes).estimate(case.log.t0_us * 1e-6)
 
 
 def onboard_difference(case: Case, estimate: Estimate) -> Array:

@@ -5,10 +5,11 @@ Ranges and meanings: PX4 parameter reference of 1.8 to 1.17. :func:`settings_of`
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from attlog.estimators.ekf2.state import ERA_A, ERA_B, ERA_C, ERA_D
+from attlog.estimators.rerun import check_version
 
 PREFIX = "EKF2_"
 
@@ -148,3 +149,19 @@ def settings_of(params: Mapping[str, float], version: tuple[int, int]) -> dict[s
         found["GPS_CTRL"] = 7.0 if int(found["AID_MASK"]) & 1 else (2.0 if found["HGT_MODE"] == 1.0 else 0.0)
         found["HGT_REF"], found["BARO_CTRL"], found["IMU_CTRL"] = found["HGT_MODE"], 1.0, 3.0
     return found
+
+
+# First and last version of each era.
+ERA_VERSIONS = (("1.8", "1.11"), ("1.12", "1.13"), ("1.14", "1.14"), ("1.15", ""))
+
+
+def check_changes(changes: Collection[str], version: tuple[int, int]) -> None:
+    """UsageError for a parameter (short name) that this version of the firmware does not have."""
+    era = era_of(version)
+    for name in changes:
+        p = TABLE[name]
+        first, last = ERA_VERSIONS[p.first][0], ERA_VERSIONS[p.last][1]
+        check_version(PREFIX + name, first, last, p.first <= era <= p.last, f"{version[0]}.{version[1]}")
+
+
+START_PARAMETERS = tuple(name for name, p in TABLE.items() if p.start)

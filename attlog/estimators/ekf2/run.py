@@ -13,10 +13,10 @@ from attlog.core import jit
 from attlog.core.jit import F1, F2, Out1, Out2
 from attlog.estimators.ekf2 import state as s
 from attlog.estimators.ekf2.loop import Samples, run_filter
-from attlog.estimators.ekf2.parameters import era_of, settings_of
+from attlog.estimators.ekf2.parameters import START_PARAMETERS, check_changes, era_of, settings_of
 from attlog.estimators.ekf2.start import alignment_times, warm_start
 from attlog.estimators.error_state import NEVER, new_filter, rotation, turn_body
-from attlog.estimators.rerun import Rerun, held, innovation_tables, local_ned, side_by_side
+from attlog.estimators.rerun import Rerun, check_start, held, innovation_tables, local_ned, side_by_side
 
 if TYPE_CHECKING:
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs, ImuIncrements
@@ -49,11 +49,13 @@ def rerun(
     log holds states.
     """
     era = era_of(inputs.version)
+    check_changes(changes or {}, inputs.version)
     setting = settings_of(inputs.params, inputs.version) | dict(changes or {})
     steps = steps_of(inputs.imu, predict_seconds(inputs.version, setting))
     t_step, step_s = steps[:, 0].copy(), float(np.median(steps[:, 7]))
     fill_flags(steps, inputs, era)
     start = None if cold else warm_start(inputs, era, step_s)
+    check_start(changes or {}, START_PARAMETERS, "warm" if start else "cold")
     bias = start.x[10:13] if start else np.zeros(3)
     gnss, gnss_logged_hz = gnssside_by_side(inputs, setting["GPS_DELAY"], step_s)
     gnss_hz = gnss_hz or receiver_rate(inputs.gnss, gnss_logged_hz)

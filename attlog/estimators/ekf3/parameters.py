@@ -5,8 +5,10 @@ Ranges and meanings: ArduPilot parameter lists of 3.6 to 4.8. :func:`settings_of
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import NamedTuple
+
+from attlog.estimators.rerun import check_version
 
 PREFIX = "EK3_"
 Version = tuple[int, int]
@@ -131,3 +133,15 @@ def sources_of(setting: Mapping[str, float], version: Version) -> dict[str, floa
         found["SRC1_POSZ"] = 3.0 if setting["ALT_SOURCE"] == 2.0 else 1.0
         found["SRC1_YAW"] = 0.0 if setting["MAG_CAL"] >= 5.0 else 1.0
     return found
+
+
+def check_changes(changes: Collection[str], version: Version) -> None:
+    """UsageError for a parameter (short name) that this version of the firmware does not have."""
+    for name in changes:
+        p = TABLE[name]
+        last = "" if p.last == LAST else _text(p.last)
+        check_version(full_name(name), _text(p.first), last, p.first <= version <= p.last, _text(version))
+
+
+def _text(version: Version) -> str:
+    return f"{version[0]}.{version[1]}"

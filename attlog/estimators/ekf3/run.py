@@ -17,7 +17,7 @@ from attlog.core import earth, rotation
 from attlog.core.errors import UsageError
 from attlog.estimators.ekf3 import state as s
 from attlog.estimators.ekf3.loop import Samples, run_filter
-from attlog.estimators.ekf3.parameters import settings_of, sources_of
+from attlog.estimators.ekf3.parameters import check_changes, settings_of, sources_of
 from attlog.estimators.error_state import BA, BG, MI, N_ERR, N_STATE, NEVER, POS, TH, VEL, WIND, Filter, new_filter
 from attlog.estimators.rerun import Rerun, attitude_variances, held, innovation_tables, local_ned, side_by_side
 
@@ -68,8 +68,11 @@ def rerun(
     ``own``: resets and the use of GNSS follow the filter's own rules instead of the log. ``cold``: start from gravity
     although the log holds states.
     """
+    check_changes(changes or {}, inputs.version)
     setting = settings_of(inputs.params, inputs.version, inputs.plane) | dict(changes or {})
     setting = sources_of(setting, inputs.version)
+    if int(setting["MAG_MASK"]) >> inputs.core & 1:
+        setting["MAG_CAL"] = 2.0
     step_s, frames = filter_step(inputs)
     lag_ms = setting["GPS_DELAY_MS"] or inputs.gnss_lag_ms
     length = ring_length(inputs, setting, lag_ms)

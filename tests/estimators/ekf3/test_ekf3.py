@@ -1,0 +1,199 @@
+"""EKF3 on made flights at rest and in turns, and on simulated flights of the firmware itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import attlog
+from attlog.core import rotation
+from attlog.core.errors import UsageError
+from attlog.estimators.ekf3 import run
+from attlog.estimators.ekf3.parameters import check_changes, settings_of, sources_of
+from attlog.estimators.error_state import G
+from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs
+
+RNG = np.random.default_rng(3)
+FIELD = np.array([0.22, 0.02, 0.42])  # gauss, north-east-down
+HEADING_DEG = 70.0
+
+
+def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **changes: object) -> Ekf3Inputs:
+    """A vehicle on the ground that turns about the vertical, with compass, barometer and GNSS at one place."""
+    t = np.arange(0.0, seconds, 1.0 / rate_hz)
+    n = len(t)
+
+    def attitude(at: np.ndarray) -> Rotation:
+        return Rotation.from_rotvec(np.outer(np.radians(HEADING_DEG + turn_dps * at), [0.0, 0.0, 1.0]))
+
+    m = np.arange(0.0, seconds, 0.1)
+    g = np.arange(0.0, seconds, 0.2)
+    full = np.full
+    gnss = {"t": g + 0.12, "t_message": g + 0.12, "lat": full(len(g), 47.0), "lon": full(len(g), 8.0)}
+    gnss |= {name: full(len(g), value) for name, value in {"alt": 400.0, "vn": 0.0, "ve": 0.0, "vd": 0.0}.items()}
+    gnss |= {"fix": full(len(g), 3.0), "satellites": full(len(g), 12.0), "hdop": full(len(g), 0.8)}
+    gnss |= {"hacc": full(len(g), 0.5), "vacc": full(len(g), 0.8), "sacc": full(len(g), 0.3)}
+    nothing = {"t": np.zeros(0)}
+    none = np.zeros(0)
+    names = ("initialised", "tilt_aligned", "yaw_aligned", "final_reset", "anomaly_reset", "gnss_on", "gnss_off")
+    values: dict[str, object] = {
+        "core": 0,
+        "unit": 0,
+        "t": t,
+        "gyro": np.tile([0.0, 0.0, np.radians(turn_dps)], (n, 1)),
+        "acc": np.tile([0.0, 0.0, -G], (n, 1)),
+        "gyro_late": 0.0,
+        "acc_late": 0.0,
+        "intervals": False,
+        "mag": {"t": m, "x": attitude(m - 0.06).inv().apply(np.tile(FIELD, (len(m), 1)))},
+        "gnss": gnss,
+        "baro": {"t": m, "alt": np.zeros(len(m)), "t_sample": m},
+        "airspeed": nothing | {"eas": none, "use": none},
+        "gsf": nothing | {"yaw": none, "sigma": none},
+        "armed": nothing | {"on": none},
+        "landed": nothing | {"on": none},
+        "descent": nothing,
+        "events": dict.fromkeys(names, none),
+        "states": None,
+        "lanes": nothing,
+        "innovations": nothing,
+        "step_s": None,
+        "gnss_lag_ms": 120.0,
+        "plane": False,
+        "simulated": True,
+        "params": {"COMPASS_AUTODEC": 0.0, "COMPASS_DEC": float(np.arctan2(FIELD[1], FIELD[0]))},
+        "version": (4, 5),
+    }
+    return Ekf3Inputs(**(values | changes))  # type: ignore[arg-type]
+
+
+def yaw_deg(q: np.ndarray) -> np.ndarray:
+    return np.degrees(rotation.to_euler(q)[:, 2])
+
+
+def test_a_vehicle_at_rest_aligns_and_uses_gnss() -> None:
+    found = run.rerun(made())
+    assert found.start == "cold"
+    end = found.q[-10:]
+    assert yaw_deg(end) == pytest.approx(HEADING_DEG, abs=0.1)
+    assert np.degrees(rotation.tilt_angle(rotation.earth_error(end, end * 0 + [1, 0, 0, 0]))).max() < 0.05
+    last = np.flatnonzero(np.isfinite(found.states["gnss"]))[-1]
+    assert found.states["gnss"][last] == 1.0
+    assert np.abs(found.states["gyro_bias"][last]).max() < 1e-3
+    assert {"heading", "velocity_n", "position_e", "baro_height"} <= found.innovations.keys()
+
+
+def test_a_turning_vehicle_is_followed_at_the_time_of_the_sample() -> None:
+    found = run.rerun(made(turn_dps=20.0))
+    t, good = found.t[-100:], found.q[-100:]
+    wanted = HEADING_DEG + 20.0 * t
+    assert rotation.wrap(np.radians(yaw_deg(good) - wanted)) == pytest.approx(0.0, abs=np.radians(0.5))
+
+
+def test_a_position_that_jumps_is_rejected_and_then_taken() -> None:
+    inputs = made(60.0)
+    moved = inputs.gnss["lat"] + np.where(inputs.gnss["t"] > 30.0, 40.0 / 111_000.0, 0.0)
+    found = run.rerun(replace(inputs, gnss={**inputs.gnss, "lat": moved}))
+    ratio = found.innovations["position_n"]
+    assert (ratio[(ratio[:, 0] > 31.0) & (ratio[:, 0] < 36.0), 3] > 1.0).all()
+    at = np.searchsorted(found.t_step, [35.0, 55.0])
+    assert found.states["position"][at, 0] == pytest.approx([0.0, 40.0], abs=2.0)
+
+
+def test_the_delay_of_the_imu_filters_is_taken_out() -> None:
+    inputs = made()
+    wave = np.column_stack([np.sin(6.0 * (inputs.t - 0.02)), np.zeros(len(inputs.t)), np.zeros(len(inputs.t))])
+    late = replace(inputs, gyro=wave, gyro_late=0.02)
+    _, steps = run.steps_of(late, 0.0125, 5)
+    assert steps[100:-100, 1] == pytest.approx(np.sin(6.0 * (steps[100:-100, 0] - 0.00625)), abs=0.01)
+
+
+def test_a_hole_of_the_imu_ends_a_span() -> None:
+    inputs = made()
+    keep = (inputs.t < 15.0) | (inputs.t > 17.0)
+    spans, steps = run.steps_of(
+        replace(inputs, t=inputs.t[keep], gyro=inputs.gyro[keep], acc=inputs.acc[keep]), 0.0125, 5
+    )
+    assert len(spans) == 2
+    assert steps[spans[1].first, 0] > 17.0
+
+
+def test_the_buffer_is_as_long_as_the_longest_delay() -> None:
+    setting = sources_of(settings_of({}, (4, 5), False), (4, 5))
+    assert run.ring_length(made(), setting, 120.0) == 11
+    assert run.ring_length(made(), setting, 100.0) == 9
+    assert run.ring_length(made(), setting | {"HGT_DELAY": 200.0}, 100.0) == 17
+
+
+def test_the_field_table_is_the_model_at_its_nodes_and_linear_between() -> None:
+    node, east = (run.table_field(made(), 40.0, lon) for lon in (10.0, 20.0))
+    between = run.table_field(made(), 40.0, 15.0)
+    assert node is not None
+    assert east is not None
+    assert between == pytest.approx(0.5 * (np.array(node) + np.array(east)), rel=1e-9)
+
+
+def test_correlations_are_taken_over_and_variances_stay() -> None:
+    a = RNG.normal(size=(23, 23))
+    P = np.diag(RNG.uniform(0.1, 1.0, 23))
+    P[20, 20] = 0.0
+    made_of = run.correlated(P, a @ a.T)
+    assert np.diag(made_of) == pytest.approx(np.diag(P))
+    assert np.linalg.eigvalsh(made_of).min() > -1e-12
+    assert abs(made_of[3, 9]) > 0.0
+
+
+def test_settings_follow_version_and_vehicle() -> None:
+    assert settings_of({}, (4, 5), True)["ALT_M_NSE"] == 3.0
+    assert settings_of({}, (4, 0), False)["VELNE_M_NSE"] == 0.5
+    assert settings_of({"EK3_MAG_M_NSE": 0.07}, (4, 5), False)["MAG_M_NSE"] == 0.07
+    assert settings_of({"GPS1_DELAY_MS": 90.0}, (4, 6), False)["GPS_DELAY_MS"] == 90.0
+    assert sources_of(settings_of({"EK3_GPS_TYPE": 3.0}, (4, 0), False), (4, 0))["SRC1_POSXY"] == 0.0
+
+
+def test_parameters_of_another_version_are_refused() -> None:
+    check_changes(["SRC1_YAW"], (4, 5))
+    with pytest.raises(UsageError, match=r"EK3_SRC1_YAW exists from 4.1 on; this log is of version 4.0"):
+        check_changes(["SRC1_YAW"], (4, 0))
+
+
+# Simulated flights of the firmware: median and 95 % of tilt, median of heading in deg, in the air.
+FLIGHTS = {
+    "copter_loop400.bin": (0.08, 0.25, 0.35),
+    "copter_long.bin": (0.08, 0.25, 0.35),
+    "copter_aggressive.bin": (0.08, 0.25, 0.35),
+    "copter_yaw_turns.bin": (0.08, 0.25, 0.35),
+    "copter_gps_loss.bin": (0.10, 0.80, 0.35),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_a_simulated_flight_is_followed(corpus: Path, name: str) -> None:
+    log = attlog.read(corpus / "sitl" / "ardupilot" / name)
+    inputs = log.estimator.inputs()
+    found = run.rerun(inputs)
+    t, q = inputs.states.t, inputs.states.x[:, :4]
+    good = np.isfinite(found.q[:, 0])
+    k = np.clip(np.searchsorted(found.t_step, t), 0, len(found.t_step) - 1)
+    use = (t > found.t[good][0] + 10.0) & (t < found.t[good][-1]) & (found.states["in_flight"][k] > 0)
+    error = rotation.earth_error(rotation.slerp(found.t[good], found.q[good], t[use]), q[use])
+    tilt, heading = np.degrees(rotation.tilt_angle(error)), np.degrees(np.abs(rotation.heading_angle(error)))
+    limits = FLIGHTS[name]
+    assert np.median(tilt) < limits[0]
+    assert np.percentile(tilt, 95) < limits[1]
+    assert np.median(heading) < limits[2]
+
+
+@pytest.mark.slow
+def test_a_planted_gnss_delay_is_found_by_the_velocity_innovation(corpus: Path) -> None:
+    inputs = attlog.read(corpus / "sitl" / "ardupilot" / "copter_aggressive.bin").estimator.inputs()
+    gnss = {**inputs.gnss, "t_message": inputs.gnss["t_message"] + 0.05, "t": inputs.gnss["t"] + 0.05}
+    late = replace(inputs, gnss=gnss)
+    delays = (100.0, 150.0, 200.0)
+    rms = [np.sqrt(np.mean(run.rerun(late, {"GPS_DELAY_MS": d}).innovations["velocity_n"][:, 1] ** 2)) for d in delays]
+    assert int(np.argmin(rms)) == 1
