@@ -87,12 +87,12 @@ class GateOutcome:
     metric: str
     window: str
     status: Status
-    cause: Cause | None
-    value: float | None
-    unit: str
-    allowed: float | None
-    excess: float
     sentence: str
+    cause: Cause | None = None
+    value: float | None = None
+    unit: str = ""
+    allowed: float | None = None
+    excess: float = math.inf
     excused: bool = False
 
 
@@ -240,12 +240,12 @@ def _limit_outcome(
         gate.metric,
         window,
         "passed" if verdict.passed else "failed",
+        value_and_limit_text(row.name, gate.metric, window, answer, limit, other, verdict),
         None if verdict.passed else "limit",
         answer.value,
         answer.unit,
         verdict.allowed,
         verdict.excess,
-        value_and_limit_text(row.name, gate.metric, window, answer, limit, other, verdict),
         verdict.excused,
     )
 
@@ -254,16 +254,14 @@ def _without_value(gate: Gate, limit: GateLimit, row: str, cause: Cause, why: st
     """Return the outcome without a number: failed, or skipped where an optional gate has no answer."""
     status: Status = "skipped" if gate.optional and cause == "unanswered" else "failed"
     where = window or gate.window or ""
-    return GateOutcome(row, gate.check(limit), gate.metric, where, status, cause, None, "", None, math.inf, why)
+    return GateOutcome(row, gate.check(limit), gate.metric, where, status, why, cause)
 
 
 def _row_outcome(row: EstimatorRow) -> GateOutcome:
     """Return whether a row ran to its end."""
     if row.status in LOST_STATUSES:
-        said = lost_row_text(row)
-        return GateOutcome(row.name, STATUS_CHECK, STATUS_CHECK, "", "failed", "row", None, "", None, math.inf, said)
-    said = f"{row.name}: {row.status}"
-    return GateOutcome(row.name, STATUS_CHECK, STATUS_CHECK, "", "passed", None, None, "", None, 0.0, said)
+        return GateOutcome(row.name, STATUS_CHECK, STATUS_CHECK, "", "failed", lost_row_text(row), "row")
+    return GateOutcome(row.name, STATUS_CHECK, STATUS_CHECK, "", "passed", f"{row.name}: {row.status}", excess=0.0)
 
 
 def gate_windows(metric: str, window: str | None) -> tuple[str, ...]:
@@ -272,13 +270,9 @@ def gate_windows(metric: str, window: str | None) -> tuple[str, ...]:
 
 
 @functools.cache
-def _all_definitions() -> dict[str, Metric]:
-    return definitions()
-
-
 def metric_definition(metric: str) -> Metric:
     """Return a metric's definition. KeyError for one that does not exist."""
-    return _all_definitions()[metric]
+    return definitions()[metric]
 
 
 def first_answer(row: EstimatorRow, metric: str, windows: Iterable[str]) -> tuple[str, Answer | None]:
@@ -450,19 +444,19 @@ def _sensor_outcomes(gate: SensorGate, limits: Iterable[GateLimit | str], found:
             gate.question,
             "",
             "failed" if failed else "passed",
+            text,
             "limit" if failed else None,
             found.value,
             found.unit,
             allowed,
             excess,
-            text,
         )
 
 
 def _sensor_unanswered(gate: SensorGate, check: GateLimit | str, sensor: str, why: str) -> GateOutcome:
     status: Status = "skipped" if gate.unknown_passes else "failed"
     name = gate.check(check)
-    return GateOutcome(sensor, name, gate.question, "", status, "unanswered", None, "", None, math.inf, why)
+    return GateOutcome(sensor, name, gate.question, "", status, why, "unanswered")
 
 
 def no_row_text(pattern: str, names: Sequence[str]) -> str:
