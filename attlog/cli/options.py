@@ -298,7 +298,7 @@ def _parameters(kind: Any) -> Iterator[inspect.Parameter]:
 
 @dataclass(frozen=True, slots=True)
 class LogOptions:
-    """How a log is analysed: options of ``analyze`` and ``batch``. None: not asked for."""
+    """Options of ``analyze`` and ``batch`` about the analysis of a log; None: default."""
 
     estimators: Annotated[
         str | None,
@@ -470,7 +470,7 @@ def check_filter(item: str) -> None:
 
     name = item.partition(":")[0].partition("@")[0]
     if not (name.endswith((".py", ".csv")) and os.path.isfile(name)):
-        with suppress(PluginError):  # what a filter of a package does stands in its row
+        with suppress(PluginError):  # an error of a package's filter is reported in its row
             try:
                 estimators.select(item)
             except UsageError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from attlog.reproduce.bench import AXES, COST_METHOD, run_each, run_seeds, time_
 from attlog.reproduce.page import filter_lines, points_line, truth_lines
 from attlog.reproduce.paper import (
     Claim,
+    FigureLine,
     Paper,
     PaperFigure,
     PaperNumber,
@@ -34,9 +34,8 @@ from attlog.reproduce.xu_runs import (
     FIXED,
     ROWS,
     SWEPT,
-    GainErrors,
-    LogOscillation,
-    XuSeed,
+    Flights,
+    GainRun,
     air_span,
     best_gain,
     flown,
@@ -47,20 +46,17 @@ from attlog.reproduce.xu_runs import (
 from attlog.words.numbers import counted, listed, number, quantity
 
 
-def slow_claim(seeds: Sequence[XuSeed], missions: GainErrors) -> Claim:
+def slow_claim(missions: Flights) -> Claim:
     """Judge the slow error below the best gain."""
     smallest, next_one = SWEPT[0], SWEPT[1]
-    best = best_gain(missions, missions.tilt, "tilt")
+    best = best_gain(missions, "tilt")
+    slow = "slow error of roll and pitch"
     grown, printed = (
-        ratio(
-            f"slow error of roll and pitch, kp {kp:g} over {next_one:g}, simulated missions",
-            [s.slow[gain(kp)] for s in seeds],
-            [s.slow[gain(next_one)] for s in seeds],
-        )
+        _over(missions, f"{slow}, kp {kp:g} over {next_one:g}", "slow", None, gain(kp), gain(next_one))
         for kp in (smallest, 0.6)
     )
     sizes = [
-        mean(f"slow error of roll and pitch, kp {kp:g}, simulated missions", [s.slow[gain(kp)] for s in seeds], "deg")
+        mean(f"{slow}, kp {kp:g}, {missions.called}", missions.values("slow", gain(kp)), "deg")
         for kp in (smallest, next_one, 0.6)
     ]
     return Claim(
@@ -98,7 +94,7 @@ def cost_claim(spent: dict[str, list[float]]) -> Claim:
 CALLED = {row: f"kp {kp:g}" for kp, row in FIXED.items()} | {ADAPTIVE: "adaptive (our law)"}
 
 
-def paper_figures(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation], seed: int = 0) -> tuple[PaperFigure, ...]:
+def paper_figures(sets: Sequence[Flights], seed: int = 0) -> tuple[PaperFigure, ...]:
     """Draw the mission, its errors, oscillation and error against the gain."""
     s = flown(seed)
     return (
@@ -122,85 +118,52 @@ def paper_figures(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation], seed:
             tuple(filter_lines(s, CALLED, errors=True, span=air_span())),
             height=480,
         ),
-        _by_gain("oscillation", "fig. 1 to 3", "How much it oscillates, by gain", seeds, logs),
-        _errors_by_gain(seeds, logs),
-    )
-
-
-def _by_gain(id: str, where: str, title: str, seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperFigure:
-    lines = [
-        points_line(
-            "simulated missions", SWEPT, [geometric_mean([s.rms[gain(kp)][axis] for s in seeds]) for kp in SWEPT], axis
-        )
-        for axis in range(3)
-    ]
-    if logs:
-        lines += [
-            points_line(
-                "logs", SWEPT, [geometric_mean([log.rms[gain(kp)][axis] for log in logs]) for kp in SWEPT], axis
-            )
-            for axis in range(3)
-        ]
-    return PaperFigure(
-        id,
-        where,
-        title,
-        "Geometric means over flights with their intervals, 0.2 to 5 Hz: of the error in simulation, on logs of what "
-        "the filter pushes in beyond the gyro alone.",
-        "kp, 1/s",
-        tuple(f"{a}, deg" for a in AXES),
-        tuple(lines),
-        "points",
-        height=480,
-        x_log=True,
-    )
-
-
-def _errors_by_gain(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperFigure:
-    lines = [
-        points_line(
-            "simulated missions", SWEPT, [geometric_mean([s.tilt[gain(kp)] for s in seeds]) for kp in SWEPT], 0
+        PaperFigure(
+            "oscillation",
+            "fig. 1 to 3",
+            "How much it oscillates, by gain",
+            "Geometric means over flights with their intervals, 0.2 to 5 Hz: of the error in simulation, on logs of "
+            "what the filter pushes in beyond the gyro alone.",
+            "kp, 1/s",
+            tuple(f"{a}, deg" for a in AXES),
+            tuple(_gain_line(flights, "rms", axis, axis) for flights in sets for axis in range(3)),
+            "points",
+            height=480,
+            x_log=True,
         ),
-        points_line(
-            "simulated missions", SWEPT, [geometric_mean([s.heading[gain(kp)] for s in seeds]) for kp in SWEPT], 1
+        PaperFigure(
+            "best",
+            "section 4",
+            "How far off, by gain",
+            "Geometric means of RMS errors over flights with their intervals; logs against their reference.",
+            "kp, 1/s",
+            ("tilt, deg", "heading, deg"),
+            tuple(
+                _gain_line(flights.complete("heading"), what, None, panel)
+                for flights in map(Flights.complete, sets)
+                for panel, what in enumerate(("tilt", "heading"))
+                if flights.complete("heading").runs
+            ),
+            "points",
+            height=400,
+            x_log=True,
         ),
-    ]
-    complete = [
-        log for log in logs if all(math.isfinite(v) for kp in SWEPT for v in log.errors.get(gain(kp), (math.nan,)))
-    ]
-    if complete:
-        lines += [
-            points_line(
-                "logs", SWEPT, [geometric_mean([log.errors[gain(kp)][k] for log in complete]) for kp in SWEPT], k
-            )
-            for k in (0, 1)
-        ]
-    return PaperFigure(
-        "best",
-        "section 4",
-        "How far off, by gain",
-        "Geometric means of RMS errors over flights with their intervals; logs against their reference.",
-        "kp, 1/s",
-        ("tilt, deg", "heading, deg"),
-        tuple(lines),
-        "points",
-        height=400,
-        x_log=True,
     )
 
 
-def oscillation_table(seeds: Sequence[XuSeed], logs: Sequence[LogOscillation]) -> PaperTable:
+def _gain_line(flights: Flights, what: str, axis: int | None, panel: int) -> FigureLine:
+    numbers = [geometric_mean(flights.values(what, gain(kp), axis)) for kp in SWEPT]
+    return points_line(flights.called, SWEPT, numbers, panel)
+
+
+def oscillation_table(sets: Sequence[Flights]) -> PaperTable:
     """Return oscillation and errors of the paper's gains and of the adaptive one."""
+    measures = (*(("rms", axis) for axis in range(3)), ("tilt", None), ("heading", None))
     rows = []
     for row, name in CALLED.items():
-        sets = [("missions", [s.rms[row] for s in seeds], [(s.tilt[row], s.heading[row]) for s in seeds])]
-        if logs:
-            sets.append(
-                ("logs", [log.rms[row] for log in logs], [log.errors[row] for log in logs if row in log.errors])
-            )
-        for called, rms, errors in sets:
-            cells = [geometric_mean([r[axis] for r in rms]) for axis in range(3)]
-            cells += [geometric_mean([e[k] for e in errors]) for k in (0, 1)]
+        for flights in sets:
+            cells = [geometric_mean(flights.values(what, row, axis)) for what, axis in measures]
+            called = flights.called.removeprefix("simulated ")
             rows.append((f"{name}, {called}", *(quantity(n.value, "deg") for n in cells)))
     head = ("gain", *(f"{a}, 0.2 to 5 Hz" for a in AXES), "error of tilt", "error of heading")
     return PaperTable("Oscillation and error", head, tuple(rows), "Geometric means over flights of RMS values.")
@@ -220,11 +183,11 @@ BETTER_RATIO = 0.98
 
 def paper(options: PaperOptions) -> Paper:
     """Measure Xu's claims on simulated missions and on logs."""
-    seeds = run_seeds("missions", one_seed, options)
+    missions = Flights("simulated missions", run_seeds("missions", one_seed, options))
     paths = options.logs or tuple(sorted(p for p in SAMPLE_LOGS.glob("*") if p.suffix in (".ulg", ".bin")))
     logs = run_each("logs", oscillation_on_log, [(path, ROWS) for path in paths], options)
     used = [log for log in logs if not log.why_not]
-    runs = [_of_seeds(seeds), *([_of_logs(used)] if used else [])]
+    runs = [missions, *([Flights("logs", used)] if used else [])]
     return Paper(
         "xu",
         "Attitude by the Mahony filter and its application",
@@ -235,12 +198,12 @@ def paper(options: PaperOptions) -> Paper:
             _oscillation_claim(runs),
             _heading_claim(runs),
             _best_gain_claim(runs),
-            slow_claim(seeds, runs[0]),
+            slow_claim(missions),
             cost_claim(time_updates(COSTED)),
             _adaptive_claim(runs),
         ),
-        paper_figures(seeds, used),
-        (oscillation_table(seeds, used),),
+        paper_figures(runs),
+        (oscillation_table(runs),),
         _notes(logs),
         seeds=options.seeds,
         logs=tuple(log.name for log in used),
@@ -278,7 +241,7 @@ def _settings(logs: int) -> tuple[PaperSetting, ...]:
     )
 
 
-def _notes(logs: Sequence[LogOscillation]) -> tuple[str, ...]:
+def _notes(logs: Sequence[GainRun]) -> tuple[str, ...]:
     left_out = [f"{log.name} ({log.why_not})" for log in logs if log.why_not]
     kinds = {log.reference for log in logs if not log.why_not}
     found = [
@@ -298,50 +261,30 @@ def _notes(logs: Sequence[LogOscillation]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _of_seeds(seeds: Sequence[XuSeed]) -> GainErrors:
-    return GainErrors(
-        "simulated missions",
-        {row: [s.rms[row] for s in seeds] for row in ROWS},
-        {row: [s.hz[row] for s in seeds] for row in ROWS},
-        {row: [s.crossing[row] for s in seeds] for row in ROWS},
-        {row: [s.tilt[row] for s in seeds] for row in ROWS},
-        {row: [s.heading[row] for s in seeds] for row in ROWS},
-    )
+def _over(runs: Flights, what: str, field: str, axis: int | None, row: str, other: str) -> PaperNumber:
+    """Return the ratio of a field of two rows."""
+    return ratio(f"{what}, {runs.called}", runs.values(field, row, axis), runs.values(field, other, axis))
 
 
-def _of_logs(logs: Sequence[LogOscillation]) -> GainErrors:
-    nothing = (math.nan, math.nan)
-    return GainErrors(
-        "logs",
-        {row: [log.rms[row] for log in logs] for row in ROWS},
-        {row: [log.hz[row] for log in logs] for row in ROWS},
-        {row: [log.crossing[row] for log in logs] for row in ROWS},
-        {row: [log.errors.get(row, nothing)[0] for log in logs] for row in ROWS},
-        {row: [log.errors.get(row, nothing)[1] for log in logs] for row in ROWS},
-    )
+def _step(runs: Flights, axis: int, high: float, low: float) -> PaperNumber:
+    return _over(runs, f"{AXES[axis]} in the band, kp {high:g} over {low:g}", "rms", axis, gain(high), gain(low))
 
 
-def _step(runs: GainErrors, axis: int, high: float, low: float) -> PaperNumber:
-    what = f"{AXES[axis]} in the band, kp {high:g} over {low:g}, {runs.called}"
-    return ratio(what, runs.in_band(gain(high), axis), runs.in_band(gain(low), axis))
+def _frequency(runs: Flights, field: str, axis: int, high: float, low: float) -> PaperNumber:
+    what = f"{FREQUENCIES[field]} of {AXES[axis]}, kp {high:g} over {low:g}"
+    return _over(runs, what, field, axis, gain(high), gain(low))
 
 
-def _frequency(runs: GainErrors, field: str, axis: int, high: float, low: float) -> PaperNumber:
-    found = getattr(runs, field)
-    what = f"{FREQUENCIES[field]} of {AXES[axis]}, kp {high:g} over {low:g}, {runs.called}"
-    return ratio(what, [h[axis] for h in found[gain(high)]], [h[axis] for h in found[gain(low)]])
-
-
-def _verdict(runs: Sequence[GainErrors], parts: Mapping[str, list[Verdict]]) -> Verdict:
+def _verdict(runs: Sequence[Flights], parts: Mapping[str, list[Verdict]]) -> Verdict:
     """Combine the verdicts on simulated missions, and on logs where there are enough for an interval."""
-    return combine_verdicts([v for r in runs if r is runs[0] or r.flights > 1 for v in parts[r.called]])
+    return combine_verdicts([v for r in runs if r is runs[0] or len(r.runs) > 1 for v in parts[r.called]])
 
 
-def _oscillation_claim(runs: Sequence[GainErrors]) -> Claim:
+def _oscillation_claim(runs: Sequence[Flights]) -> Claim:
     steps = {r.called: [_frequency(r, "crossing", axis, *pair) for axis in (0, 1) for pair in PAIRS] for r in runs}
     peaks = {r.called: [_frequency(r, "hz", axis, 2.0, 0.6) for axis in (0, 1)] for r in runs}
     each = [
-        mean(f"{kind} of {AXES[axis]}, kp {kp:g}, {r.called}", [h[axis] for h in getattr(r, field)[row]], "1/s")
+        mean(f"{kind} of {AXES[axis]}, kp {kp:g}, {r.called}", r.values(field, row, axis), "1/s")
         for field, kind in FREQUENCIES.items()
         for r in runs
         for axis in (0, 1)
@@ -368,7 +311,7 @@ def _oscillation_claim(runs: Sequence[GainErrors]) -> Claim:
     )
 
 
-def _heading_claim(runs: Sequence[GainErrors]) -> Claim:
+def _heading_claim(runs: Sequence[Flights]) -> Claim:
     grows = {r.called: [_step(r, 2, *pair) for pair in PAIRS] for r in runs}
     calm = {r.called: _step(r, 2, 0.6, CALMER) for r in runs}
     parts = {r.called: [*(above(n, 1.0) for n in grows[r.called]), below(calm[r.called], LITTLE_RATIO)] for r in runs}
@@ -388,16 +331,15 @@ def _heading_claim(runs: Sequence[GainErrors]) -> Claim:
     )
 
 
-def _best_gain_claim(runs: Sequence[GainErrors]) -> Claim:
-    measured = [r for r in runs if r.measured]
+def _best_gain_claim(runs: Sequence[Flights]) -> Claim:
+    measured = [r for r in runs if r.complete().runs]
     three = {
         r.called: [
-            ratio(f"error of tilt, kp {kp:g} over 0.6, {r.called}", r.tilt[gain(kp)], r.tilt[gain(0.6)])
-            for kp in (1.1, 2.0)
+            _over(r, f"error of tilt, kp {kp:g} over 0.6", "tilt", None, gain(kp), gain(0.6)) for kp in (1.1, 2.0)
         ]
         for r in measured
     }
-    best = {r.called: [best_gain(r, r.tilt, "tilt"), best_gain(r, r.heading, "heading")] for r in measured}
+    best = {r.called: [best_gain(r, what) for what in ("tilt", "heading")] for r in measured}
     parts: dict[str, list[Verdict]] = {}
     for called, found in best.items():
         parts[called] = [above(n, 1.0) for n in three[called]]
@@ -418,13 +360,13 @@ def _best_gain_claim(runs: Sequence[GainErrors]) -> Claim:
     )
 
 
-def _adaptive_claim(runs: Sequence[GainErrors]) -> Claim:
-    fixed = gain(0.6)
+def _adaptive_claim(runs: Sequence[Flights]) -> Claim:
     numbers: dict[str, list[PaperNumber]] = {}
     for r in runs:
-        tilt = ratio(f"error of tilt, adaptive over fixed 0.6, {r.called}", r.tilt[ADAPTIVE], r.tilt[fixed])
-        own, other = r.in_band(ADAPTIVE, 0), r.in_band(fixed, 0)
-        roll = ratio(f"roll in the band, adaptive over fixed 0.6, {r.called}", own, other)
+        tilt, roll = (
+            _over(r, f"{name}, adaptive over fixed 0.6", what, axis, ADAPTIVE, gain(0.6))
+            for name, what, axis in (("error of tilt", "tilt", None), ("roll in the band", "rms", 0))
+        )
         numbers[r.called] = [n for n in (tilt, roll) if n.value is not None]
     complete = [f"{numbers_text(found[:1])} on {called}" for called, found in numbers.items()]
     return Claim(

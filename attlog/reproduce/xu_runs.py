@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,19 +57,41 @@ ROWS = (*map(gain, SWEPT), ADAPTIVE)
 
 
 @dataclass(frozen=True, slots=True)
-class XuSeed:
-    """Results of one seed by row, in the air.
+class GainRun:
+    """Results of one flight in the air by row: a simulated mission, or a log (``why_not``: reason for none).
 
-    RMS error of (roll, pitch, heading) within BAND_HZ in deg, dominant frequency and upward zero crossings of each
-    in Hz, RMS error of tilt and heading in deg, and of roll and pitch averaged over 1 / BAND_HZ[0].
+    RMS of (roll, pitch, heading) within BAND_HZ in deg (errors in simulation, corrections beyond the gyro on logs),
+    dominant frequency and upward zero crossings of each in Hz, RMS errors of tilt and heading in deg against
+    ``reference``, of roll and pitch averaged over 1 / BAND_HZ[0].
     """
 
-    rms: dict[str, Triple]
-    hz: dict[str, Triple]
-    crossing: dict[str, Triple]
-    tilt: dict[str, float]
-    heading: dict[str, float]
-    slow: dict[str, float]
+    name: str = ""
+    why_not: str = ""
+    reference: str = "truth"
+    rms: dict[str, Triple] = field(default_factory=dict)
+    hz: dict[str, Triple] = field(default_factory=dict)
+    crossing: dict[str, Triple] = field(default_factory=dict)
+    tilt: dict[str, float] = field(default_factory=dict)
+    heading: dict[str, float] = field(default_factory=dict)
+    slow: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """Simulated missions or logs."""
+
+    called: str
+    runs: Sequence[GainRun]
+
+    def values(self, what: str, row: str, axis: int | None = None) -> list[float]:
+        """Return a field of :class:`GainRun` of each flight, NaN without a value."""
+        found = [getattr(run, what).get(row) for run in self.runs]
+        return [math.nan if x is None else float(x if axis is None else x[axis]) for x in found]
+
+    def complete(self, what: str = "tilt") -> Flights:
+        """Return the flights with an error for every gain."""
+        rows = [self.values(what, gain(kp)) for kp in SWEPT]
+        return Flights(self.called, [run for k, run in enumerate(self.runs) if all(math.isfinite(x[k]) for x in rows)])
 
 
 def mission() -> Scenario:
@@ -95,20 +118,27 @@ def in_the_air(t: Array) -> NDArray[np.bool_]:
     return np.asarray((t >= begin) & (t < end))
 
 
-def one_seed(seed: int) -> XuSeed:
+def one_seed(seed: int) -> GainRun:
     """Run all gains over one mission."""
     s = flown(seed)
     found = {row: run_filter(row, s) for row in ROWS}
     spectra = {row: _spectra(one) for row, one in found.items()}
     air = {row: in_the_air(one.t) for row, one in found.items()}
-    return XuSeed(
-        {row: triple([x.rms(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
-        {row: triple([x.dominant_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
-        {row: triple([x.crossing_hz(BAND_HZ) for x in axes]) for row, axes in spectra.items()},
-        {row: rms(one.tilt_error[air[row]]) for row, one in found.items()},
-        {row: rms(one.heading_error[air[row]]) for row, one in found.items()},
-        {row: slow_deg(one.t[air[row]], one.errors[air[row], :2]) for row, one in found.items()},
+    return GainRun(
+        **_by_row(spectra),
+        tilt={row: rms(one.tilt_error[air[row]]) for row, one in found.items()},
+        heading={row: rms(one.heading_error[air[row]]) for row, one in found.items()},
+        slow={row: slow_deg(one.t[air[row]], one.errors[air[row], :2]) for row, one in found.items()},
     )
+
+
+def _by_row(spectra: Mapping[str, Sequence[Spectrum]]) -> dict[str, Any]:
+    """Return RMS, dominant frequency and zero crossings in the band by row."""
+    measures = {"rms": Spectrum.rms, "hz": Spectrum.dominant_hz, "crossing": Spectrum.crossing_hz}
+    return {
+        name: {row: tuple(measure(x, BAND_HZ) for x in axes) for row, axes in spectra.items()}
+        for name, measure in measures.items()
+    }
 
 
 def slow_deg(t: Array, error: Array) -> float:
@@ -121,41 +151,6 @@ def slow_deg(t: Array, error: Array) -> float:
 def _spectra(found: FilterOutput) -> list[Spectrum]:
     part = in_the_air(found.t)
     return [spectrum(found.t[part], found.errors[part, axis]) for axis in range(3)]
-
-
-def triple(values: list[float]) -> Triple:
-    """Return roll, pitch, heading."""
-    return values[0], values[1], values[2]
-
-
-@dataclass(frozen=True, slots=True)
-class GainErrors:
-    """Simulated missions or real flights, as lists by row; NaN where a flight has no value.
-
-    RMS in the band by axis in deg, dominant frequencies and zero crossings in Hz, errors of tilt and heading in
-    deg.
-    """
-
-    called: str
-    rms: Mapping[str, list[tuple[float, float, float]]]
-    hz: Mapping[str, list[tuple[float, float, float]]]
-    crossing: Mapping[str, list[tuple[float, float, float]]]
-    tilt: Mapping[str, list[float]]
-    heading: Mapping[str, list[float]]
-
-    @property
-    def flights(self) -> int:
-        """Return the number of flights."""
-        return len(self.rms[gain(0.6)])
-
-    @property
-    def measured(self) -> bool:
-        """Return whether any flight has an error for every gain."""
-        return any(all(math.isfinite(self.tilt[gain(kp)][k]) for kp in SWEPT) for k in range(self.flights))
-
-    def in_band(self, row: str, axis: int) -> list[float]:
-        """Return the RMS of one axis in the band."""
-        return [values[axis] for values in self.rms[row]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,41 +180,25 @@ class BestGain:
         return any(low <= kp <= high for kp in self.alike)
 
 
-def best_gain(runs: GainErrors, errors: Mapping[str, list[float]], what: str) -> BestGain:
-    """Return the best over the flights with an error for every gain, by the mean logarithm."""
-    usable = [k for k in range(runs.flights) if all(math.isfinite(errors[gain(kp)][k]) for kp in SWEPT)]
-    found = {kp: [errors[gain(kp)][k] for k in usable] for kp in SWEPT}
-    best = min(SWEPT, key=lambda kp: float(np.mean(np.log(found[kp]))) if usable else 0.0)
+def best_gain(flights: Flights, what: str) -> BestGain:
+    """Return the gain with the smallest error of ``what`` (tilt, heading) by the mean logarithm.
+
+    Only flights with an error for every gain count.
+    """
+    usable = flights.complete(what)
+    found = {kp: usable.values(what, gain(kp)) for kp in SWEPT}
+    best = min(SWEPT, key=lambda kp: float(np.mean(np.log(found[kp]))) if usable.runs else 0.0)
     alike = tuple(kp for kp in SWEPT if kp == best or above(ratio("", found[kp], found[best]), 1.0) != "holds")
-    said = f"error of {what}, kp 0.6 over {best:g}, the best, {runs.called}"
-    return BestGain(what, best, alike, ratio(said, found[0.6], found[best]))
+    text = f"error of {what}, kp 0.6 over {best:g}, the best, {flights.called}"
+    return BestGain(what, best, alike, ratio(text, found[0.6], found[best]))
 
 
 GRID_S = 0.04
-MIN_WINDOWS = 1
 # Windows begin so long after a filter's start.
 SETTLED_S = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class LogOscillation:
-    """Oscillation on one log by row, or ``why_not``.
-
-    RMS of (roll, pitch, heading) within the band in deg, dominant frequency of each in Hz, errors (tilt, heading)
-    against ``reference`` in deg where there is one.
-    """
-
-    name: str
-    why_not: str = ""
-    windows: int = 0
-    reference: str = ""
-    rms: dict[str, Triple] = field(default_factory=dict)
-    hz: dict[str, Triple] = field(default_factory=dict)
-    crossing: dict[str, Triple] = field(default_factory=dict)
-    errors: dict[str, tuple[float, float]] = field(default_factory=dict)
-
-
-def oscillation_on_log(path: Path, rows: tuple[str, ...]) -> LogOscillation:
+def oscillation_on_log(path: Path, rows: tuple[str, ...]) -> GainRun:
     """Measure rows (``mahony@xu-0.6``) on one log, or return the reason for none.
 
     A real flight has no true attitude. The correction that a filter adds to the gyro alone
@@ -232,49 +211,37 @@ def oscillation_on_log(path: Path, rows: tuple[str, ...]) -> LogOscillation:
     try:
         case = prepare(path, Config.build({}))
         if case.log.kind is not VehicleKind.MULTIROTOR:
-            return LogOscillation(path.name, f"no multirotor but a {case.log.kind.value}")
+            return GainRun(path.name, f"no multirotor but a {case.log.kind.value}")
         if case.log.mag is None:
-            return LogOscillation(path.name, "no magnetometer")
+            return GainRun(path.name, "no magnetometer")
         return _measured(case, rows)
     except AttlogError as error:
-        return LogOscillation(path.name, str(error))
+        return GainRun(path.name, str(error))
 
 
-def _measured(case: Case, rows: tuple[str, ...]) -> LogOscillation:
+def _measured(case: Case, rows: tuple[str, ...]) -> GainRun:
     name = case.log.path.name
     gyro = _run(case, "gyro")
     if gyro is None:
-        return LogOscillation(name, "no inertial samples")
+        return GainRun(name, "no inertial samples")
     alone = correction_noise.GyroAttitude(gyro.t, gyro.q, _segments(gyro))
     windows = _windows(case, float(gyro.t[0]))
     pushed: dict[str, list[Array]] = {row: [] for row in rows}
     runs = {row: _run(case, row) for row in rows}
-    used = 0
     for t in windows:
-        parts = {row: _residual(t, run, alone) for row, run in runs.items()}
-        if any(part is None for part in parts.values()):
-            continue
-        used += 1
-        for row, part in parts.items():
-            if part is not None:
+        parts = {row: part for row, run in runs.items() if (part := _residual(t, run, alone)) is not None}
+        if len(parts) == len(rows):
+            for row, part in parts.items():
                 pushed[row].append(part)
-    if used < MIN_WINDOWS:
+    if not all(pushed.values()):
         limit = f"within {correction_noise.TURN_DEG:g} deg of their mean attitude"
-        return LogOscillation(name, f"no {SPECTRUM_WINDOW_S:g} s in the air {limit}")
-    seen = {
+        return GainRun(name, f"no {SPECTRUM_WINDOW_S:g} s in the air {limit}")
+    spectra = {
         row: [spectrum_of_windows(GRID_S, [p[:, axis] for p in parts]) for axis in range(3)]
         for row, parts in pushed.items()
     }
-    return LogOscillation(
-        name,
-        "",
-        used,
-        case.reference.kind,
-        {row: triple([s.rms(BAND_HZ) for s in axes]) for row, axes in seen.items()},
-        {row: triple([s.dominant_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
-        {row: triple([s.crossing_hz(BAND_HZ) for s in axes]) for row, axes in seen.items()},
-        _errors(case, rows) if case.reference.kind != "none" else {},
-    )
+    found = _by_row(spectra) | (_errors(case, rows) if case.reference.kind != "none" else {})
+    return GainRun(name, reference=case.reference.kind, **found)
 
 
 def _run(case: Case, row: str) -> estimators.Estimate | None:
@@ -307,17 +274,15 @@ def _residual(t: Array, run: estimators.Estimate | None, gyro: correction_noise.
     return correction_noise.residual(t, q, gyro, correction_noise.TURN_DEG) if np.isfinite(q).all() else None
 
 
-def _errors(case: Case, rows: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+def _errors(case: Case, rows: tuple[str, ...]) -> dict[str, Any]:
+    """Return RMS errors of tilt and heading by row."""
     from attlog.pipeline import evaluate
 
-    found = {}
+    found: dict[str, dict[str, float]] = {"tilt": {}, "heading": {}}
     for row in evaluate(case, list(rows)).estimators:
         metrics = row.metrics.get("airborne", {})
-        pair = [metrics[m].value if m in metrics else None for m in ("tilt_rmse_deg", "heading_rmse_deg")]
-        if row.name in rows:
-            found[row.name] = (_nan(pair[0]), _nan(pair[1]))
+        for what, values in found.items():
+            answer = metrics.get(f"{what}_rmse_deg")
+            if row.name in rows and answer is not None and answer.value is not None:
+                values[row.name] = float(answer.value)
     return found
-
-
-def _nan(value: float | None) -> float:
-    return float("nan") if value is None else float(value)

@@ -238,7 +238,7 @@ class Move:
 
 @dataclass(frozen=True, config=STRICT)
 class PrescribedMotion:
-    """A motion by hand or on a table; the rotors stand still.
+    """Motion by hand or on a table, with the rotors off.
 
     It begins at these angles, makes every ``move`` in turn, then rests. It turns about a point fixed to the earth;
     ``arm_m``: from there to the centre of gravity, body axes. After commands it carries the vehicle from

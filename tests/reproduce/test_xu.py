@@ -17,7 +17,7 @@ from attlog.core import rotation
 from attlog.reproduce import xu, xu_runs
 from attlog.reproduce import xu as xu_figures
 from attlog.reproduce.paper import Paper, PaperOptions
-from attlog.reproduce.xu_runs import ADAPTIVE, FIXED, ROWS, SWEPT, XuSeed, best_gain, gain, oscillation_on_log
+from attlog.reproduce.xu_runs import ADAPTIVE, FIXED, ROWS, SWEPT, Flights, GainRun, best_gain, gain, oscillation_on_log
 from attlog.testing import flight
 from attlog.testing.motions import total_deg
 from tests.conftest import SAMPLES
@@ -43,19 +43,19 @@ def two_legs() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def seeds(two_legs: None) -> list[XuSeed]:
+def seeds(two_legs: None) -> list[GainRun]:
     return [xu_runs.one_seed(seed) for seed in range(SEEDS)]
 
 
 @pytest.fixture(scope="module")
-def found(seeds: list[XuSeed]) -> Paper:
+def found(seeds: list[GainRun]) -> Paper:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(xu, "run_seeds", lambda *_: seeds)
         return xu.paper(PaperOptions(seeds=SEEDS, logs=LOGS))
 
 
 @pytest.mark.slow
-def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[XuSeed]) -> None:
+def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[GainRun]) -> None:
     s = xu_runs.flown(0)
     q = attlog.estimate("mahony@xu-1.1", s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
     down = rotation.rotate_inverse(q, np.array([0.0, 0.0, 1.0]))
@@ -73,7 +73,7 @@ def test_the_papers_gains_are_its_presets() -> None:
 
 
 @pytest.mark.slow
-def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[XuSeed]) -> None:
+def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[GainRun]) -> None:
     for s in seeds:
         for axis in (0, 1):
             rms = [s.rms[FIXED[kp]][axis] for kp in (0.6, 1.1, 2.0)]
@@ -81,7 +81,7 @@ def test_every_gain_of_the_paper_lets_more_into_roll_and_pitch(seeds: list[XuSee
 
 
 @pytest.mark.slow
-def test_the_frequency_of_zero_crossings_is_that_of_counted_ones(seeds: list[XuSeed]) -> None:
+def test_the_frequency_of_zero_crossings_is_that_of_counted_ones(seeds: list[GainRun]) -> None:
     """Of the error of roll, its frequencies beyond the band taken out."""
     s = xu_runs.flown(0)
     found = xu_runs.run_filter(gain(2.0), s)
@@ -94,7 +94,7 @@ def test_the_frequency_of_zero_crossings_is_that_of_counted_ones(seeds: list[XuS
 
 
 @pytest.mark.slow
-def test_slow_errors_are_what_an_average_over_five_seconds_leaves(seeds: list[XuSeed]) -> None:
+def test_slow_errors_are_what_an_average_over_five_seconds_leaves(seeds: list[GainRun]) -> None:
     s = xu_runs.flown(0)
     found = xu_runs.run_filter(gain(0.06), s)
     error = found.errors[xu_runs.in_the_air(found.t), :2]
@@ -113,32 +113,32 @@ def test_the_matrix_form_of_the_cost_is_the_filter_of_the_paper() -> None:
 
 
 @pytest.mark.slow
-def test_the_verdicts_follow_the_numbers(seeds: list[XuSeed]) -> None:
-    assert xu._oscillation_claim([xu._of_seeds(seeds)]).verdict == "holds in part"
+def test_the_verdicts_follow_the_numbers(seeds: list[GainRun]) -> None:
+    assert xu._oscillation_claim([Flights("simulated missions", seeds)]).verdict == "holds in part"
     swap = {gain(0.6): gain(2.0), gain(2.0): gain(0.6)}
     turned = [replace(s, crossing={row: s.crossing[swap.get(row, row)] for row in ROWS}) for s in seeds]
-    assert xu._oscillation_claim([xu._of_seeds(turned)]).verdict == "does not hold"
+    assert xu._oscillation_claim([Flights("simulated missions", turned)]).verdict == "does not hold"
     grown = {gain(kp): kp for kp in SWEPT} | {ADAPTIVE: 1.0}
     by_seed = [{row: (hz * (1.0 + 0.01 * k),) * 3 for row, hz in grown.items()} for k in range(SEEDS)]
     faster = [replace(s, crossing=hz, hz=hz) for s, hz in zip(seeds, by_seed, strict=True)]
-    assert xu._oscillation_claim([xu._of_seeds(faster)]).verdict == "holds"
+    assert xu._oscillation_claim([Flights("simulated missions", faster)]).verdict == "holds"
     slower = [replace(s, slow={row: 1.0 + 0.01 * k for row in ROWS} | {gain(0.03): 2.0}) for k, s in enumerate(seeds)]
-    assert xu.slow_claim(slower, xu._of_seeds(slower)).verdict == "holds"
+    assert xu.slow_claim(Flights("simulated missions", slower)).verdict == "holds"
     flat = [replace(s, slow=s.slow | {gain(0.06): 2.0, gain(0.03): 1.0 + 0.01 * k}) for k, s in enumerate(seeds)]
-    assert xu.slow_claim(flat, xu._of_seeds(flat)).verdict == "does not hold"
+    assert xu.slow_claim(Flights("simulated missions", flat)).verdict == "does not hold"
     better = [replace(s, tilt=s.tilt | {ADAPTIVE: 0.5 * s.tilt[gain(0.6)]}) for s in seeds]
     better = [replace(s, rms=s.rms | {ADAPTIVE: tuple(0.5 * v for v in s.rms[gain(0.6)])}) for s in better]
-    assert xu._adaptive_claim([xu._of_seeds(better)]).verdict == "holds"
+    assert xu._adaptive_claim([Flights("simulated missions", better)]).verdict == "holds"
 
 
 @pytest.mark.slow
-def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[XuSeed]) -> None:
+def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[GainRun]) -> None:
     curve = {gain(kp): 1.0 + np.log(kp / 0.85) ** 2 for kp in SWEPT}
     known = [
         replace(s, tilt={**s.tilt, **{k: v * (1 + 0.01 * n) for k, v in curve.items()}}) for n, s in enumerate(seeds)
     ]
-    runs = xu._of_seeds(known)
-    best = best_gain(runs, runs.tilt, "tilt")
+    runs = Flights("simulated missions", known)
+    best = best_gain(runs, "tilt")
     assert (best.kp, best.alike, best.any_within(0.6, 1.1)) == (0.85, (0.85,), True)
     assert best.over.value == pytest.approx(1.0 + np.log(0.6 / 0.85) ** 2)
 
@@ -182,6 +182,6 @@ def test_its_sentences_are_short(found: Paper) -> None:
 
 
 def test_a_single_log_has_no_interval_and_no_say_in_a_verdict() -> None:
-    seeds, one, two = (SimpleNamespace(called=name, flights=n) for name, n in (("s", 1), ("one", 1), ("two", 2)))
+    seeds, one, two = (SimpleNamespace(called=name, runs=[None] * n) for name, n in (("s", 1), ("one", 1), ("two", 2)))
     parts: Any = {"s": ["holds"], "one": ["does not hold"], "two": ["does not hold"]}
     assert [xu._verdict([seeds, other], parts) for other in (one, two)] == ["holds", "holds in part"]  # type: ignore[list-item]

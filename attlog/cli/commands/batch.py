@@ -216,7 +216,7 @@ def table_command(
 ) -> None:
     """Show one number of many logs.
 
-    It stands in their results. Each log is a line, each filter a column; median and quartiles stand below.
+    Each log is a line, each filter a column; median and quartiles are below.
 
     Example: attlog table reports --metric heading_rmse_deg --by firmware
     """

@@ -260,7 +260,7 @@ def diff_command(
 ) -> None:
     """Compare two results, or two folders of them.
 
-    What is told otherwise and numbers beyond their tolerance are printed, worst first, then parameters and gains.
+    Changed answers and numbers beyond their tolerance are printed, worst first, then parameters and gains.
     Exit code 1: something changed.
 
     Example: attlog diff reports-old reports-new --tolerance lag_ms=2

@@ -335,7 +335,7 @@ def extract_command(
 ) -> None:
     """Write data of a log for pandas and PlotJuggler.
 
-    The first column is time_s; units stand in names or metadata.
+    The first column is time_s; units are in names or metadata.
 
     Example: attlog extract flight.ulg vehicle_attitude --from 10 --to 60
     """
