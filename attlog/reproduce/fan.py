@@ -22,7 +22,6 @@ from attlog.reproduce.fan_runs import (
     SETTLED_S,
     SPIKE_DEG,
     WIDER,
-    FanSeed,
     Judged,
     at_rest,
     by_walk,
@@ -39,12 +38,12 @@ from attlog.reproduce.paper import (
     PaperOptions,
     PaperSetting,
     PaperTable,
+    Seeds,
     Verdict,
     above,
     below,
     combine_readings,
     combine_verdicts,
-    difference,
     mean,
     mean_text,
     put_first,
@@ -55,27 +54,21 @@ from attlog.reproduce.paper import (
 from attlog.words.numbers import listed, quantity
 
 
-def exact_claim(found: list[FanSeed]) -> Judged:
+def exact_claim(found: Seeds) -> Judged:
     """Judge the error of the attitude, at rest and in rotation."""
+    wheres = (("at rest", "rest off"), ("in rotation", "turn off"))
     numbers = [
         [
-            ratio(
-                f"error of the attitude {where}, {CALLED[row]} over complementary filter",
-                [_attitude_error(s, row, where) for s in found],
-                [_attitude_error(s, FILTER, where) for s in found],
+            found.ratio(
+                f"error of the attitude {where}, {CALLED[row]} over complementary filter", (key, row), (key, FILTER)
             )
-            for where in ("at rest", "in rotation")
+            for where, key in wheres
         ]
         for row in EKFS
     ]
     verdicts = [combine_verdicts([below(n, 1.0) for n in pair]) for pair in numbers]
     own = [
-        mean(
-            f"error of the attitude {where}, complementary filter",
-            [_attitude_error(s, FILTER, where) for s in found],
-            "deg",
-        )
-        for where in ("at rest", "in rotation")
+        found.mean(f"error of the attitude {where}, complementary filter", "deg", key, FILTER) for where, key in wheres
     ]
     pairs = [n for pair in numbers for n in pair]
     claim = Claim(
@@ -92,10 +85,6 @@ def exact_claim(found: list[FanSeed]) -> Judged:
         shown=2,
     )
     return claim, verdicts
-
-
-def _attitude_error(seed: FanSeed, row: str, where: str) -> float:
-    return seed.off[row] if where == "at rest" else seed.turned[row].off_deg
 
 
 def cost_claim(spent: dict[str, list[float]]) -> Claim:
@@ -117,7 +106,7 @@ def cost_claim(spent: dict[str, list[float]]) -> Claim:
 AXIS_TITLES = tuple(f"{axis}, deg" for axis in AXES)
 
 
-def paper_figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int = 0) -> tuple[PaperFigure, ...]:
+def paper_figures(found: Seeds, called: Mapping[str, str], seed: int = 0) -> tuple[PaperFigure, ...]:
     """Draw rest, rotation, its errors, and the spread at rest over all seeds."""
     still, moved = at_rest(seed), hand_turns(seed)
     rows = {row: called[row] for row in (RAW, FILTER, EKF)}
@@ -156,10 +145,10 @@ def paper_figures(found: Sequence[FanSeed], called: Mapping[str, str], seed: int
     )
 
 
-def _spread_figure(found: Sequence[FanSeed], called: Mapping[str, str]) -> PaperFigure:
+def _spread_figure(found: Seeds, called: Mapping[str, str]) -> PaperFigure:
     lines = []
     for row in ROWS[1:]:
-        spreads = [mean("", [s.spread[row][axis] for s in found], "deg") for axis in range(len(AXES))]
+        spreads = [found.mean("", "deg", "spread", row, axis) for axis in range(len(AXES))]
         lines.append(points_line(called[row], range(len(AXES)), spreads))
     return PaperFigure(
         "spread",
@@ -181,7 +170,7 @@ SMALL = 0.5
 
 def paper(options: PaperOptions) -> Paper:
     """Measure Fan's claims."""
-    found = run_seeds("bench", one_seed, options)
+    found = Seeds(run_seeds("bench", one_seed, options))
     spent = time_updates((FILTER, EKF, AHEAD))
     judged = [_small_claim(found), _yaw_claim(found), _spikes_claim(found), _sooner_claim(found), exact_claim(found)]
     return Paper(
@@ -248,14 +237,10 @@ def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
     return f"Claims that hold at once: {listed(said)}. {most}."
 
 
-def _raw_claim(found: list[FanSeed]) -> Claim:
+def _raw_claim(found: Seeds) -> Claim:
     rest = [spreads(found, RAW, row, axis) for row in (FILTER, *EKFS) for axis in range(3)]
     turned = [
-        ratio(
-            f"largest quick error in rotation, raw over {CALLED[row]}",
-            [s.turned[RAW].peak_deg for s in found],
-            [s.turned[row].peak_deg for s in found],
-        )
+        found.ratio(f"largest quick error in rotation, raw over {CALLED[row]}", ("peak", RAW), ("peak", row))
         for row in (FILTER, *EKFS)
     ]
     return Claim(
@@ -272,7 +257,7 @@ def _raw_claim(found: list[FanSeed]) -> Claim:
     )
 
 
-def _small_claim(found: list[FanSeed]) -> Judged:
+def _small_claim(found: Seeds) -> Judged:
     own = [spreads(found, FILTER, RAW, axis) for axis in range(len(AXES))]
     numbers = [[spreads(found, row, RAW, axis) for axis in range(len(AXES))] for row in EKFS]
     verdicts = [combine_verdicts([below(n, SMALL) for n in (*own, *three)]) for three in numbers]
@@ -294,7 +279,7 @@ def _small_claim(found: list[FanSeed]) -> Judged:
     return claim, verdicts
 
 
-def _yaw_claim(found: list[FanSeed]) -> Judged:
+def _yaw_claim(found: Seeds) -> Judged:
     numbers = [spreads(found, row, FILTER, 2) for row in EKFS]
     verdicts = [above(n, 1.0) for n in numbers]
     claim = Claim(
@@ -312,21 +297,16 @@ def _yaw_claim(found: list[FanSeed]) -> Judged:
     return claim, verdicts
 
 
-def _spikes_claim(found: list[FanSeed]) -> Judged:
+def _spikes_claim(found: Seeds) -> Judged:
     peaks = [
-        ratio(
-            f"largest quick error in rotation, complementary filter over {CALLED[row]}",
-            [s.turned[FILTER].peak_deg for s in found],
-            [s.turned[row].peak_deg for s in found],
+        found.ratio(
+            f"largest quick error in rotation, complementary filter over {CALLED[row]}", ("peak", FILTER), ("peak", row)
         )
         for row in EKFS
     ]
-    counts = [
-        mean(f"spikes in rotation, {CALLED[row]}", [float(s.turned[row].spikes) for s in found], "")
-        for row in (FILTER, *EKFS)
-    ]
+    counts = [found.mean(f"spikes in rotation, {CALLED[row]}", "", "spikes", row) for row in (FILTER, *EKFS)]
     verdicts = [above(n, 1.0) for n in peaks]
-    own = mean("largest quick error, complementary filter", [s.turned[FILTER].peak_deg for s in found], "deg")
+    own = found.mean("largest quick error, complementary filter", "deg", "peak", FILTER)
     claim = Claim(
         "spikes",
         "In rotation the complementary filter shows spikes that the Kalman filter does not.",
@@ -344,26 +324,19 @@ def _spikes_claim(found: list[FanSeed]) -> Judged:
     return claim, verdicts
 
 
-def _sooner_claim(found: list[FanSeed]) -> Judged:
+def _sooner_claim(found: Seeds) -> Judged:
     delays = [
-        difference(
-            f"heading half way, {CALLED[row]} after complementary filter",
-            [s.turned[row].delay_ms for s in found],
-            [s.turned[FILTER].delay_ms for s in found],
-            "ms",
+        found.difference(
+            f"heading half way, {CALLED[row]} after complementary filter", "ms", ("delay", row), ("delay", FILTER)
         )
         for row in EKFS
     ]
     rises = [
-        mean(f"rise (10 to 90 %) beyond the true one's, {CALLED[row]}", [s.turned[row].rise_ms for s in found], "ms")
+        found.mean(f"rise (10 to 90 %) beyond the true one's, {CALLED[row]}", "ms", "rise", row)
         for row in (FILTER, *EKFS)
     ]
-    ahead = difference(
-        "heading half way, printed order after the gyro's sample first (ekf12@fan)",
-        [s.turned[EKF].delay_ms for s in found],
-        [s.turned[AHEAD].delay_ms for s in found],
-        "ms",
-    )
+    order = "heading half way, printed order after the gyro's sample first (ekf12@fan)"
+    ahead = found.difference(order, "ms", ("delay", EKF), ("delay", AHEAD))
     verdicts = [below(n, 0.0) for n in delays]
     claim = Claim(
         "sooner",
@@ -381,12 +354,11 @@ def _sooner_claim(found: list[FanSeed]) -> Judged:
     return claim, verdicts
 
 
-def _table(found: list[FanSeed]) -> PaperTable:
+def _table(found: Seeds) -> PaperTable:
     rows = []
     for row in (RAW, FILTER, *EKFS):
-        spread = [mean_text([s.spread[row][axis] for s in found], "deg") for axis in range(3)]
-        errors = [mean_text([s.turned[row].errors[axis] for s in found], "deg") for axis in range(3)]
-        rows.append((CALLED[row], *spread, *errors))
+        cells = [mean_text(found.of(key, row, axis), "deg") for key in ("spread", "error") for axis in range(3)]
+        rows.append((CALLED[row], *cells))
     head = ("filter", *(f"{a}, at rest" for a in AXES), *(f"{a}, error in rotation" for a in AXES))
     return PaperTable(
         "Spread at rest and error in rotation",

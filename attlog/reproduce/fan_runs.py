@@ -7,7 +7,7 @@ printed order, the complementary filter.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,14 +28,13 @@ from attlog.reproduce.bench import (
     rms,
     run_filter,
 )
-from attlog.reproduce.paper import Claim, PaperNumber, Verdict, ratio
+from attlog.reproduce.paper import Claim, Measures, PaperNumber, Seeds, Verdict
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario import PrescribedMotion, Scenario, load_scenario
 from attlog.simulate.sensor_settings import ImuSettings, MagSettings, SensorSettings
 from attlog.words.numbers import listed
 
 Array = NDArray[np.float64]
-Triple = tuple[float, float, float]
 
 RAW, EKF, FILTER = "accel_mag", "ekf12@fan-printed", "complementary@fan"
 # Ours, for comparison: the gyro's sample before the vectors turn.
@@ -47,35 +46,6 @@ SPIKE_DEG = 0.5
 SENSORS = SensorSettings(imu=(ImuSettings(rate_hz=200.0),), mag=(MagSettings(rate_hz=50.0),))
 # From the pivot of a hand's turn to the sensors.
 ARM_M = (0.2, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class HandTurn:
-    """Results of a row on the turns.
-
-    RMS ``errors`` (roll, pitch, heading) in deg; number of ``spikes`` (errors more than 0.5 deg from their median
-    of 2 s) and the largest; ``delay_ms`` and ``rise_ms`` of heading beyond the true one's, means of three turns;
-    ``off_deg``: RMS angle to the true attitude.
-    """
-
-    errors: Triple
-    off_deg: float
-    spikes: int
-    peak_deg: float
-    delay_ms: float
-    rise_ms: float
-
-
-@dataclass(frozen=True, slots=True)
-class FanSeed:
-    """Results of one seed by row: ``spread`` (roll, pitch, heading) and ``off`` at rest in deg, and the turns.
-
-    ``off``: RMS angle to the true attitude.
-    """
-
-    spread: dict[str, Triple]
-    off: dict[str, float]
-    turned: dict[str, HandTurn]
 
 
 def wider(factor: float) -> str:
@@ -124,15 +94,32 @@ def heading_moves() -> list[tuple[float, float, float, float]]:
     return found
 
 
-def one_seed(seed: int) -> FanSeed:
-    """Run both experiments for one seed."""
+def one_seed(seed: int) -> Measures:
+    """Run both experiments for one seed.
+
+    By row: ``spread`` of each axis and RMS angle to the true attitude (``rest off``) at rest; of the turns RMS
+    ``error`` of each axis, ``turn off``, number of ``spikes`` (errors more than 0.5 deg from their median of 2 s) and
+    the largest (``peak``), all in deg; ``delay`` and ``rise`` of heading beyond the true one's in ms.
+    """
     still, moved = at_rest(seed), hand_turns(seed)
-    rested = {row: run_filter(row, still) for row in ROWS}
-    return FanSeed(
-        {row: _spread(one) for row, one in rested.items()},
-        {row: _off(one, SETTLED_S) for row, one in rested.items()},
-        {row: _turned(run_filter(row, moved)) for row in (*ROWS, AHEAD)},
-    )
+    found: Measures = {}
+    for row in ROWS:
+        one = run_filter(row, still)
+        late = one.t >= SETTLED_S
+        found["rest off", row] = _off(one, SETTLED_S)
+        for axis in range(len(AXES)):
+            found["spread", row, axis] = detrended_std(one.t[late], one.angles[late, axis])
+    for row in (*ROWS, AHEAD):
+        one = run_filter(row, moved)
+        late = one.t >= MOVED_S
+        errors = one.errors[late]
+        t, quick = quick_errors(one.t[late], errors)
+        count, peak = count_spikes(t, np.asarray(np.max(np.abs(quick), axis=1)), SPIKE_DEG)
+        delay, rise = _heading(one)
+        found |= {("error", row, axis): rms(errors[:, axis]) for axis in range(len(AXES))}
+        found |= {("turn off", row): _off(one, MOVED_S), ("spikes", row): float(count), ("peak", row): peak}
+        found |= {("delay", row): delay, ("rise", row): rise}
+    return found
 
 
 def _off(found: FilterOutput, since: float) -> float:
@@ -140,21 +127,6 @@ def _off(found: FilterOutput, since: float) -> float:
     late = found.t >= since
     angle = rotation.total_angle(rotation.earth_error(found.q[late], found.truth[late]))
     return rms(np.asarray(np.degrees(angle)))
-
-
-def _spread(found: FilterOutput) -> Triple:
-    late = found.t >= SETTLED_S
-    a, b, c = (detrended_std(found.t[late], found.angles[late, axis]) for axis in range(len(AXES)))
-    return a, b, c
-
-
-def _turned(found: FilterOutput) -> HandTurn:
-    late = found.t >= MOVED_S
-    errors = found.errors[late]
-    t, quick = quick_errors(found.t[late], errors)
-    count, peak = count_spikes(t, np.asarray(np.max(np.abs(quick), axis=1)), SPIKE_DEG)
-    a, b, c = (rms(errors[:, axis]) for axis in range(len(AXES)))
-    return HandTurn((a, b, c), _off(found, MOVED_S), count, peak, *_heading(found))
 
 
 def _heading(found: FilterOutput) -> tuple[float, float]:
@@ -186,13 +158,10 @@ CALLED = {RAW: "raw", FILTER: "complementary filter"} | {
 Judged = tuple[Claim, list[Verdict]]
 
 
-def spreads(found: Sequence[FanSeed], row: str, over: str, axis: int) -> PaperNumber:
+def spreads(found: Seeds, row: str, over: str, axis: int) -> PaperNumber:
     """Return the ratio of two filters' spread of one axis at rest."""
-    return ratio(
-        f"spread of {AXES[axis]} at rest, {CALLED[row]} over {CALLED[over]}",
-        [s.spread[row][axis] for s in found],
-        [s.spread[over][axis] for s in found],
-    )
+    what = f"spread of {AXES[axis]} at rest, {CALLED[row]} over {CALLED[over]}"
+    return found.ratio(what, ("spread", row, axis), ("spread", over, axis))
 
 
 def by_walk(verdicts: Sequence[Verdict]) -> str:

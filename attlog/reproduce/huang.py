@@ -22,6 +22,8 @@ from attlog.reproduce.huang_runs import (
     LEVELS,
     MORE_WIND_M_S,
     NEW_EKF,
+    PHASES,
+    STAND,
     STAND_AT,
     STAND_EVERY_S,
     TILTED_S,
@@ -31,8 +33,6 @@ from attlog.reproduce.huang_runs import (
     TRACKS,
     WIND_M_S,
     WITHIN_DEG,
-    HuangSeed,
-    LevelReturn,
     axis_of,
     fly_stand,
     huang_scenario,
@@ -51,6 +51,7 @@ from attlog.reproduce.paper import (
     PaperOptions,
     PaperSetting,
     PaperTable,
+    Seeds,
     above,
     below,
     combine_verdicts,
@@ -87,27 +88,18 @@ def times_table(spent: dict[str, list[float]]) -> PaperTable:
     return PaperTable(f"{COST_UPDATES:,} updates (table 1)", head, tuple(rows), "Here: a field at every update.")
 
 
-def filter_table(found: list[HuangSeed]) -> PaperTable:
+def filter_table(found: Seeds) -> PaperTable:
     """Return the same flight on each filter."""
     rows = []
     for row in FLOWN_ON:
-        one = [s.flown[row] for s in found if row in s.flown]
-        rows.append(
-            (
-                FILTER_WORDS[row],
-                f"{sum(f.crashed for f in one)} of {len(one)}",
-                *(
-                    mean_text(v, u)
-                    for v, u in (
-                        ([max(f.most_deg) for f in one], "deg"),
-                        ([math.hypot(*f.errors.hover[:2]) for f in one], "deg"),
-                        ([math.hypot(*f.errors.moving[:2]) for f in one], "deg"),
-                        ([abs(f.returned[-1].left_deg) for f in one], "deg"),
-                        ([f.tracked[0].delay_ms for f in one], "ms"),
-                    )
-                ),
-            )
-        )
+        crashed = found.of("crashed", row)
+        tilts = [
+            [math.hypot(*both) for both in zip(*(found.of("flown", row, phase, k) for k in (0, 1)), strict=True)]
+            for phase in PHASES
+        ]
+        cells = [mean_text(found.of("most", row), "deg"), *(mean_text(tilt, "deg") for tilt in tilts)]
+        cells += [mean_text(found.of("left", row, len(LEVELS) - 1), "deg"), mean_text(found.of("delay", row, 0), "ms")]
+        rows.append((FILTER_WORDS[row], f"{sum(crashed):.0f} of {len(crashed)}", *cells))
     head = (
         "flown on",
         "crashed",
@@ -125,7 +117,7 @@ def filter_table(found: list[HuangSeed]) -> PaperTable:
     )
 
 
-def loop_table(found: list[HuangSeed]) -> PaperTable:
+def loop_table(found: Seeds) -> PaperTable:
     """Return the transfer function beside the flight on the true attitude."""
     axis = axis_of(0)
     limits = margins(axis)
@@ -133,20 +125,20 @@ def loop_table(found: list[HuangSeed]) -> PaperTable:
     _, over = rise_and_overshoot(t, axis.step(t))
     back = axis.step(t + TILTED_S) - axis.step(t)
     fall = 1e3 * rise_s(t, back, 0.0, float(back[0]), 0.0)
-    truth = [s.flown[TRUE_ATTITUDE] for s in found]
+    falls = [1e3 * x for x in found.of("fall", TRUE_ATTITUDE, 0)]
     rows = [
         ("phase margin", f"{limits.phase_deg:.0f} deg at {limits.phase_at:.0f} rad/s", ""),
         ("gain margin", f"{limits.gain:.1f}", ""),
         ("delay margin", f"{1e3 * limits.delay_s:.0f} ms", ""),
-        ("90 to 10 % of 20 deg", quantity(fall, "ms"), mean_text([1e3 * f.returned[0].fall_s for f in truth], "ms")),
+        ("90 to 10 % of 20 deg", quantity(fall, "ms"), mean_text(falls, "ms")),
         ("overshoot of a step", f"{100 * over:.1f} %", ""),
     ]
     for k, (size, period, name) in enumerate(TRACKS):
         answer = axis.response(2.0 * math.pi / period)
         late = -float(np.angle(answer)) * period / (2.0 * math.pi) * 1e3
         sine = f"{name}, {size:g} deg at {period:g} s"
-        rows.append((f"delay, {sine}", quantity(late, "ms"), mean_text([f.tracked[k].delay_ms for f in truth], "ms")))
-        rows.append((f"gain, {sine}", f"{abs(answer):.2f}", mean_text([f.tracked[k].gain for f in truth], "1")))
+        rows.append((f"delay, {sine}", quantity(late, "ms"), mean_text(found.of("delay", TRUE_ATTITUDE, k), "ms")))
+        rows.append((f"gain, {sine}", f"{abs(answer):.2f}", mean_text(found.of("gain", TRUE_ATTITUDE, k), "1")))
     return PaperTable(
         "The loop: transfer function and flight on the true attitude",
         ("", "linear", "flown"),
@@ -196,7 +188,6 @@ def _ratio_text(numbers: Sequence[PaperNumber]) -> str:
 Array = NDArray[np.float64]
 OWN, WANTED, LINEAR = "Huang's filter", "set-point", "transfer function"
 AXIS_TITLES = ("roll, deg", "pitch, deg", "heading, deg")
-STAND = "on the stand"
 SINCE: Span = (HOVER[0], np.inf)
 
 
@@ -279,7 +270,7 @@ def _level_figure(flight: Flight, seed: int) -> PaperFigure:
             ),
             FigureLine(OWN, shown, np.interp(since + shown, flight.onboard.t, _known(flight)[:, column]), k),
             FigureLine(
-                f"truth {STAND}", shown, np.interp(beside + shown, held.truth.t, angles(held.truth.q)[:, column]), k
+                "truth on the stand", shown, np.interp(beside + shown, held.truth.t, angles(held.truth.q)[:, column]), k
             ),
             FigureLine(LINEAR, shown, linear, k),
         ]
@@ -351,12 +342,12 @@ TILT_DEG, HEADING_DEG = 2.0, 5.0
 NO_WORSE = 1.1
 # Gain of -3 dB, the usual limit of following.
 HALF_POWER = math.sqrt(0.5)
-PHASES = ("hover", "moving")
+PHASE_NAMES = {"hover": "hover", "moving": "returns and sines"}
 
 
 def paper(options: PaperOptions) -> Paper:
     """Measure Huang's claims."""
-    found = run_seeds("flights", huang_seed, options)
+    found = Seeds(run_seeds("flights", huang_seed, options))
     spent, slow, numpy = microseconds(), microseconds(every=8), time_numpy()
     timed = cost_claim(spent, slow, numpy)
     return Paper(
@@ -402,19 +393,14 @@ def _settings() -> tuple[PaperSetting, ...]:
     )
 
 
-def _follow_claim(found: list[HuangSeed]) -> Claim:
-    own = [s.flown[DCM].errors for s in found]
+def _follow_claim(found: Seeds) -> Claim:
     numbers = [
-        mean(
-            f"RMS error of {axis}, {'hover' if phase == 'hover' else 'returns and sines'}",
-            [getattr(e, phase)[k] for e in own],
-            "deg",
-        )
-        for phase in PHASES
+        found.mean(f"RMS error of {axis}, {name}", "deg", "flown", DCM, phase, k)
+        for phase, name in PHASE_NAMES.items()
         for k, axis in enumerate(AXES)
     ]
     stand = [
-        mean(f"RMS error of {axis}, same returns on the stand", [s.stand_errors[k] for s in found], "deg")
+        found.mean(f"RMS error of {axis}, same returns on the stand", "deg", "error", STAND, k)
         for k, axis in enumerate(AXES[:2])
     ]
     limits = (TILT_DEG, TILT_DEG, HEADING_DEG)
@@ -435,28 +421,23 @@ def _follow_claim(found: list[HuangSeed]) -> Claim:
     )
 
 
-def _ekf_claim(found: list[HuangSeed]) -> Claim:
-    numbers: list[PaperNumber] = []
-    verdicts = []
-    for phase in PHASES:
-        name = "hover" if phase == "hover" else "returns and sines"
-        for k, axis in enumerate(AXES):
-            one = ratio(
-                f"error of {axis}, Huang's over EKF's, {name}",
-                [getattr(s.replayed.errors[DCM], phase)[k] for s in found],
-                [getattr(s.replayed.errors[EKF], phase)[k] for s in found],
-            )
-            numbers.append(one)
-            verdicts.append(below(one, NO_WORSE))
-    for phase in PHASES:
-        name = "hover" if phase == "hover" else "returns and sines"
-        for k, axis in enumerate(AXES):
-            apart = [getattr(s.replayed.apart, phase)[k] for s in found]
-            numbers.append(mean(f"RMS of {axis} between the two, {name}", apart, "deg"))
-    roll = ratio(
+def _ekf_claim(found: Seeds) -> Claim:
+    places = [(phase, k, name) for phase, name in PHASE_NAMES.items() for k in range(3)]
+    numbers = [
+        found.ratio(
+            f"error of {AXES[k]}, Huang's over EKF's, {name}", ("replayed", DCM, phase, k), ("replayed", EKF, phase, k)
+        )
+        for phase, k, name in places
+    ]
+    verdicts = [below(n, NO_WORSE) for n in numbers]
+    numbers += [
+        found.mean(f"RMS of {AXES[k]} between the two, {name}", "deg", "apart", DCM, phase, k)
+        for phase, k, name in places
+    ]
+    roll = found.ratio(
         "error of roll, Huang's over mekf's, returns and sines",
-        [s.replayed.errors[DCM].moving[0] for s in found],
-        [s.replayed.errors[NEW_EKF].moving[0] for s in found],
+        ("replayed", DCM, "moving", 0),
+        ("replayed", NEW_EKF, "moving", 0),
     )
     best, worst = smallest_and_largest(numbers[:6])
     return Claim(
@@ -474,21 +455,19 @@ def _ekf_claim(found: list[HuangSeed]) -> Claim:
     )
 
 
-def _level_claim(found: list[HuangSeed]) -> Claim:
+def _level_claim(found: Seeds) -> Claim:
     numbers, verdicts = [], []
     largest, lasting, settled, times = [], [], [], []
-    for place in ("free flight", "stand"):
+    for place, row in (("free flight", DCM), ("stand", STAND)):
         rest = []
         for k, (angle, axis) in enumerate(LEVELS):
             after = f"from {angle:g} deg of {axis}, {place}"
-            seen: list[LevelReturn] = [(s.stand if place == "stand" else s.flown[DCM].returned)[k] for s in found]
-            left = mean(f"true {axis} that is left, {after}", [abs(r.left_deg) for r in seen], "deg")
-            there = share_of_seeds(
-                f"settled as the filter sees it, {after}", [math.isfinite(r.settling_s) for r in seen]
-            )
-            time = mean(f"settling time as the filter sees it, {after}", [r.settling_s for r in seen], "s")
-            numbers += [left, there, time, mean(f"overshoot, {after}", [r.overshoot_deg for r in seen], "deg")]
-            if place == "stand":
+            seen = found.of("settling", row, k)
+            left = found.mean(f"true {axis} that is left, {after}", "deg", "left", row, k)
+            there = share_of_seeds(f"settled as the filter sees it, {after}", list(map(math.isfinite, seen)))
+            time = mean(f"settling time as the filter sees it, {after}", seen, "s")
+            numbers += [left, there, time, found.mean(f"overshoot, {after}", "deg", "overshoot", row, k)]
+            if row == STAND:
                 verdicts.append(below(left, LEVEL_WITHIN_DEG))
             rest.append(left.value or 0.0)
             lasting.append(left)
@@ -512,21 +491,18 @@ def _level_claim(found: list[HuangSeed]) -> Claim:
     )
 
 
-def _hover_claim(found: list[HuangSeed]) -> Claim:
-    most = [max(s.flown[DCM].most_deg) for s in found]
-    size = mean(f"largest roll or pitch, turbulence {WIND_M_S:g} m/s", most, "deg")
-    inside = share_of_seeds(f"flights within {WITHIN_DEG:g} deg all the time", [m < WITHIN_DEG for m in most])
-    windy = []
-    for wind in MORE_WIND_M_S:
-        values = [max(s.windy[wind]) for s in found]
-        windy.append(mean(f"largest roll or pitch, turbulence {wind:g} m/s", values, "deg"))
-        windy.append(
-            share_of_seeds(
-                f"flights within {WITHIN_DEG:g} deg, turbulence {wind:g} m/s", [v < WITHIN_DEG for v in values]
-            )
-        )
-    scatter = mean("standard deviation of roll", [s.flown[DCM].spread_deg[0] for s in found], "deg")
-    reach = mean("farthest from the mean place", [s.flown[DCM].drift_m for s in found], "m")
+def _hover_claim(found: Seeds) -> Claim:
+    def largest(wind: float, *key: str | float) -> tuple[PaperNumber, PaperNumber]:
+        """Return the largest angle, and the share of flights within the bound."""
+        most, turbulence = found.of(*key), f"turbulence {wind:g} m/s"
+        share = f"flights within {WITHIN_DEG:g} deg{' all the time' if wind == WIND_M_S else f', {turbulence}'}"
+        inside = share_of_seeds(share, [m < WITHIN_DEG for m in most])
+        return mean(f"largest roll or pitch, {turbulence}", most, "deg"), inside
+
+    size, inside = largest(WIND_M_S, "most", DCM)
+    windy = [number for wind in MORE_WIND_M_S for number in largest(wind, "windy", wind)]
+    scatter = found.mean("standard deviation of roll", "deg", "spread", DCM)
+    reach = found.mean("farthest from the mean place", "m", "drift", DCM)
     return Claim(
         "hover",
         f"In hover roll and pitch stay within +-{WITHIN_DEG:g} deg.",
@@ -542,15 +518,13 @@ def _hover_claim(found: list[HuangSeed]) -> Claim:
     )
 
 
-def _tracking_claim(found: list[HuangSeed]) -> Claim:
+def _tracking_claim(found: Seeds) -> Claim:
     numbers, verdicts, said = [], [], []
     for k, (size, period, axis) in enumerate(TRACKS):
         name = f"{axis}, {size:g} deg at {period:g} s"
-        gain = mean(f"gain, {name}", [s.flown[DCM].tracked[k].gain for s in found], "1")
-        delay = mean(f"delay, {name}", [s.flown[DCM].tracked[k].delay_ms for s in found], "ms")
-        straight = mean(
-            f"delay flown on the truth, {name}", [s.flown[TRUE_ATTITUDE].tracked[k].delay_ms for s in found], "ms"
-        )
+        gain = found.mean(f"gain, {name}", "1", "gain", DCM, k)
+        delay = found.mean(f"delay, {name}", "ms", "delay", DCM, k)
+        straight = found.mean(f"delay flown on the truth, {name}", "ms", "delay", TRUE_ATTITUDE, k)
         numbers += [delay, gain, straight]
         verdicts.append(above(gain, HALF_POWER))
         w = 2.0 * math.pi / period

@@ -7,7 +7,7 @@ of one flight.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from attlog.reproduce.bench import (
     run_filter,
     time_updates,
 )
+from attlog.reproduce.paper import Measures
 from attlog.simulate.controller import Gains, LoopAxis
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
@@ -65,60 +66,10 @@ STAND_DRAG = (30.0, 30.0, 30.0)
 STAND_AT, STAND_EVERY_S = 12.0, 5.0
 
 
-@dataclass(frozen=True, slots=True)
-class LevelReturn:
-    """A return to level.
-
-    ``settling_s``: until the angle stays within 2 deg; ``fall_s``: from 90 to 10 % of the angle; ``overshoot_deg``:
-    beyond level; all of the filter. ``left_deg``: true angle in the mean of the last second.
-    """
-
-    settling_s: float
-    fall_s: float
-    overshoot_deg: float
-    left_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class AngleTracking:
-    """A tracked sine: ``delay_ms`` and ``gain`` of the true angle's fundamental, ``rms_deg`` from the set-point."""
-
-    delay_ms: float
-    gain: float
-    rms_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class HuangErrors:
-    """RMS errors (roll, pitch, heading) in deg in hover and in the moves after it."""
-
-    hover: tuple[float, float, float]
-    moving: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class HuangFlight:
-    """Results of one seed on one filter.
-
-    ``most_deg``: largest true roll and pitch in hover, ``spread_deg``: their standard deviations, ``drift_m``:
-    distance from the mean place. ``crashed``: it touched the ground.
-    """
-
-    errors: HuangErrors
-    most_deg: tuple[float, float]
-    spread_deg: tuple[float, float]
-    drift_m: float
-    crashed: bool
-    returned: tuple[LevelReturn, ...]
-    tracked: tuple[AngleTracking, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class FlightReplay:
-    """Filters over the samples of one flight: errors by row, RMS (roll, pitch, heading) between DCM and EKF."""
-
-    errors: dict[str, HuangErrors]
-    apart: HuangErrors
+# Parts of a flight, s.
+PHASES = {"hover": HOVER, "moving": (HOVER[1], np.inf)}
+# Place of the returns to level on the stand, among the filters that are flown on.
+STAND = "stand"
 
 
 def huang_commands() -> tuple[Command, ...]:
@@ -150,41 +101,28 @@ def huang_scenario(estimator: str, wind: float = WIND_M_S, seconds: float = SECO
     )
 
 
-@dataclass(frozen=True, slots=True)
-class HuangSeed:
-    """Results of one seed.
+def huang_seed(seed: int) -> Measures:
+    """Fly all flights of a seed.
 
-    The flight by filter, filters over the samples of Huang's flight, returns to level on the stand with their
-    errors, largest true roll and pitch in hover by wind in m/s.
+    Measures of :func:`measure_flight` by the filter flown on, returns to level also of the STAND with RMS ``error`` of
+    roll and pitch; ``hover`` and ``moving`` errors of filters over the samples of one flight (``replayed``) and
+    between the DCM and the EKF (``apart``); ``windy``: largest true roll or pitch in hover by wind in m/s.
     """
-
-    flown: dict[str, HuangFlight]
-    replayed: FlightReplay
-    stand: tuple[LevelReturn, ...]
-    stand_errors: tuple[float, float]
-    windy: dict[float, tuple[float, float]]
-
-
-def huang_seed(seed: int) -> HuangSeed:
-    """Fly all flights of a seed."""
-    flown = {}
+    found: Measures = {}
     for estimator in FLOWN_ON:
         if estimator in BESIDE and seed >= BESIDE_SEEDS:
             continue
         flight = fly(huang_scenario(estimator), seed)
-        flown[estimator] = measure_flight(flight)
+        found |= measure_flight(flight, estimator)
         if estimator == DCM:
-            again = replay_filters(flight)
+            found |= replay_filters(flight)
     held = fly_stand(seed)
-    found = _found(held)
-    late = found.t >= STAND_AT
-    return HuangSeed(
-        flown,
-        again,
-        tuple(_returned(held, STAND_AT + k * STAND_EVERY_S, *level) for k, level in enumerate(LEVELS)),
-        (rms(found.errors[late, 0]), rms(found.errors[late, 1])),
-        {wind: hover_extremes(seed, wind) for wind in MORE_WIND_M_S},
-    )
+    output = _found(held)
+    late = output.t >= STAND_AT
+    found |= {("error", STAND, axis): rms(output.errors[late, axis]) for axis in (0, 1)}
+    for k, level in enumerate(LEVELS):
+        found |= _returned(held, (STAND, k), STAND_AT + k * STAND_EVERY_S, *level)
+    return found | {("windy", wind): hover_extreme(seed, wind) for wind in MORE_WIND_M_S}
 
 
 def fly_stand(seed: int, estimator: str = DCM) -> Flight:
@@ -199,36 +137,43 @@ def fly_stand(seed: int, estimator: str = DCM) -> Flight:
     return fly(free.changed(seconds=seconds, command=tuple(commands), vehicle=held), seed)
 
 
-def replay_filters(flight: Flight) -> FlightReplay:
+def replay_filters(flight: Flight) -> Measures:
     """Run all rows over the samples of a flight."""
     s = flight_samples(flight)
-    found = {row: run_filter(row, s) for row in ROWS}
-    dcm, ekf = found[DCM], found[EKF]
-    return FlightReplay({row: _errors(one) for row, one in found.items()}, _errors(FilterOutput(dcm.t, dcm.q, ekf.q)))
+    outputs = {row: run_filter(row, s) for row in ROWS}
+    dcm, ekf = outputs[DCM], outputs[EKF]
+    found = _errors(FilterOutput(dcm.t, dcm.q, ekf.q), "apart", DCM)
+    for row, one in outputs.items():
+        found |= _errors(one, "replayed", row)
+    return found
 
 
-def hover_extremes(seed: int, wind: float) -> tuple[float, float]:
-    """Return the largest true roll and pitch in hover in turbulence of ``wind`` m/s."""
+def hover_extreme(seed: int, wind: float) -> float:
+    """Return the largest true roll or pitch in hover in turbulence of ``wind`` m/s."""
     flight = fly(huang_scenario(DCM, wind, HOVER[1]), seed)
-    tilt = np.abs(angles(flight.truth.q)[_between(flight.truth.t, *HOVER), :2])
-    return float(tilt[:, 0].max()), float(tilt[:, 1].max())
+    return float(np.abs(angles(flight.truth.q)[_between(flight.truth.t, *HOVER), :2]).max())
 
 
-def measure_flight(flight: Flight) -> HuangFlight:
-    """Return the numbers of a flight that the claims need."""
+def measure_flight(flight: Flight, row: str) -> Measures:
+    """Measure a flight on a filter.
+
+    RMS ``flown`` errors by phase and axis (deg); in hover ``most``: largest true roll or pitch, ``spread`` of roll
+    (deg), ``drift``: distance from the mean place (m); ``crashed``: it touched the ground; returns and sines by number.
+    """
     truth = flight.truth
     hover = _between(truth.t, *HOVER)
     place = truth.p[hover] - truth.p[hover].mean(axis=0)
     level = angles(truth.q)[hover, :2]
-    return HuangFlight(
-        _errors(_found(flight)),
-        (float(np.abs(level[:, 0]).max()), float(np.abs(level[:, 1]).max())),
-        (float(level[:, 0].std()), float(level[:, 1].std())),
-        float(np.hypot(place[:, 0], place[:, 1]).max()),
-        bool(truth.ground[truth.t > HOVER[0]].any()),
-        tuple(_returned(flight, LEVEL_AT + k * LEVEL_EVERY_S, *level) for k, level in enumerate(LEVELS)),
-        tuple(_tracked(flight, k) for k in range(len(TRACKS))),
-    )
+    found = _errors(_found(flight), "flown", row)
+    found["most", row] = float(np.abs(level).max())
+    found["spread", row] = float(level[:, 0].std())
+    found["drift", row] = float(np.hypot(place[:, 0], place[:, 1]).max())
+    found["crashed", row] = float(truth.ground[truth.t > HOVER[0]].any())
+    for k, one in enumerate(LEVELS):
+        found |= _returned(flight, (row, k), LEVEL_AT + k * LEVEL_EVERY_S, *one)
+    for k in range(len(TRACKS)):
+        found |= _tracked(flight, (row, k), k)
+    return found
 
 
 def axis_of(index: int) -> LoopAxis:
@@ -252,10 +197,13 @@ def _between(t: Array, begin: float, end: float) -> NDArray[np.bool_]:
     return np.asarray((t >= begin) & (t < end))
 
 
-def _errors(found: FilterOutput) -> HuangErrors:
-    parts = [found.errors[_between(found.t, *span)] for span in (HOVER, (HOVER[1], np.inf))]
-    hover, moving = ((rms(p[:, 0]), rms(p[:, 1]), rms(p[:, 2])) for p in parts)
-    return HuangErrors(hover, moving)
+def _errors(found: FilterOutput, what: str, row: str) -> Measures:
+    """Return RMS errors (deg) by phase and axis."""
+    return {
+        (what, row, phase, axis): rms(found.errors[_between(found.t, *span), axis])
+        for phase, span in PHASES.items()
+        for axis in range(3)
+    }
 
 
 def _found(flight: Flight) -> FilterOutput:
@@ -272,35 +220,40 @@ def _level(t: float, angle: float, axis: str) -> list[Command]:
     return [tilted, Command(t=t + TILTED_S, do="attitude")]
 
 
-def _returned(flight: Flight, tilted_at: float, angle: float, axis: str) -> LevelReturn:
+def _returned(flight: Flight, where: tuple[str, int], tilted_at: float, angle: float, axis: str) -> Measures:
+    """Measure a return to level as the filter sees it.
+
+    ``settling`` within 2 deg and ``fall`` from 90 to 10 % of the angle (s), ``overshoot`` beyond level (deg);
+    ``left``: size of the true angle in the mean of the last second (deg).
+    """
     since, found = tilted_at + TILTED_S, _found(flight)
     part = _between(found.t, since - 0.1, since + LEVEL_S)
     t, y = found.t[part], found.angles[part, AXES.index(axis)]
     true = angles(found.truth[part])[:, AXES.index(axis)]
-    return LevelReturn(
-        bench.settling_s(t, y, since, LEVEL_WITHIN_DEG),
-        rise_s(t, y, since, float(np.interp(since, t, y)), 0.0),
-        overshoot_of(t, y, since, angle, 0.0),
-        float(true[t >= since + LEVEL_S - 1.0].mean()),
-    )
+    return {
+        ("settling", *where): bench.settling_s(t, y, since, LEVEL_WITHIN_DEG),
+        ("fall", *where): rise_s(t, y, since, float(np.interp(since, t, y)), 0.0),
+        ("overshoot", *where): overshoot_of(t, y, since, angle, 0.0),
+        ("left", *where): abs(float(true[t >= since + LEVEL_S - 1.0].mean())),
+    }
 
 
-def _tracked(flight: Flight, k: int) -> AngleTracking:
+def _tracked(flight: Flight, where: tuple[str, int], k: int) -> Measures:
+    """Measure a tracked sine: ``delay`` (ms) and ``gain`` of the true angle's fundamental."""
     _, period, axis = TRACKS[k]
     begin = TRACK_AT + k * TRACK_EVERY_S
     # The first period is the start; whole periods after it.
     span = (begin + period, begin + period * int(TRACK_S / period))
-    t, y = flight.truth.t, angles(flight.truth.q)[:, AXES.index(axis)]
-    board = flight.onboard
-    wanted = angles(board.q_setpoint)[:, AXES.index(axis)]
-    found, asked = (
-        _fundamental(at[_between(at, *span)] - begin, x[_between(at, *span)], period)
-        for at, x in ((t, y), (board.t, wanted))
+    board, column = flight.onboard, AXES.index(axis)
+    found, wanted = (
+        _fundamental(t[_between(t, *span)] - begin, angles(q)[_between(t, *span), column], period)
+        for t, q in ((flight.truth.t, flight.truth.q), (board.t, board.q_setpoint))
     )
-    ratio = found / asked
-    both = _between(board.t, *span)
-    off = np.interp(board.t[both], t, y) - wanted[both]
-    return AngleTracking(float(-np.angle(ratio)) / (2.0 * np.pi) * period * 1e3, float(np.abs(ratio)), rms(off))
+    ratio = found / wanted
+    return {
+        ("delay", *where): float(-np.angle(ratio)) / (2.0 * np.pi) * period * 1e3,
+        ("gain", *where): float(np.abs(ratio)),
+    }
 
 
 def _fundamental(t: Array, y: Array, period: float) -> complex:

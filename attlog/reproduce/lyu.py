@@ -13,6 +13,8 @@ from attlog.reproduce.lyu_runs import (
     DROP_WITHIN_DEG,
     DROPS,
     ERR1,
+    IN_CONTROL_DEG,
+    NO_INTEGRAL,
     PERIOD_S,
     READINGS,
     ROWS,
@@ -21,8 +23,6 @@ from attlog.reproduce.lyu_runs import (
     TRACK_S,
     WRONG_DEG,
     WRONG_WITHIN_DEG,
-    BenchResult,
-    LyuFlight,
     at_rest,
     bench_seed,
     drop,
@@ -44,15 +44,14 @@ from attlog.reproduce.paper import (
     PaperOptions,
     PaperSetting,
     PaperTable,
+    Seeds,
     below,
     combine_verdicts,
-    difference,
     mean,
     mean_text,
     put_first,
     range_text,
     ratio,
-    share_of_seeds,
     smallest_and_largest,
 )
 from attlog.words.numbers import below as bound
@@ -151,42 +150,25 @@ def _flight_figure(seed: int) -> PaperFigure:
     )
 
 
-# Section 2 calls a vehicle beyond 45 deg unstable.
-IN_CONTROL_DEG = 45.0
 HARDLY = 1.5
 
 
-def flight_claim(found: list[dict[str, LyuFlight]]) -> Claim:
+def flight_claim(found: Seeds) -> Claim:
     """Judge that no flight is out of control."""
-    kinds = (("variable integral", variable), ("fixed integral", fixed))
-    each = {name: [f[kind(r)] for f in found for r in READINGS] for name, kind in kinds}
-    most, kept = (
-        [
-            mean(f"largest true tilt, {name}", [one.most_deg for one in flights], "deg")
-            for name, flights in each.items()
-        ],
-        [
-            share_of_seeds(
-                f"flights in control, {name}", [not one.landed and one.most_deg < IN_CONTROL_DEG for one in flights]
-            )
-            for name, flights in each.items()
-        ],
-    )
+    kept, most = [], []
+    for name, kind in (("variable integral", variable), ("fixed integral", fixed)):
+        tilts = [x for r in READINGS for x in found.of("most", kind(r))]
+        most.append(mean(f"largest true tilt, {name}", tilts, "deg"))
+        kept.append(found.share(f"flights in control, {name}", *(("kept", kind(r)) for r in READINGS)))
     numbers = [
-        difference(
-            f"{what}, variable minus fixed, ki per {reading}",
-            [getattr(f[variable(reading)], field) for f in found],
-            [getattr(f[fixed(reading)], field) for f in found],
-            "deg",
-        )
-        for reading in READINGS
-        for what, field in (("error of tilt", "error_deg"), ("distance of roll from its set-point", "tracking_deg"))
+        found.difference(f"{what}, variable minus fixed, ki per {r}", "deg", (key, variable(r)), (key, fixed(r)))
+        for r in READINGS
+        for what, key in (("error of tilt", "error"), ("distance of roll from its set-point", "tracking"))
     ]
-    size = mean("error of tilt, fixed integral, ki per second", [f[fixed("second")].error_deg for f in found], "deg")
-    e = PaperNumber("largest |e| in flight, of 1", max(one.largest_e for f in found for one in f.values()), "")
-    equal = share_of_seeds(
-        "flights that are equal to the last bit", [f[variable(r)].equal for f in found for r in READINGS]
-    )
+    size = found.mean("error of tilt, fixed integral, ki per second", "deg", "error", fixed("second"))
+    largest = max(x for r in READINGS for kind in (fixed, variable) for x in found.of("e", kind(r)))
+    e = PaperNumber("largest |e| in flight, of 1", largest, "")
+    equal = found.share("flights that are equal to the last bit", *(("equal", variable(r)) for r in READINGS))
     lost = any(n.value != 100.0 for n in kept)
     return Claim(
         "flight",
@@ -199,7 +181,7 @@ def flight_claim(found: list[dict[str, LyuFlight]]) -> Claim:
         "does not hold" if lost else combine_verdicts([below(n, IN_CONTROL_DEG) for n in most]),
         f"Both filters {'do not keep every flight' if lost else 'keep every flight'} in control. They differ by "
         f"{range_words(numbers, 'deg')}; the error of tilt is {quantity(size.value, 'deg')}. "
-        f"{quantity(equal.value, 'pct')} of the pairs of flights are equal to the last bit: |e| reaches {e.value:.2f}.",
+        f"{quantity(equal.value, 'pct')} of the pairs of flights are equal to the last bit: |e| reaches {largest:.2f}.",
         shown=2,
     )
 
@@ -241,8 +223,8 @@ SOONER_S, CLOSER_DEG = -0.1, -0.1
 
 def paper(options: PaperOptions) -> Paper:
     """Measure Lyu's claims."""
-    found = run_seeds("bench", bench_seed, options)
-    flown = run_seeds("flights", flight_seed, options)
+    found = Seeds(run_seeds("bench", bench_seed, options))
+    flown = Seeds(run_seeds("flights", flight_seed, options))
     spent = time_updates((variable("second"), fixed("second")), every=None)
     return Paper(
         "lyu",
@@ -287,36 +269,24 @@ def _settings() -> tuple[PaperSetting, ...]:
     )
 
 
-def _rest_claim(found: list[BenchResult]) -> Claim:
-    numbers, verdicts = [], []
-    for reading in READINGS:
-        for axis, name in enumerate(("roll", "pitch")):
-            one = ratio(
-                f"spread of {name}, variable over fixed integral, ki per {reading}",
-                [b.spread[variable(reading)][axis] for b in found],
-                [b.spread[fixed(reading)][axis] for b in found],
-            )
-            numbers.append(one)
-            verdicts.append(below(one, QUIETER))
-    equal = share_of_seeds(
-        "seeds in which both filters are equal to the last bit", [all(b.equal.values()) for b in found]
-    )
-    largest = max(b.largest_e for b in found)
-    spread = mean("spread of roll, both filters, ki per second", [b.spread[fixed("second")][0] for b in found], "deg")
-    shaken = [
-        ratio(
-            f"spread of {name} under {SHAKEN_M_S2:g} m/s^2 of vibration, variable over fixed, ki per {reading}",
-            [b.shaken[variable(reading)][axis] for b in found],
-            [b.shaken[fixed(reading)][axis] for b in found],
-        )
-        for reading in READINGS
-        for axis, name in enumerate(("roll", "pitch"))
-    ]
-    shaken_e = sum(b.shaken_e for b in found) / len(found)
-    none = ratio(
-        "spread of roll, no integral at all over fixed integral, ki per second",
-        [b.without[0] for b in found],
-        [b.spread[fixed("second")][0] for b in found],
+def _rest_claim(found: Seeds) -> Claim:
+    def compared(what: str, key: str) -> list[PaperNumber]:
+        return [
+            found.ratio(what.format(axis=name, reading=r), (key, variable(r), axis), (key, fixed(r), axis))
+            for r in READINGS
+            for axis, name in enumerate(("roll", "pitch"))
+        ]
+
+    numbers = compared("spread of {axis}, variable over fixed integral, ki per {reading}", "spread")
+    vibration = f"{SHAKEN_M_S2:g} m/s^2 of vibration"
+    shaken = compared(f"spread of {{axis}} under {vibration}, variable over fixed, ki per {{reading}}", "shaken")
+    equal = found.share("seeds in which both filters are equal to the last bit", ("equal",))
+    largest, mean_e = max(found.of("largest e")), found.of("shaken e")
+    shaken_e = sum(mean_e) / len(mean_e)
+    at_rest = ("spread", fixed("second"), 0)
+    spread = found.mean("spread of roll, both filters, ki per second", "deg", *at_rest)
+    none = found.ratio(
+        "spread of roll, no integral at all over fixed integral, ki per second", ("spread", NO_INTEGRAL, 0), at_rest
     )
     return Claim(
         "rest",
@@ -333,7 +303,7 @@ def _rest_claim(found: list[BenchResult]) -> Claim:
             PaperNumber("largest |e| at rest, of 1", largest, ""),
             PaperNumber("mean |e| under vibration, of 1", shaken_e, ""),
         ),
-        combine_verdicts(verdicts),
+        combine_verdicts([below(n, QUIETER) for n in numbers]),
         f"The two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The integral fades above "
         f"|e| = {ERR1:g}; at rest |e| stays below {math.ceil(100 * largest) / 100:g}. Without any integral the spread "
         f"is {quantity(none.value, 'ratio')} as large. With {SHAKEN_M_S2:g} m/s^2 (RMS) of vibration the mean "
@@ -342,29 +312,29 @@ def _rest_claim(found: list[BenchResult]) -> Claim:
     )
 
 
-def _each_drop(found: list[BenchResult], what: str, field: str, unit: str) -> list[PaperNumber]:
-    """Return differences (variable minus fixed) of a field by reading and drop."""
+def _each_drop(found: Seeds, what: str, key: str, unit: str) -> list[PaperNumber]:
+    """Return differences (variable minus fixed) of a measure by reading and drop."""
     return [
-        difference(
+        found.difference(
             f"{what} after {_named(angle, span)}, variable minus fixed, ki per {reading}",
-            [getattr(b.dropped[variable(reading), angle, span], field) for b in found],
-            [getattr(b.dropped[fixed(reading), angle, span], field) for b in found],
             unit,
+            (key, variable(reading), angle, span),
+            (key, fixed(reading), angle, span),
         )
         for reading in READINGS
         for angle, span in DROPS
     ]
 
 
-def _each_start(found: list[BenchResult], what: str, field: str, unit: str, ours: bool = False) -> list[PaperNumber]:
-    """Return differences (variable, or ours, minus fixed) of a field by reading and wrong start."""
+def _each_start(found: Seeds, ours: bool = False) -> list[PaperNumber]:
+    """Return differences (variable, or ours, minus fixed) of the settling time by reading and wrong start."""
     kind, name = (stopped, "input stopped") if ours else (variable, "variable")
     return [
-        difference(
-            f"{what} after a start {angle:g} deg off, {name} minus fixed, ki per {reading}",
-            [getattr(b.started[kind(reading), angle], field) for b in found],
-            [getattr(b.started[fixed(reading), angle], field) for b in found],
-            unit,
+        found.difference(
+            f"settling time after a start {angle:g} deg off, {name} minus fixed, ki per {reading}",
+            "s",
+            ("settling", kind(reading), angle),
+            ("settling", fixed(reading), angle),
         )
         for reading in READINGS
         for angle in WRONG_DEG
@@ -375,15 +345,11 @@ def _named(angle: float, span: float) -> str:
     return f"{angle:g} deg" if span > 300.0 else f"{angle:g} deg, gyro range {span:g} deg/s"
 
 
-def _follow_claim(found: list[BenchResult]) -> Claim:
-    numbers = _each_drop(found, "RMS error of tilt", "error_deg", "deg")
+def _follow_claim(found: Seeds) -> Claim:
+    numbers = _each_drop(found, "RMS error of tilt", "error", "deg")
     above = [
-        mean(
-            f"time with |e| above err1, {_named(angle, span)}",
-            [b.dropped[variable("second"), angle, span].above_pct for b in found],
-            "pct",
-        )
-        for angle, span in DROPS
+        found.mean(f"time with |e| above err1, {_named(*place)}", "pct", "above", variable("second"), *place)
+        for place in DROPS
     ]
     most = bound(max(n.value or 0.0 for n in above), "pct")
     return Claim(
@@ -400,10 +366,10 @@ def _follow_claim(found: list[BenchResult]) -> Claim:
     )
 
 
-def _settle_claim(found: list[BenchResult]) -> Claim:
-    drops = _each_drop(found, "settling time", "settling_s", "s")
-    starts = _each_start(found, "settling time", "settling_s", "s")
-    ours = _each_start(found, "settling time", "settling_s", "s", ours=True)
+def _settle_claim(found: Seeds) -> Claim:
+    drops = _each_drop(found, "settling time", "settling", "s")
+    starts = _each_start(found)
+    ours = _each_start(found, ours=True)
     return Claim(
         "settle",
         "After a large error the improved filter is back at the true angle sooner.",
@@ -420,16 +386,16 @@ def _settle_claim(found: list[BenchResult]) -> Claim:
     )
 
 
-def _table(found: list[BenchResult]) -> PaperTable:
+def _table(found: Seeds) -> PaperTable:
     """Return means of settling time and overshoot by row."""
     kinds = (("fixed", fixed), ("variable, as printed", variable), ("variable, input stopped", stopped))
     rows = []
     for reading in READINGS:
         for name, kind in kinds:
             cells = [
-                mean_text([getattr(b.started[kind(reading), a], f) for b in found], u)
+                mean_text(found.of(key, kind(reading), a), unit)
                 for a in WRONG_DEG
-                for f, u in (("settling_s", "s"), ("overshoot_deg", "deg"))
+                for key, unit in (("settling", "s"), ("overshoot", "deg"))
             ]
             rows.append((f"{name}, ki per {reading}", *cells))
     head = ("integral", *(f"{a:g} deg: {w}" for a in WRONG_DEG for w in ("settles", "overshoots")))

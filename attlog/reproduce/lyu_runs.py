@@ -6,7 +6,8 @@ sample; without a magnetometer, as in the paper.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from attlog.reproduce.bench import (
     rms,
     run_filter,
 )
+from attlog.reproduce.paper import Measures
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario import Command, EstimatorChoice, Move, PrescribedMotion, Scenario
@@ -49,8 +51,6 @@ SHAKEN_M_S2 = 3.0
 STILL_S, LIFT_S, HOLD_S, DROP_S, AFTER_S = 10.0, 1.0, 4.0, 0.3, 30.0
 DROP_AT = STILL_S + LIFT_S + HOLD_S
 DROP_WITHIN_DEG, WRONG_WITHIN_DEG = 0.25, 1.0
-# A row, an angle in deg, the gyro's range in deg/s.
-Key = tuple[str, float, float]
 
 
 def fixed(reading: str) -> str:
@@ -68,42 +68,9 @@ def stopped(reading: str) -> str:
     return f"variable_integral@lyu:ki_per={reading},freeze=input"
 
 
+# Without any integral.
+NO_INTEGRAL = "complementary@lyu-fixed:ki=0"
 ROWS = tuple(kind(reading) for reading in READINGS for kind in (fixed, variable, stopped))
-
-
-@dataclass(frozen=True, slots=True)
-class BenchMotion:
-    """Results of a row on a drop or a wrong start.
-
-    ``settling_s``: until its error of roll stays near its end value. ``overshoot_deg``: of roll beyond the true
-    one. ``error_deg``: RMS of tilt. ``above_pct``: time with |e| above err1. ``q_equal``: to the traditional filter
-    to the last bit.
-    """
-
-    settling_s: float
-    overshoot_deg: float
-    error_deg: float
-    above_pct: float
-    q_equal: bool
-
-
-@dataclass(frozen=True, slots=True)
-class BenchResult:
-    """Results of one seed on the bench.
-
-    ``spread``: roll and pitch at rest in deg by row; ``without``: without any integral. ``largest_e``: at rest.
-    ``equal``: variable and fixed integral to the last bit, by reading of ki. ``shaken``: spread with vibration,
-    ``shaken_e``: mean |e| then.
-    """
-
-    spread: dict[str, tuple[float, float]]
-    without: tuple[float, float]
-    largest_e: float
-    equal: dict[str, bool]
-    shaken: dict[str, tuple[float, float]]
-    shaken_e: float
-    dropped: dict[Key, BenchMotion]
-    started: dict[tuple[str, float], BenchMotion]
 
 
 def board(seconds: float, motion: PrescribedMotion, range_dps: float = 500.0) -> Scenario:
@@ -157,87 +124,59 @@ def wrong_start(row: str, s: FlightSamples, angle: float) -> FilterOutput:
     return run_filter(row, s, q0=rotation.multiply(s.q[0], rotation.from_euler(np.radians(angle), 0.0, 0.0)))
 
 
-def bench_seed(seed: int) -> BenchResult:
-    """Run all experiments on the bench for one seed."""
+def bench_seed(seed: int) -> Measures:
+    """Run all experiments on the bench for one seed.
+
+    By row: ``spread`` at rest, ``shaken`` (roll 0, pitch 1; deg), and of a drop or a wrong start the ``settling``
+    time of roll (s), its ``overshoot`` (deg), ``error`` of tilt (RMS, deg), ``above``: time with |e| above err1
+    (%). ``equal``: variable and fixed integral to the last bit. ``largest e``: at rest; ``shaken e``: its mean.
+    """
     still = at_rest(seed)
-    found = {row: run_filter(row, still) for row in ROWS}
-    none = run_filter("complementary@lyu-fixed:ki=0", still)
+    rest = {row: run_filter(row, still) for row in ROWS}
+    found = _spread("spread", rest) | _spread("spread", {NO_INTEGRAL: run_filter(NO_INTEGRAL, still)})
+    found["largest e",] = max(float(gravity_error(still, one).max()) for one in rest.values())
+    found["equal",] = float(all(np.array_equal(rest[fixed(r)].q, rest[variable(r)].q) for r in READINGS))
     shaking = shaken(still, seed)
     under = {kind(r): run_filter(kind(r), shaking) for r in READINGS for kind in (fixed, variable)}
-    dropped: dict[Key, BenchMotion] = {}
-    started: dict[tuple[str, float], BenchMotion] = {}
+    found |= _spread("shaken", under)
+    found["shaken e",] = float(gravity_error(shaking, under[fixed("second")]).mean())
     for angle, range_dps in DROPS:
         s = drop(seed, angle, range_dps)
-        runs = {row: run_filter(row, s) for row in ROWS}
-        for row, one in runs.items():
-            dropped[row, angle, range_dps] = _dropped(s, one, runs[fixed(_reading(row))])
+        for row in ROWS:
+            found |= _dropped(s, run_filter(row, s), (row, angle, range_dps))
     for angle in WRONG_DEG:
-        runs = {row: wrong_start(row, still, angle) for row in ROWS}
-        started |= {(row, angle): _started(still, one, runs[fixed(_reading(row))], angle) for row, one in runs.items()}
-    return BenchResult(
-        {row: _spread(one) for row, one in found.items()},
-        _spread(none),
-        max(float(gravity_error(still, one).max()) for one in found.values()),
-        {r: bool(np.array_equal(found[fixed(r)].q, found[variable(r)].q)) for r in READINGS},
-        {row: _spread(one) for row, one in under.items()},
-        float(gravity_error(shaking, under[fixed("second")]).mean()),
-        dropped,
-        started,
-    )
+        for row in ROWS:
+            one = wrong_start(row, still, angle)
+            roll, begin = one.errors[:, 0], float(one.t[0])
+            found["settling", row, angle] = bench.settling_s(one.t, roll, begin, WRONG_WITHIN_DEG)
+            found["overshoot", row, angle] = overshoot_of(one.t, roll, begin, angle, 0.0)
+    return found
 
 
-def _reading(row: str) -> str:
-    return next(r for r in READINGS if f"ki_per={r}" in row)
+def _spread(what: str, found: Mapping[str, FilterOutput]) -> Measures:
+    """Return standard deviations of roll (0) and pitch (1) in deg by row, straight line removed."""
+    return {
+        (what, row, axis): detrended_std(one.t[one.t >= SETTLED_S], one.angles[one.t >= SETTLED_S, axis])
+        for row, one in found.items()
+        for axis in (0, 1)
+    }
 
 
-def _spread(found: FilterOutput) -> tuple[float, float]:
-    """Return standard deviations of roll and pitch in deg, straight line removed."""
-    late = found.t >= SETTLED_S
-    return detrended_std(found.t[late], found.angles[late, 0]), detrended_std(found.t[late], found.angles[late, 1])
-
-
-def _dropped(s: FlightSamples, found: FilterOutput, traditional: FilterOutput) -> BenchMotion:
+def _dropped(s: FlightSamples, found: FilterOutput, where: tuple[str, float, float]) -> Measures:
     error, late = found.errors[:, 0], DROP_AT + DROP_S
     end = float(np.mean(error[found.t >= found.t[-1] - 5.0]))
     moving = (found.t >= STILL_S) & (found.t < late + 5.0)
-    return BenchMotion(
-        bench.settling_s(found.t, error - end, late, DROP_WITHIN_DEG),
-        overshoot_of(found.t, error, late, 1.0, 0.0),
-        rms(found.tilt_error[moving]),
-        100.0 * float(np.mean(gravity_error(s, found)[moving] >= ERR1)),
-        bool(np.array_equal(found.q, traditional.q)),
-    )
+    return {
+        ("settling", *where): bench.settling_s(found.t, error - end, late, DROP_WITHIN_DEG),
+        ("error", *where): rms(found.tilt_error[moving]),
+        ("above", *where): 100.0 * float(np.mean(gravity_error(s, found)[moving] >= ERR1)),
+    }
 
 
-def _started(s: FlightSamples, found: FilterOutput, traditional: FilterOutput, angle: float) -> BenchMotion:
-    roll = found.errors[:, 0]
-    return BenchMotion(
-        bench.settling_s(found.t, roll, float(found.t[0]), WRONG_WITHIN_DEG),
-        overshoot_of(found.t, roll, float(found.t[0]), angle, 0.0),
-        rms(found.tilt_error),
-        100.0 * float(np.mean(gravity_error(s, found) >= ERR1)),
-        bool(np.array_equal(found.q, traditional.q)),
-    )
-
-
+# Section 2 calls a vehicle beyond 45 deg unstable.
+IN_CONTROL_DEG = 45.0
 TRACK_S, SECONDS = 20.0, 32.0
 AMPLITUDE_DEG, PERIOD_S = 15.0, 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class LyuFlight:
-    """One flight from take-off to its end.
-
-    RMS of the estimate's tilt error and of roll from its set-point (deg), largest true tilt (deg), ``landed`` on
-    its own while tracking, largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
-    """
-
-    error_deg: float
-    tracking_deg: float
-    most_deg: float
-    landed: bool
-    largest_e: float
-    equal: bool
 
 
 def flight_scenario(row: str) -> Scenario:
@@ -261,26 +200,33 @@ def fly_row(row: str, seed: int) -> Flight:
     return fly(flight_scenario(row), seed)
 
 
-def flight_seed(seed: int) -> dict[str, LyuFlight]:
-    """Fly all rows of one seed."""
-    found: dict[str, LyuFlight] = {}
+def flight_seed(seed: int) -> Measures:
+    """Fly all rows of one seed.
+
+    By row: RMS ``error`` of tilt and ``tracking`` error of roll (deg), ``most``: largest true tilt (deg), ``kept``:
+    in control, ``e``: largest |e|, ``equal`` to the flight on the traditional filter to the last bit.
+    """
+    found: Measures = {}
     for reading in READINGS:
-        traditional = fly_row(fixed(reading), seed)
-        other = fly_row(variable(reading), seed)
-        equal = bool(np.array_equal(traditional.truth.q, other.truth.q))
-        found[fixed(reading)] = _flown(traditional, fixed(reading), True)
-        found[variable(reading)] = _flown(other, variable(reading), equal)
+        traditional, other = fly_row(fixed(reading), seed), fly_row(variable(reading), seed)
+        found |= _flown(traditional, fixed(reading)) | _flown(other, variable(reading))
+        found["equal", variable(reading)] = float(np.array_equal(traditional.truth.q, other.truth.q))
     return found
 
 
-def _flown(flown: Flight, row: str, equal: bool) -> LyuFlight:
+def _flown(flown: Flight, row: str) -> Measures:
     on, truth = flown.onboard, flown.truth
     true = rotation.slerp(truth.t, truth.q, np.minimum(on.t, truth.t[-1]))
     air, tracking = on.t >= 12.0, on.t >= TRACK_S + 1.0
     tilt = np.degrees(rotation.tilt_angle(rotation.earth_error(on.q, true)))[air]
     roll = np.degrees(rotation.to_euler(true)[:, 0] - rotation.to_euler(on.q_setpoint)[:, 0])[tracking]
     s = flight_samples(flown, mag=False)
-    e = gravity_error(s, run_filter(row, s))[s.t >= 12.0]
-    lean = np.degrees(rotation.tilt_angle(truth.q))[truth.t >= 12.0]
+    most = float(np.degrees(rotation.tilt_angle(truth.q))[truth.t >= 12.0].max())
     landed = bool(truth.ground[truth.t >= TRACK_S].any())
-    return LyuFlight(rms(tilt), rms(roll), float(lean.max()), landed, float(e.max()), equal)
+    return {
+        ("error", row): rms(tilt),
+        ("tracking", row): rms(roll),
+        ("most", row): most,
+        ("kept", row): float(not landed and most < IN_CONTROL_DEG),
+        ("e", row): float(gravity_error(s, run_filter(row, s))[s.t >= 12.0].max()),
+    }

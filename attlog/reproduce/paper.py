@@ -192,6 +192,39 @@ def ratio(what: str, ours: Sequence[float], other: Sequence[float], unit: str = 
     return PaperNumber(what, math.exp(logs.value), unit, ends, logs.n)
 
 
+# Measure of a seed: what, then the row of the filter and the conditions.
+Key = tuple[str | float, ...]
+# Results of one seed; NaN: not measurable.
+Measures = dict[Key, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Seeds:
+    """Results of all seeds, seed by seed; a seed without a measure does not count in it."""
+
+    found: Sequence[Measures]
+
+    def of(self, *key: str | float) -> list[float]:
+        """Return a measure of each seed."""
+        return [measures[key] for measures in self.found if key in measures]
+
+    def mean(self, what: str, unit: str, *key: str | float) -> PaperNumber:
+        """Return the mean of a measure."""
+        return mean(what, self.of(*key), unit)
+
+    def ratio(self, what: str, ours: Key, other: Key) -> PaperNumber:
+        """Return the geometric mean of the ratio of two measures."""
+        return ratio(what, self.of(*ours), self.of(*other))
+
+    def difference(self, what: str, unit: str, ours: Key, other: Key) -> PaperNumber:
+        """Return the mean difference of two measures."""
+        return difference(what, self.of(*ours), self.of(*other), unit)
+
+    def share(self, what: str, *keys: Key) -> PaperNumber:
+        """Return the percentage of measures that are not 0."""
+        return share_of_seeds(what, [value != 0.0 for key in keys for value in self.of(*key)])
+
+
 def geometric_mean(values: Sequence[float], unit: str = "deg") -> PaperNumber:
     """Return the geometric mean of positive values with its interval."""
     return ratio("", values, [1.0] * len(values), unit)

@@ -69,20 +69,6 @@ def degrees(turns: Rotation) -> np.ndarray:
     return turns.as_euler("ZYX", degrees=True)[:, ::-1].T
 
 
-def test_rates_wanted_and_measured_are_degrees_about_their_own_axis() -> None:
-    of = flight()
-    found, board = ardupilot._rate(of), of.onboard
-    for k, axis in enumerate("RPY"):
-        assert found[f"{axis}Des"] == pytest.approx(np.degrees(board.rate_setpoint[:, k]))
-        assert found[axis] == pytest.approx(np.degrees(of.imus[0].gyro[:, k] - board.bias[:, k]))
-        assert found[f"{axis}Out"] == pytest.approx(board.torque_setpoint[:, k])
-    assert found["AOut"] == pytest.approx(board.thrust_setpoint)
-    bare = Onboard(T, Q, rate_setpoint=board.rate_setpoint)
-    found = ardupilot._rate(flight(onboard=bare))
-    assert np.all(np.asarray(found["ROut"]) == 0.0)
-    assert np.all(np.asarray(found["AOut"]) == 0.0)
-
-
 def test_a_dataflash_log_holds_angles_biases_heights_and_motors_of_the_vehicle_itself() -> None:
     baro = BaroStream(0, 10.0, T, T, 1e5 + x(), 500.0 + np.arange(N) ** 1.5, 20.0 + T)
     of = flight(baro=[baro])
@@ -107,20 +93,6 @@ def test_a_dataflash_log_holds_angles_biases_heights_and_motors_of_the_vehicle_i
     assert ardupilot._cut(np.array([-400.0, 400.0, 5.0])).tolist() == [-327.68, 327.67, 5.0]
     without = {name: columns for (name, _), columns in ardupilot._onboard(flight(truth=of.truth, onboard=board))}
     assert without["CTUN"]["BAlt"] == pytest.approx(-of.truth.p[:, 2])
-
-
-def test_increments_are_rates_times_their_intervals_and_their_mean_belongs_to_the_middle() -> None:
-    unit = imu("interval")
-    found = {name: columns for (name, _), columns in ardupilot._inertial(flight(imus=[unit]))}
-    assert found["IMT"]["DelT"] == pytest.approx(unit.dt, rel=1e-6)
-    for k, axis in enumerate("XYZ"):
-        assert found["IMT"][f"DelA{axis}"] == pytest.approx(unit.gyro[:, k] * unit.dt, rel=1e-6)
-        assert found["IMT"][f"DelV{axis}"] == pytest.approx(unit.acc[:, k] * unit.dt, rel=1e-6)
-    t_us = np.asarray(found["IMU"]["TimeUS"], np.float64)
-    assert t_us == pytest.approx(5e6 + 1e6 * (unit.t_sample - 0.5 * unit.dt), abs=1.0)
-    assert found["VIBE"]["Clip"] == pytest.approx(np.arange(1.0, N + 1.0))
-    for rate, names in ((500.0, {"IMU", "VIBE"}), (600.0, {"GYR", "ACC", "IMU", "VIBE"})):
-        assert {name for (name, _), _ in ardupilot._inertial(flight(imus=[imu(rate=rate)]))} == names
 
 
 def test_battery_energy_charge_and_what_is_left_are_sums_of_the_current() -> None:
@@ -204,46 +176,6 @@ def test_a_link_sends_attitudes_at_25_and_10_hz_and_what_the_pilot_sees_at_5() -
 def test_a_vehicle_sends_as_the_first_component_of_the_first_system() -> None:
     """MAVLink common: 1 is MAV_COMP_ID_AUTOPILOT1; instances number system and component by a byte each."""
     assert divmod(mavlink.SENDER, 256) == (1, 1)
-
-
-def test_means_over_intervals_are_joined_over_the_links_period_and_belong_to_its_middle() -> None:
-    unit = imu("interval", rate=40.0)
-    t, gyro, acc, temperature = mavlink._sent(unit, 10.0)
-    groups = [slice(4 * k, min(4 * k + 4, len(unit.t))) for k in range(len(t))]
-    for k, own in enumerate(groups):
-        dt = unit.dt[own]
-        assert gyro[k] == pytest.approx(dt @ unit.gyro[own] / dt.sum())
-        assert acc[k] == pytest.approx(dt @ unit.acc[own] / dt.sum())
-        begin = unit.t_sample[own.start] - dt[0]
-        assert t[k] == pytest.approx(0.5 * (begin + unit.t_sample[own.stop - 1]))
-        assert temperature[k] == unit.temperature[own.start]
-    raw = imu(rate=40.0)
-    t, gyro, _, _ = mavlink._sent(raw, 10.0)
-    assert t == pytest.approx(raw.t_sample[::4])
-    assert gyro == pytest.approx(raw.gyro[::4])
-
-
-def test_gps_weeks_count_from_1980_with_leap_seconds() -> None:
-    """2 January 2023, 00:00:00 UTC: week 2243, second 86418 by the table of the IGS."""
-    week, milliseconds = ardupilot.gps_time(np.array([1672617600.0, 1672617600.25]))
-    assert week.tolist() == [2243, 2243]
-    assert milliseconds.tolist() == [86_418_000, 86_418_250]
-
-
-def test_a_stations_stamps_are_unix_time_while_the_boot_clock_begins_at_five_seconds(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(mavlink, "since_start", lambda flight: flight)
-    monkeypatch.setattr(mavlink, "copter_parameters", lambda flight: [])
-    monkeypatch.setattr(mavlink, "texts", lambda flight, at: [])
-    for part in ("_onboard", "_receivers", "_slow", "_states", "_truth"):
-        monkeypatch.setattr(mavlink, part, lambda flight: iter(()))
-    monkeypatch.setattr(mavlink, "_inertial", lambda flight: iter([("A", records.micros(T), {"x": T})]))
-    of: Any = flight()
-    found = mavlink.telemetry_recording(of)
-    stamps = found.messages["A", 257][mavlink.STAMP_COLUMN]
-    assert stamps.tolist() == [1_700_000_000_000_000 + 100_000 * k for k in range(N)]
-    assert found.start_us == found.texts[0].t_us == 1_700_000_000_000_000
 
 
 # Numbers that firmwares give to modes, and their defaults of parameters, in simulated logs.
