@@ -233,7 +233,7 @@ def _marks(result: Result, edges: Array) -> list[list[Any]]:
     return found
 
 
-# Trouble: what was wrong with a flight's attitude, and how urgently somebody should look.
+# Trouble: what was wrong with a flight's attitude, and how urgent it is.
 #
 # Logs are opened in the order of :data:`RANKS`. Points order the reasons of one log, and logs of one rank.
 
@@ -340,8 +340,8 @@ def reasons(result: Result) -> list[Reason]:
     refused = result.reference.refused if result.reference else {}
     for kind, why in refused.items():
         if kind == "truth" or (kind == "onboard" and not codes & ATTITUDE_KINDS):
-            said = "truth" if kind == "truth" else "onboard attitude"
-            found.append(Reason("attitude", "refused", REFUSED_POINTS, f"The {said} is refused as reference: {why}."))
+            name = "truth" if kind == "truth" else "onboard attitude"
+            found.append(Reason("attitude", "refused", REFUSED_POINTS, f"The {name} is refused as reference: {why}."))
     shown = bool(crashes) or not result.events  # what the autopilot alone reports as a crash is often a bench
     landed = _last_landing(result)
     return [

@@ -1,7 +1,7 @@
 """Options that several commands take, each declared once: annotated types, and dataclasses for sets of options.
 
 A command takes a set as one parameter; :func:`expanded` gives Typer an option for each field. Completion imports
-nothing before somebody presses TAB.
+nothing before TAB is pressed.
 """
 
 from __future__ import annotations

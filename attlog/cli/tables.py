@@ -149,13 +149,13 @@ def filter_table(result: Result, window: str, width: int, verbose: bool = False)
         lines = _filter_rows(found, names, ids, halves, spare, not verbose)
         if max(len(line.text) for line in lines) <= width:
             break
-    said = _legend(result, found, halves, width, caveat=not verbose)
+    legend = _legend(result, found, halves, width, caveat=not verbose)
     ahead = [names[row.name] for row, _ in found.rows if not row.causal and not row.is_reference]
-    said += [f"Looks ahead in time: {'; '.join(ahead)}."] if ahead else []
-    said += [f"{names[r.name]} failed: {r.reason.removeprefix(f'{r.name}: ')}." for r in _without_data(result)]
+    legend += [f"Looks ahead in time: {'; '.join(ahead)}."] if ahead else []
+    legend += [f"{names[r.name]} failed: {r.reason.removeprefix(f'{r.name}: ')}." for r in _without_data(result)]
     left_out = [c.title[0].lower() + c.title[1:] for c in found.columns if c.spare > spare]
-    said += [f"No room for: {', '.join(left_out)}."] if left_out else []
-    return lines + [TextLine(line, "dim") for text in said for line in textwrap.wrap(text, width)]
+    legend += [f"No room for: {', '.join(left_out)}."] if left_out else []
+    return lines + [TextLine(line, "dim") for text in legend for line in textwrap.wrap(text, width)]
 
 
 def _filter_rows(

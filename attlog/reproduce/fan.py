@@ -230,11 +230,11 @@ def _settings() -> tuple[PaperSetting, ...]:
 def _jointly(verdicts: Sequence[Sequence[Verdict]]) -> str:
     """Return the number of claims that hold with one and the same random walks."""
     counts = [sum(one[k] == "holds" for one in verdicts) for k in range(len(WIDER))]
-    said = [
+    parts = [
         f"{count} with {CALLED[wider(f)].partition(', ')[2] or 'ours'}" for f, count in zip(WIDER, counts, strict=True)
     ]
     most = f"No set gives all {len(verdicts)}" if max(counts) < len(verdicts) else f"One gives all {len(verdicts)}"
-    return f"Claims that hold at once: {listed(said)}. {most}."
+    return f"Claims that hold at once: {listed(parts)}. {most}."
 
 
 def _raw_claim(found: Seeds) -> Claim:

@@ -166,16 +166,16 @@ def spreads(found: Seeds, row: str, over: str, axis: int) -> PaperNumber:
 
 def by_walk(verdicts: Sequence[Verdict]) -> str:
     """Return with which random walks a claim holds, and with which it is not significant."""
-    held, untold = (
+    held, unclear = (
         [f"{f:g}" for f, v in zip(WIDER, verdicts, strict=True) if v == which]
         for which in ("holds", "cannot be judged")
     )
-    if len(untold) == len(WIDER):
+    if len(unclear) == len(WIDER):
         return "with none of the random walks significantly"
     if len(held) in (0, len(WIDER)):
-        said = "with every random walk" if held else "with none of the random walks"
+        words = "with every random walk" if held else "with none of the random walks"
     else:
-        said = "with our random walks alone" if held == ["1"] else f"with random walks {listed(held)} times ours"
-    if not untold:
-        return said
-    return f"{said}; not significant with {'ours' if untold == ['1'] else f'{listed(untold)} times ours'}"
+        words = "with our random walks alone" if held == ["1"] else f"with random walks {listed(held)} times ours"
+    if not unclear:
+        return words
+    return f"{words}; not significant with {'ours' if unclear == ['1'] else f'{listed(unclear)} times ours'}"

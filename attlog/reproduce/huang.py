@@ -369,7 +369,7 @@ def paper(options: PaperOptions) -> Paper:
             "Fig. 5 is the controller's block diagram, fig. 7 the hardware: there is nothing to run again.",
             "Figures 3, 4, 8 and 9 do not say which flights they show. Tables 2 and 3 hold the controller's gains of "
             "roll and pitch; none are printed for yaw.",
-            "Which EKF the paper compares with is not said. Here it is Fan's with 12 states (ekf12@fan). Beside it "
+            "Which EKF the paper compares with is not stated. Here it is Fan's with 12 states (ekf12@fan). Beside it "
             "is one that estimates biases and expects accelerations (mekf).",
             "The filter's equations are those that `attlog estimators mahony_dcm` shows.",
         ),
@@ -405,7 +405,7 @@ def _follow_claim(found: Seeds) -> Claim:
     ]
     limits = (TILT_DEG, TILT_DEG, HEADING_DEG)
     verdicts = [below(n, limits[k % 3]) for k, n in enumerate(numbers)] + [below(n, TILT_DEG) for n in stand]
-    said = [quantity(max(n.value or 0.0 for n in part), "deg") for part in (numbers[:2], numbers[3:5], stand)]
+    words = [quantity(max(n.value or 0.0 for n in part), "deg") for part in (numbers[:2], numbers[3:5], stand)]
     return Claim(
         "follows",
         "The attitude of the filter follows the true attitude.",
@@ -414,7 +414,7 @@ def _follow_claim(found: Seeds) -> Claim:
         f"below {TILT_DEG:g} deg (roll, pitch) and {HEADING_DEG:g} deg (heading).",
         put_first((numbers[0], numbers[3]), (*numbers, *stand)),
         combine_verdicts(verdicts),
-        f"Roll and pitch err by up to {said[0]} in hover, {said[1]} in free flight, {said[2]} on the stand. The "
+        f"Roll and pitch err by up to {words[0]} in hover, {words[1]} in free flight, {words[2]} on the stand. The "
         "filter takes the accelerometer for gravity. A tilted quadrotor that gathers speed feels its thrust alone: to "
         "the filter it is level.",
         shown=2,
@@ -519,7 +519,7 @@ def _hover_claim(found: Seeds) -> Claim:
 
 
 def _tracking_claim(found: Seeds) -> Claim:
-    numbers, verdicts, said = [], [], []
+    numbers, verdicts, words = [], [], []
     for k, (size, period, axis) in enumerate(TRACKS):
         name = f"{axis}, {size:g} deg at {period:g} s"
         gain = found.mean(f"gain, {name}", "1", "gain", DCM, k)
@@ -529,7 +529,7 @@ def _tracking_claim(found: Seeds) -> Claim:
         verdicts.append(above(gain, HALF_POWER))
         w = 2.0 * math.pi / period
         answer = axis_of(0 if axis == "roll" else 1).response(w)
-        said.append(
+        words.append(
             f"At a period of {period:g} s the gain is {number(gain.value, '1')}, the delay "
             f"{quantity(delay.value, 'ms', False)}. On the true attitude it is "
             f"{quantity(straight.value, 'ms', False)}, by the transfer function "
@@ -543,7 +543,7 @@ def _tracking_claim(found: Seeds) -> Claim:
         f"the gain is above {HALF_POWER:.3f} (-3 dB).",
         put_first((numbers[0], numbers[1], numbers[4]), numbers),
         combine_verdicts(verdicts),
-        f"{' '.join(said)} The delay is the loop's own, about 1 over the outer gain of 4.5/s. Nothing in the "
+        f"{' '.join(words)} The delay is the loop's own, about 1 over the outer gain of 4.5/s. Nothing in the "
         "controller looks ahead.",
         shown=3,
     )

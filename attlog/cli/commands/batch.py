@@ -267,8 +267,8 @@ def _notes(found: LogTable, failed: int) -> None:
         )
     against = references(found)
     if len(against) > 1:
-        said = listed([f"{name} ({n})" for name, n in against.items()])
-        to_stderr(f"attlog: the logs are compared with different things: {said}; --by reference separates them")
+        counts = listed([f"{name} ({n})" for name, n in against.items()])
+        to_stderr(f"attlog: the logs are compared with different things: {counts}; --by reference separates them")
     if failed:
         to_stderr(f"attlog: {counted(failed, 'log')} could not be analysed, not in the table")
 

@@ -285,7 +285,7 @@ def step(state, params, dt, gyr, acc, mag):
 
     Plain numbers, elements of arrays, math and small functions of this file compile to
     machine code; the helpers in attlog.estimators.vectors do the usual vector maths.
-    What numba cannot compile (a C library through ctypes) runs in plain Python, and that is said.
+    What numba cannot compile (a C library through ctypes) runs in plain Python, with a message.
     """
     kp, ki = params[0], params[1]
     gx, gy, gz = gravity_error(state, acc, 1.0)  # 0.0: direction of f only

@@ -185,7 +185,7 @@ def health_command(
 ) -> None:
     """Say whether the sensors can be trusted, and what to set.
 
-    No filter runs. Nothing is offered that the log does not prove; what is missing for it is said.
+    No filter runs. Only what the log proves is offered, with what is missing for the rest.
 
     Example: attlog health flight.bin
     """
@@ -233,9 +233,9 @@ def health_document(result: Result) -> dict[str, Any]:
     from attlog.result import agreed_settings
 
     whole = result.to_dict()
-    told = {key: whole.get(key, empty) for key, empty in (("log", {}), ("headline", ""), ("checks", []))}
+    parts = {key: whole.get(key, empty) for key, empty in (("log", {}), ("headline", ""), ("checks", []))}
     settings = [to_plain(setting, defaults=False) for setting in agreed_settings(result.checks)]
-    return told | {"settings": settings, "findings": whole.get("findings", [])}
+    return parts | {"settings": settings, "findings": whole.get("findings", [])}
 
 
 def health_lines(result: Result, width: int, verbose: bool) -> Iterator[TextLine]:

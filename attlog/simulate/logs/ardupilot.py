@@ -108,10 +108,10 @@ def dataflash_recording(flight: Flight) -> Recording:
     for part in (_inertial, _sensors, _states, _onboard, _truth):
         messages |= dict(part(flight))
     messages = {key: columns for key, columns in messages.items() if len(columns["TimeUS"])}
-    said = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
+    banner = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
     names = {name for name, _ in messages}
     layouts = {n: x for n, x in LAYOUTS.items() if n in names}
-    return Recording(messages, copter_parameters(flight), said, {}, START_US, layouts)
+    return Recording(messages, copter_parameters(flight), banner, {}, START_US, layouts)
 
 
 def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:

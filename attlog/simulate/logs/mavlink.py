@@ -51,9 +51,9 @@ def telemetry_recording(flight: Flight) -> Recording:
         for name, t_us, columns in part(flight):
             if len(t_us):
                 messages[name, SENDER] = {STAMP_COLUMN: t_us.astype(np.int64) + ahead_us, **columns}
-    said = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
-    said = [Text(x.text, x.level, (x.t_us or START_US) + ahead_us) for x in said]
-    return Recording(messages, copter_parameters(flight), said, {"system": 1, "component": 1}, START_US + ahead_us)
+    banner = [Text(BANNER, 6, START_US), Text("Frame: QUAD/X", 6, START_US), *texts(flight, START_US)]
+    banner = [Text(x.text, x.level, (x.t_us or START_US) + ahead_us) for x in banner]
+    return Recording(messages, copter_parameters(flight), banner, {"system": 1, "component": 1}, START_US + ahead_us)
 
 
 Packets = Iterator[tuple[str, NDArray[np.uint64], dict[str, Any]]]
