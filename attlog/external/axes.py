@@ -22,7 +22,7 @@ from attlog.segments.increments import gyro_increments
 Array = NDArray[np.float64]
 
 G = 9.80665
-BLOCKS, MIN_BLOCKS = 10, 4
+BLOCKS, MIN_BLOCKS = 10, 4  # of the jackknife
 # Blocks of the mean force: gravity, bias and change of velocity.
 BLOCK_S = 2.0
 # One sigma of an accelerometer's bias beforehand.
@@ -260,7 +260,7 @@ NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 # Half turns that lead from these axes to north-east-down and to forward-right-down.
 EARTH = {"ned": NO_TURN, "enu": rotation.ENU}
 BODY = {"frd": NO_TURN, "flu": rotation.FLU}
-INTERVAL_S, MAX_INTERVAL_S, MAX_RATE_INTERVALS = 0.1, 0.5, 20_000
+INTERVAL_S, MAX_INTERVAL_S, MAX_RATE_INTERVALS = 0.1, 0.5, 20_000  # of a rate; most that are compared
 # Share of the rate by which attitude and gyro may differ. Fast turns count first: in slow ones a filter's correction
 # is not small.
 MAX_RATE_DIFFERENCE, MOVING_DPS, MIN_MOVING = 0.5, (20.0, 8.0, 3.0), 10

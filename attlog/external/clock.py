@@ -34,14 +34,14 @@ STEPS_S = (0.05, 0.02, 0.006, 0.002)
 COARSE_INTERVALS = 1200
 # Half lengths of the record that are fitted in turn, Gauss-Newton steps each, and half the time of the gyro's change.
 LENGTHS_S, ROUNDS, NEAR_S = (300.0, 900.0, 2700.0), 3, 0.004
-JACKKNIFE = 10
+JACKKNIFE = 10  # tenths of the record
 # Correlation of the rates of one flight, and the ratio of misfits within which two offsets fit equally well.
 MIN_CORRELATION, MIN_RIVAL_MISFIT = 0.9, 0.93
 # Intervals that are tried in turn: over the longer one a noisy truth still shows a slow flight.
 SPANS_S, MIN_RATES = (SPAN_S, 0.3), 30
 # Interval over which rates of one flight correlate even under a noisy truth.
 LONG_S = 1.6
-MAX_TURN_SIGMA_DEG = 4.0
+MAX_TURN_SIGMA_DEG = 4.0  # less certain axes are refused
 # Misfit of an unusual reading as a share of the usual one's, below which it is taken.
 MAX_READING_MISFIT = 0.9
 # Distance of the clock from a given offset, and of a topic's clock from the log's.

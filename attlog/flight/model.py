@@ -77,7 +77,7 @@ class Stream:
         return self.t if self.t_sample is None else self.t_sample
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, weakref_slot=True)
 class Imu:
     """An inertial unit: ``gyro`` rad/s and ``acc`` m/s^2 (specific force) at the same times.
 

@@ -46,7 +46,7 @@ FILES = (
     "innovations",
 )
 LATE = {"Drawing": "traces", "Trace": "trace"}
-FULL_COVERAGE_PCT = 95.0
+FULL_COVERAGE_PCT = 95.0  # below this an answer reports its coverage
 
 
 @cache

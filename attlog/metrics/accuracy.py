@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core.spans import complement, intersect
 from attlog.metrics import intervals as interval
-from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Wording, paragraph, per_case, per_row, per_times
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Wording, paragraph, per_case, per_object, per_row
 from attlog.metrics.statistics import (
     MIN_SAMPLES,
     PIECES,
@@ -39,7 +39,7 @@ ANGLES = {
 # after 5 s, in heading 0.48 (which made up to 7 % of the claims wrong), after 15 s next to nothing.
 BLOCK_S = {"tilt": 5.0, "heading": 15.0, "total": 15.0}
 MIN_BLOCKS = {"tilt": 4, "heading": 3, "total": 3}
-BLOCK_FILLED = 0.8
+BLOCK_FILLED = 0.8  # share of a block that must be scored
 _EVIDENCE = """Interval: what the next flight of that length would show, from the changes between halves and quarters
     (errors wander on every scale: more seconds do not average them out). Against a smoother it holds 2 sigma of the
     smoother's own error."""
@@ -128,7 +128,7 @@ def own_sigma(case: Case, angle: str, window: str) -> float:
     return float(np.nan_to_num(sigma_deg(reference, angle, inside)))
 
 
-@per_times
+@per_object
 def in_window(case: Case, t: Array, window: str) -> NDArray[np.bool_]:
     """Return which times (n,) of errors lie in a window."""
     return case.segments.mask(t, window)
@@ -146,24 +146,14 @@ def _segments(case: Case, row: Track) -> NDArray[np.int64]:
     """Return the segments (n,) of a row's errors between gaps and resets."""
     errors = row.errors
     assert errors is not None
-    return model.merge_numbers(_number(case, errors.t), errors.segment)
-
-
-@per_times
-def _number(case: Case, t: Array) -> NDArray[np.int64]:
-    return model.number_segments(t)
+    return model.merge_numbers(model.number_segments(errors.t), errors.segment)
 
 
 @per_row
-def usual_step(case: Case, row: Track) -> float:
+def median_step(case: Case, row: Track) -> float:
     """Return the median time between a row's errors, s."""
     assert row.errors is not None
-    return _step(case, row.errors.t)
-
-
-@per_times
-def _step(case: Case, t: Array) -> float:
-    return float(np.median(np.diff(t)))
+    return float(np.median(np.diff(row.errors.t)))
 
 
 def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
@@ -171,17 +161,19 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
     errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
-        needed = BLOCK_FILLED * length / usual_step(case, row)
+        needed = BLOCK_FILLED * length / median_step(case, row)
         begin, first, last = _error_blocks(case, errors.t, window, length)
         total, count = (interval.group_sums(x, first, last) for x in _block_squares(case, row, angle))
         full = count >= max(needed, 2)
         begin, values = begin[full], total[full] / count[full]
     chosen = make_ids(begin)
     sigma = own_sigma(case, angle, window)
-    return UnitValues("mean_square", chosen, values, partial(of_blocks, chosen, values, length=length, sigma=sigma))
+    return UnitValues(
+        "mean_square", chosen, values, partial(rmse_of_blocks, chosen, values, length=length, sigma=sigma)
+    )
 
 
-@per_times
+@per_object
 def _error_blocks(
     case: Case, t: Array, window: str, length: float
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
@@ -205,7 +197,7 @@ def _counted(case: Case, row: Track) -> Array:
     return _scored(case, row).astype(np.float64)
 
 
-def of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float = BLOCK_S["tilt"], sigma: float = 0.0) -> Summary:
+def rmse_of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float, sigma: float) -> Summary:
     """Return the RMSE over some blocks (k,) of ``length`` s against a reference of that sigma, deg.
 
     A block stands for several samples: quarters of a record may cut through it.

@@ -12,15 +12,15 @@ from attlog.core.spans import Span
 from attlog.metrics import following
 from attlog.metrics import intervals as interval
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_row
-from attlog.metrics.windows import deviations, rest_spans, why_none, within
+from attlog.metrics.windows import deviations, reason_unavailable, rest_spans, within
 from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
-SHORTEST_S = 60.0
-POINTS_PER_DECADE = 12
-BLOCK = 1 << 14
-WALK_TAU_S = (0.3, 3.0)
+SHORTEST_S = 60.0  # averaging times of 15 s then have 4 intervals
+POINTS_PER_DECADE = 12  # smooth on logarithmic axes
+BLOCK = 1 << 14  # samples at once: they stay in the cache
+WALK_TAU_S = (0.3, 3.0)  # averaging times around 1 s, half a decade either way
 # White rate noise falls as tau^-1/2; outside these slopes the number would not be an angle random walk.
 WALK_SLOPE = (-0.7, -0.3)
 # 0.664: the floor of flicker noise over its bias instability (IEEE Std 952, C.1.3).
@@ -86,25 +86,25 @@ def _mean_square(phase: Array, k: int) -> float:
     return total / count
 
 
-def of_average(angle: Array, step: float) -> Deviation:
+def average_deviation(angle: Array, step: float) -> Deviation:
     """Return the Allan deviation of an averaged angle (n,), in its own unit."""
     return deviation(np.concatenate([[0.0], np.cumsum(angle - np.mean(angle))]) * step, step)
 
 
 def longest_rest(case: Case, row: Track, window: str) -> slice | None:
     """Return the longest finite segment of one rest without a gap, None without any."""
-    return _longest_of(case, row, rest_spans(case, row, window))
+    return _longest_segment(case, row, rest_spans(case, row, window))
 
 
 @per_row
-def _longest_of(case: Case, row: Track, spans: list[Span]) -> slice | None:
+def _longest_segment(case: Case, row: Track, spans: list[Span]) -> slice | None:
     segments = [p for span in spans for p in within(row.t, span, row.segment)]
     segments = [p for p in segments if p.stop - p.start > 8 and np.isfinite(row.q[p]).all()]
     return max(segments, key=lambda p: float(row.t[p.stop - 1] - row.t[p.start]), default=None)
 
 
 @per_row
-def of_heading(case: Case, row: Track, segment: slice) -> Deviation:
+def heading_deviation(case: Case, row: Track, segment: slice) -> Deviation:
     """Return the deviation of the row's heading in one segment, in deg."""
     t = row.t[segment]
     return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
@@ -123,13 +123,13 @@ def compute_allan(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return random walk and bias instability of one row's heading in its longest rest."""
     segment = longest_rest(case, row, window)
     if segment is None:
-        return ALLAN.without(*why_none(case, "rest", window), window)
+        return ALLAN.without(*reason_unavailable(case, "rest", window), window)
     t = row.t[segment]
     length = float(t[-1] - t[0])
     if length < SHORTEST_S:
         reason = f"the longest rest is {length:.0f} s; {SHORTEST_S:.0f} s are needed"
         return ALLAN.without("rest_too_short", reason, window)
-    d = of_heading(case, row, segment)
+    d = heading_deviation(case, row, segment)
     found = {
         "allan_arw_deg_per_sqrt_h": _walk(d, length, window),
         "allan_bias_deg_per_h": floor_answer(d, length, window),

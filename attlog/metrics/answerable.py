@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from attlog.metrics import correction_noise, drift, lag
 from attlog.metrics.accuracy import ERRORS
 from attlog.metrics.metric import Answer, Case, MetricGroup, named, per_case
-from attlog.metrics.ranking import CODE, mark_not_ranked
-from attlog.metrics.windows import PHASES, row_windows, why_none
+from attlog.metrics.ranking import TOO_UNCERTAIN, mark_not_ranked
+from attlog.metrics.windows import PHASES, reason_unavailable, row_windows
 from attlog.reference import replayed
 from attlog.reference.model import Track
 
@@ -71,12 +71,12 @@ def noise(case: Case) -> Availability:
     for phase in PHASES:
         windows = [w for group in row_windows(case, row, phase, phase) for w in group]
         if phase != "rest":
-            use = correction_noise.of_use(row.t, gyro, correction_noise.TURN_DEG, [s for _, s in windows])
+            use = correction_noise.usable_windows(row.t, gyro, correction_noise.TURN_DEG, [s for _, s in windows])
             windows = [w for w, good in zip(windows, use, strict=True) if good]
         if windows:
             seconds = sum(t1 - t0 for (t0, t1), _ in windows)
             found.append(f"{seconds:.0f} s {WHERE[phase]}")
-    code, why = why_none(case, "rest", "rest")
+    code, why = reason_unavailable(case, "rest", "rest")
     return Availability(tuple(found)) if found else Availability((), (why,), (code,))
 
 
@@ -102,7 +102,9 @@ def yaw_drift(case: Case) -> Availability:
         found.append(f"{max(flown.values()):.0f} s in the air against {', '.join(flown)}")
     if found:
         return Availability(tuple(found))
-    nearest = next((a for a in air.values() if a.code in (CODE, "record_too_short", "not_covered")), air[ONBOARD])
+    nearest = next(
+        (a for a in air.values() if a.code in (TOO_UNCERTAIN, "record_too_short", "not_covered")), air[ONBOARD]
+    )
     both = [refused(a) for a in (rest, nearest)]
     return Availability((), tuple(w for p in both for w in p.why), tuple(c for p in both for c in p.codes))
 
@@ -124,7 +126,7 @@ def looked_up(case: Case, group: MetricGroup, name: str, windows: tuple[str, ...
 
 def refused(answer: Answer) -> Availability:
     """Return why there is no value. A filter may still be off by more than its interval."""
-    larger = "; only a larger error would be significant" if answer.code == CODE else ""
+    larger = "; only a larger error would be significant" if answer.code == TOO_UNCERTAIN else ""
     return Availability((), ((answer.reason or "") + larger,), (answer.code or "",))
 
 

@@ -17,7 +17,7 @@ from attlog import estimators
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, I1, Out1, Out2
 from attlog.flight.model import Imu
-from attlog.metrics.metric import Case, per_case, per_row, per_times
+from attlog.metrics.metric import Case, per_object
 from attlog.metrics.windows import imu_of, logged_unit, sample_batches
 from attlog.reference import alignment
 from attlog.reference.model import Track
@@ -108,7 +108,7 @@ def correction_residual(
     out: Out2,
     t: F1,
     q: F2,
-    pushed: F2,
+    correction: F2,
     centre: F2,
     yaw: F1,
     edges: I1,
@@ -120,17 +120,17 @@ def correction_residual(
 ) -> None:
     """Fill ``out`` (n, 3) with the corrections in attitudes ``q`` (n, 4) at ``t`` (n,), in deg, without the fit.
 
-    ``pushed`` (n, 4) is the rotation relative to the gyro alone. Window k has samples ``edges[k]`` to ``edges[k + 1]``,
-    ``centre[k]`` is the mean of ``pushed``, ``yaw[k]`` the heading of the mean attitude. Axes: level roll and pitch
-    axis, vertical. The fit is an offset, and R(q) integrated times a constant. Scratch: ``turned`` (n, 9), ``now``,
-    ``before``, ``g`` (9,), ``h`` (3,).
+    ``correction`` (n, 4) is the rotation relative to the gyro alone. Window k has samples ``edges[k]`` to ``edges[k +
+    1]``, ``centre[k]`` is the mean of ``correction``, ``yaw[k]`` the heading of the mean attitude. Axes: level roll and
+    pitch axis, vertical. The fit is an offset, and R(q) integrated times a constant. Scratch: ``turned`` (n, 9),
+    ``now``, ``before``, ``g`` (9,), ``h`` (3,).
     """
     for k in range(len(yaw)):
         a, b = edges[k], edges[k + 1]
         integrated(turned, t, q, a, b, now, before)
         mx, my, mz = 0.0, 0.0, 0.0
         for i in range(a, b):
-            w, x, y, z = relative(pushed, i, centre, k)
+            w, x, y, z = relative(correction, i, centre, k)
             out[i, 0], out[i, 1], out[i, 2] = vector(w, x, y, z)
             mx, my, mz = mx + out[i, 0] / (b - a), my + out[i, 1] / (b - a), mz + out[i, 2] / (b - a)
         for i in range(a, b):
@@ -154,20 +154,7 @@ class GyroAttitude:
 def gyro_alone(case: Case, row: Track) -> GyroAttitude | None:
     """Return the integrated gyro of the row's own unit; None without an IMU."""
     imu = imu_of(case, row)
-    if imu is None:
-        return None
-    index = logged_unit(case, imu)
-    return _of_own_samples(case, row) if index is None else _of_unit(case, index)
-
-
-@per_case
-def _of_unit(case: Case, index: int) -> GyroAttitude:
-    return _integrated(case, case.log.imus[index])
-
-
-@per_row
-def _of_own_samples(case: Case, row: Track) -> GyroAttitude | None:
-    return None if row.imu is None else _integrated(case, row.imu)
+    return None if imu is None else _integrated(case, imu)
 
 
 def integrate_gyro(case: Case, imu: Imu) -> estimators.Estimate:
@@ -176,6 +163,7 @@ def integrate_gyro(case: Case, imu: Imu) -> estimators.Estimate:
     return estimators.estimate("gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
 
 
+@per_object
 def _integrated(case: Case, imu: Imu) -> GyroAttitude:
     found = integrate_gyro(case, imu)
     t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
@@ -197,10 +185,10 @@ def residual(t: Array, q: Array, gyro: GyroAttitude, turn_deg: float) -> Array |
     ``turn_deg`` away from its mean.
     """
     whole = [slice(0, len(t))]
-    return next(residuals(t, q, gyro, whole)) if of_use(t, gyro, turn_deg, whole)[0] else None
+    return next(residuals(t, q, gyro, whole)) if usable_windows(t, gyro, turn_deg, whole)[0] else None
 
 
-def of_use(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequence[slice]) -> NDArray[np.bool_]:
+def usable_windows(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequence[slice]) -> NDArray[np.bool_]:
     """Return in which windows (k,) the gyro does not restart and stays within ``turn_deg`` of its mean."""
     found = [np.zeros(0, bool)]
     for own, at, edges in sample_batches(inside):
@@ -216,18 +204,18 @@ def of_use(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequence[slice
 
 
 def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -> Iterator[Array]:
-    """Yield :func:`residual` (n, 3) of several windows in which the gyro is :func:`of_use`."""
+    """Yield :func:`residual` (n, 3) of several windows in which the gyro is :func:`usable_windows`."""
     for _, at, edges in sample_batches(inside):
         own = np.ascontiguousarray(q[at], np.float64)
-        pushed = rotation.earth_error(own, rotation.slerp(gyro.t, gyro.q, t[at]))
+        correction = rotation.earth_error(own, rotation.slerp(gyro.t, gyro.q, t[at]))
         yaw = np.ascontiguousarray(rotation.to_euler(rotation.group_means(own, edges))[:, 2])
         out = np.empty((len(at), 3))
         scratch = np.empty((len(at), 9)), np.zeros(9), np.zeros(9), np.zeros(9), np.zeros(3)
-        correction_residual(out, t[at], own, pushed, rotation.group_means(pushed, edges), yaw, edges, *scratch)
+        correction_residual(out, t[at], own, correction, rotation.group_means(correction, edges), yaw, edges, *scratch)
         yield from np.split(out, edges[1:-1])
 
 
-def of_windows(case: Case, row: Track, inside: list[slice]) -> list[Array | None]:
+def window_residuals(case: Case, row: Track, inside: list[slice]) -> list[Array | None]:
     """Return the residuals (n, 3) of a row in windows of its samples; None where the gyro is of no use."""
     gyro = gyro_alone(case, row)
     if gyro is None:
@@ -240,12 +228,16 @@ def of_windows(case: Case, row: Track, inside: list[slice]) -> list[Array | None
     if corrected:
         # such a row shows the moment at which the sensor felt it: what it corrects it does not add
         gyro, index = GyroAttitude(gyro.t - corrected, gyro.q, gyro.segment), None
-    use = of_use(row.t, gyro, limit, inside) if index is None else _of_use(case, row.t, index, inside, limit)
+    use = (
+        usable_windows(row.t, gyro, limit, inside)
+        if index is None
+        else _usable_windows(case, row.t, index, inside, limit)
+    )
     left = residuals(row.t, row.q, gyro, [part for part, good in zip(inside, use, strict=True) if good])
     return [next(left) if good else None for good in use]
 
 
-@per_times
-def _of_use(case: Case, t: Array, index: int, inside: list[slice], turn_deg: float) -> NDArray[np.bool_]:
-    """Return :func:`of_use` for the gyro of a unit, cached for rows with these times."""
-    return of_use(t, _of_unit(case, index), turn_deg, inside)
+@per_object
+def _usable_windows(case: Case, t: Array, index: int, inside: list[slice], turn_deg: float) -> NDArray[np.bool_]:
+    """Return :func:`usable_windows` for the gyro of a unit, cached for rows with these times."""
+    return usable_windows(t, _integrated(case, case.log.imus[index]), turn_deg, inside)

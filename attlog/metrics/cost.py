@@ -16,8 +16,8 @@ from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
-SAMPLES, STEP_S = 3000, 0.004
-MAG_EVERY = 5
+SAMPLES, STEP_S = 3000, 0.004  # 12 s at 250 Hz: some ms a run
+MAG_EVERY = 5  # 50 Hz, as usual for compasses
 # From the smallest to the largest of 6 the median lies with 97 % (1 - 2 / 2^6), whatever the distribution; 5: 94 %.
 REPEATS = 6
 

@@ -34,9 +34,9 @@ from attlog.metrics.windows import (
     DRIFT_AIR_S,
     DRIFT_REST_S,
     DRIFT_SLACK_S,
+    reason_unavailable,
     row_segments,
     why_never_airborne,
-    why_none,
     within,
 )
 from attlog.reference.model import HeadingReference, Track
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
 # A record makes one group for each 10 s, 4 at least and 12 at most.
 GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
-MIN_BLOCKS = 3
+MIN_BLOCKS = 3  # a slope of fewer has no residual
 # An uncalibrated gyro turns by as much: 1 deg/s.
 RESOLUTION = Resolution(60.0, "60 deg/min", "seconds")
 
@@ -368,7 +368,7 @@ def compute_rest_drift(case: Case, row: Track, window: str) -> dict[str, Answer]
     """Return the yaw drift of one row at rest."""
     found = rest_records(case, row, window)
     if not found:
-        return REST_DRIFT.without(*why_none(case, "rest", window), window)
+        return REST_DRIFT.without(*reason_unavailable(case, "rest", window), window)
     pooled = pool_drifts(found)
     pooled.records = [r for one in found for r in one.records]
     change = heading_change(case, row, window)

@@ -15,7 +15,7 @@ from attlog.estimators.samples import Sampling
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics import step_fit as step_solution
 from attlog.metrics import step_turning as steps
-from attlog.metrics.metric import Answer, Case, per_row, per_times
+from attlog.metrics.metric import Answer, Case, per_object, per_row
 from attlog.metrics.windows import imu_of, within
 from attlog.reference.model import Track
 from attlog.segments import model
@@ -24,12 +24,12 @@ from attlog.segments import model
 #
 # On the log's own rest, or on made samples at the log's rate.
 
-GRAVITY_M_S2 = 9.81
+GRAVITY_M_S2 = 9.81  # made samples need no more digits
 # A field that points north and down; filters take its direction.
-FIELD = (0.2, 0.0, 0.4)
+MADE_FIELD = (0.2, 0.0, 0.4)
 # Made samples come at the rate of the log, within these.
-HZ = (20.0, 200.0)
-MIN_STILL_SAMPLES = 20
+MADE_RATE_HZ = (20.0, 200.0)
+MIN_STILL_SAMPLES = 20  # fewer are no rest to try a filter on
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,18 +43,18 @@ class StillSamples:
     sampling: Sampling
 
 
-def made(case: Case, row: Track, seconds: float) -> StillSamples | None:
+def level_samples(case: Case, row: Track, seconds: float) -> StillSamples | None:
     """Return samples of a level, still vehicle without noise; None for rows that are no replay."""
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
         return None
-    step = float(np.clip(np.median(np.diff(imu.gyro.t)), 1.0 / HZ[1], 1.0 / HZ[0]))
+    step = float(np.clip(np.median(np.diff(imu.gyro.t)), 1.0 / MADE_RATE_HZ[1], 1.0 / MADE_RATE_HZ[0]))
     t = np.arange(0.0, seconds, step)
-    acc, mag = (np.tile(x, (len(t), 1)) for x in ((0.0, 0.0, -GRAVITY_M_S2), FIELD))
+    acc, mag = (np.tile(x, (len(t), 1)) for x in ((0.0, 0.0, -GRAVITY_M_S2), MADE_FIELD))
     return StillSamples(t, np.zeros((len(t), 3)), acc, mag if row.uses_mag else None, "interval")
 
 
-def of_log(case: Case, row: Track, shortest: float, longest: float) -> StillSamples | None:
+def rest_samples(case: Case, row: Track, shortest: float, longest: float) -> StillSamples | None:
     """Return the end of the log's longest rest, up to ``longest`` s; None under ``shortest`` s."""
     imu = imu_of(case, row)
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
@@ -73,7 +73,7 @@ def of_log(case: Case, row: Track, shortest: float, longest: float) -> StillSamp
     return StillSamples(t, case.gyro_of(imu)[own], imu.acc.x[own], mag, imu.gyro.sampling)
 
 
-def end(row: Track, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
+def final_attitude(row: Track, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
     """Return the attitude (4,) with which the row's filter ends. AttlogError where it cannot be run."""
     estimator = estimators.get(row.estimator)
     stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
@@ -90,7 +90,7 @@ RATE_DPS, PULSE_S = 20.0, 1.0
 SETTLE_S, LONGEST_S = 1.0, 8.0
 
 
-def pulsed(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
+def add_pulse(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
     """Return a pulse in the last second of ``t``: rates (n, 3) rad/s, and fixed vectors (n, 3) in body axes."""
     on = t > t[-1] - PULSE_S
     rate = np.zeros((len(t), 3))
@@ -107,17 +107,17 @@ def pulse_gains(case: Case, row: Track) -> Array | None:
     On the end of the log's longest rest, else on made samples. Real filters show 1.00, accelerometer-only ones 0.2 to
     0.7, a frozen one 0.
     """
-    rest = of_log(case, row, SETTLE_S + PULSE_S, LONGEST_S) or made(case, row, LONGEST_S)
+    rest = rest_samples(case, row, SETTLE_S + PULSE_S, LONGEST_S) or level_samples(case, row, LONGEST_S)
     if rest is None:
         return None
     t, mag = rest.t, rest.mag
     try:
-        before = end(row, rest, rest.gyro, rest.acc, mag)
+        before = final_attitude(row, rest, rest.gyro, rest.acc, mag)
         shown = np.zeros(3)
         for axis in range(3):
-            rate, acc_turned = pulsed(t, rest.acc, axis)
-            mag_turned = None if mag is None else pulsed(t, mag, axis)[1]
-            turned = end(row, rest, rest.gyro + rate, acc_turned, mag_turned)
+            rate, acc_turned = add_pulse(t, rest.acc, axis)
+            mag_turned = None if mag is None else add_pulse(t, mag, axis)[1]
+            turned = final_attitude(row, rest, rest.gyro + rate, acc_turned, mag_turned)
             turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), turned)))
             whole = np.degrees(np.sum(rate[1:, axis] * np.diff(t)))
             shown[axis] = turn[axis] / whole
@@ -126,7 +126,7 @@ def pulse_gains(case: Case, row: Track) -> Array | None:
     return shown if np.isfinite(shown).all() else None
 
 
-STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0
+STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0  # settling, a tilt of 10 deg, and the time to come back
 # Integrated gyro keeps 1.00 of the tilt, ``mekf``, which may take it for a bias of the accelerometer, 0.33 to 0.50 (6
 # logs), all others 0.00 to 0.32.
 MAX_LEFT = 0.8
@@ -140,14 +140,14 @@ def tilt_left(case: Case, row: Track) -> float | None:
     A level, still vehicle for 20 s, then 20 deg/s about x for 0.5 s in the gyro alone: the accelerometer goes on to
     show level, and a filter corrected by it comes back.
     """
-    rest = made(case, row, STILL_S + TILT_PULSE_S + AFTER_S) if row.causal else None
+    rest = level_samples(case, row, STILL_S + TILT_PULSE_S + AFTER_S) if row.causal else None
     if rest is None:
         return None
     gyro = rest.gyro.copy()
     pulse = (rest.t > STILL_S) & (rest.t <= STILL_S + TILT_PULSE_S)
     gyro[pulse, 0] = np.radians(RATE_DPS)
     try:
-        after = end(row, rest, gyro, rest.acc, rest.mag)
+        after = final_attitude(row, rest, gyro, rest.acc, rest.mag)
     except AttlogError:
         return None
     tilt = np.radians(RATE_DPS) * float(np.sum(np.diff(rest.t)[pulse[1:]]))
@@ -163,8 +163,8 @@ def why_uncorrected(case: Case, row: Track) -> str | None:
 
 Array = NDArray[np.float64]
 
-LOW, HIGH = 0.8, 1.2
-MOVING_DPS = 5.0
+MIN_GAIN, MAX_GAIN = 0.8, 1.2
+MOVING_DPS = 5.0  # slower turns are mostly noise
 # The frozen-filter guard: docs/metrics.md, Noise.
 MIN_MOTION_SAMPLES = 20
 
@@ -193,7 +193,7 @@ def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) ->
     return gains
 
 
-@per_times
+@per_object
 def _turns(case: Case, q: Array) -> Array:
     """Return the turns (n - 1, 3) rad of an attitude between samples, cached for the reference of all rows."""
     return rotation.increments(q)
@@ -208,12 +208,12 @@ def why_not_following(case: Case, row: Track, axis: str) -> str | None:
     """
     found: list[str] = []
     for gain, how in _gains(case, row, ("roll", "pitch", "heading").index(axis)):
-        if LOW <= gain <= HIGH:
+        if MIN_GAIN <= gain <= MAX_GAIN:
             return None
         found.append(f"{gain:.2f} {how}")
     if not found:
         return "did not move: nothing shows that this row follows motion"
-    return f"does not follow motion: gain {', '.join(found)} ({LOW} to {HIGH} shows that it does)"
+    return f"does not follow motion: gain {', '.join(found)} ({MIN_GAIN} to {MAX_GAIN} shows that it does)"
 
 
 def _gains(case: Case, row: Track, axis: int) -> Iterator[tuple[float, str]]:

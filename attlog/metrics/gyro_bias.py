@@ -27,16 +27,15 @@ Choice = Literal["rest", "none", "onboard"]
 Samples = tuple[Array, Array]
 
 # So much rest is used at most: what is nearest to take-off; the rest of the rests can still show a drift.
-REST_S = 30.0
-SHORTEST_S = 1.0
+MAX_REST_S = 30.0
+SHORTEST_S = 1.0  # less rest gives no bias
 # The interval comes from means over blocks of 1 s, shorter ones where there are fewer than four.
-BLOCK_S, FEWEST_BLOCKS = 1.0, 4
+BLOCK_S, MIN_BLOCKS = 1.0, 4
 # A vector that the mean rate would turn by less does not show whether the vehicle turned.
-TURN_DEG = 3.0
-TURNED_SHARE = 0.3
+MIN_TURN_DEG = 3.0
+TURNED_SHARE = 0.3  # of the gyro's turn in gravity or field: the vehicle itself turned
 # A span is looked at for as long as the mean rate turns by this: a full turn looks like none.
-SEEN_DEG = 90.0
-"""The vehicle itself turned where gravity or field turned by more than this share of what the gyro shows."""
+MAX_TURN_DEG = 90.0
 
 
 @dataclass(slots=True)
@@ -140,8 +139,8 @@ def _flight(segments: Segments) -> Span:
 
 
 def _nearest(spans: list[Span], latest: bool) -> list[Span]:
-    """Return up to REST_S of the spans in the order of time: the latest, or the first ones."""
-    left, found = REST_S, []
+    """Return up to MAX_REST_S of the spans in the order of time: the latest, or the first ones."""
+    left, found = MAX_REST_S, []
     for a, b in reversed(spans) if latest else spans:
         length = min(b - a, left)
         if length <= 0.0:
@@ -153,7 +152,7 @@ def _nearest(spans: list[Span], latest: bool) -> list[Span]:
 
 def _blocks(t: Array, x: Array) -> Array:
     """Return means (k, 3) of neighbouring samples (n, 3): blocks of 1 s, but at least four."""
-    k = min(max(int((t[-1] - t[0]) / BLOCK_S), FEWEST_BLOCKS), len(t))
+    k = min(max(int((t[-1] - t[0]) / BLOCK_S), MIN_BLOCKS), len(t))
     return np.array([part.mean(axis=0) for part in np.array_split(x, k)])
 
 
@@ -167,7 +166,7 @@ def _why_no_rest(before: list[Span], rests: list[Span], flew: bool) -> str:
 
 def _enough(inside: slice) -> bool:
     """Return whether there is a sample for each block."""
-    return bool(inside.stop - inside.start >= FEWEST_BLOCKS)
+    return bool(inside.stop - inside.start >= MIN_BLOCKS)
 
 
 def _vectors(log: FlightLog, imu: Imu) -> list[Samples]:
@@ -189,7 +188,7 @@ def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:
 def _follows(t: Array, v: Array, rate: Array, span: Span) -> bool:
     """Return whether vectors (n, 3) turn in the span as on a body that turns at ``rate`` (3,)."""
     size = float(np.sqrt(rate @ rate))
-    length = min(span[1] - span[0], np.radians(SEEN_DEG) / max(size, 1e-9))
+    length = min(span[1] - span[0], np.radians(MAX_TURN_DEG) / max(size, 1e-9))
     ends = [between(t, a, a + 0.2 * length) for a in (span[0], span[0] + 0.8 * length)]
     if any(end.stop <= end.start for end in ends):
         return False
@@ -197,6 +196,6 @@ def _follows(t: Array, v: Array, rate: Array, span: Span) -> bool:
     seconds = float(np.mean(t[ends[1]]) - np.mean(t[ends[0]]))
     wanted = rotation.rotate(rotation.from_rotvec(-rate * seconds), first) - first
     square = float(wanted @ wanted)
-    if square < float(first @ first) * np.radians(TURN_DEG) ** 2:
+    if square < float(first @ first) * np.radians(MIN_TURN_DEG) ** 2:
         return False
     return float((last - first) @ wanted) / square > TURNED_SHARE

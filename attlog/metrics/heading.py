@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from attlog.estimators.evidence import HeadingOffset
+from attlog.flight.model import Imu
 from attlog.metrics.metric import (
     Answer,
     Case,
@@ -14,10 +15,10 @@ from attlog.metrics.metric import (
     Wording,
     missing,
     paragraph,
-    per_case,
+    per_object,
     per_row,
 )
-from attlog.metrics.windows import imu_of, logged_unit, own_start
+from attlog.metrics.windows import imu_of, own_start
 from attlog.reference.heading_sources import GnssMotion, find_gnss_motion
 from attlog.reference.model import Track
 from attlog.segments import model
@@ -40,7 +41,7 @@ GNSS_HEADING_METRICS: tuple[Metric, ...] = (
     ),
 )
 SHARED = "every row shares the errors of GNSS"
-T_95 = 1.96
+T_95 = 1.96  # normal: sigma is from many blocks
 
 
 def why_no_motion(case: Case, row: Track, window: str) -> tuple[str, str] | None:
@@ -79,15 +80,14 @@ def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answe
 
 
 def _motion_of(case: Case, row: Track) -> GnssMotion | None:
-    """Return the GNSS motion by the unit of a row, cached for logged units."""
+    """Return the GNSS motion by the unit of a row."""
     imu = imu_of(case, row)
-    unit = None if imu is None else logged_unit(case, imu)
-    return find_gnss_motion(case.log, case.segments, imu) if unit is None else _motion_by(case, unit)
+    return None if imu is None else _motion_by(case, imu)
 
 
-@per_case
-def _motion_by(case: Case, unit: int) -> GnssMotion | None:
-    return find_gnss_motion(case.log, case.segments, case.log.imus[unit])
+@per_object
+def _motion_by(case: Case, imu: Imu) -> GnssMotion | None:
+    return find_gnss_motion(case.log, case.segments, imu)
 
 
 @per_row

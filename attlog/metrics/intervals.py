@@ -19,17 +19,17 @@ from numpy.typing import ArrayLike, NDArray
 Array = NDArray[np.float64]
 
 _TINY = 1e-300
-_STEPS = 2000
-_MANY = 30.0
+_MAX_TERMS = 2000
+_MIN_NEWTON_DOF = 30.0
 # Degrees of freedom below which Student's tails are too long for Newton's steps.
-_FEW = 2.0
-_NEWTON = 30
+_MIN_STUDENT_NEWTON_DOF = 2.0
+_MAX_NEWTON_STEPS = 30
 
 
 @lru_cache(maxsize=4096)
 def chi_square(probability: float, dof: float) -> float:
     """Return the chi-square quantile of a ``probability`` for ``dof`` degrees of freedom."""
-    if dof < _MANY:
+    if dof < _MIN_NEWTON_DOF:
         return 2.0 * _invert(lambda x: _lower_gamma(0.5 * dof, x), probability)
     # Wilson and Hilferty's cube, then Newton: bisection would sum a long series a hundred times
     a, ninth = 0.5 * dof, 2.0 / (9.0 * dof)
@@ -47,7 +47,7 @@ def student(probability: float, dof: float) -> float:
         return 0.0
     if probability < 0.5:
         return -student(1.0 - probability, dof)
-    if dof >= _FEW:
+    if dof >= _MIN_STUDENT_NEWTON_DOF:
         return _student_by_newton(probability, dof)
     upper = 2.0 * (1.0 - probability)
     return _invert(lambda t: 1.0 - _beta(0.5 * dof, 0.5, dof / (dof + t * t)), 1.0 - upper)
@@ -57,7 +57,7 @@ def _student_by_newton(probability: float, dof: float) -> float:
     """Start at the normal quantile, which is smaller: the distribution is concave, so no step overshoots."""
     t = NormalDist().inv_cdf(probability)
     front = math.exp(math.lgamma(0.5 * dof + 0.5) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi * dof)
-    for _ in range(_NEWTON):
+    for _ in range(_MAX_NEWTON_STEPS):
         density = front * math.exp(-0.5 * (dof + 1.0) * math.log1p(t * t / dof))
         step = (0.5 * student_two_sided(t, dof) - (1.0 - probability)) / density
         t += step
@@ -96,7 +96,7 @@ def _lower_gamma(a: float, x: float) -> float:
     front = math.exp(a * math.log(x) - x - math.lgamma(a))
     if x < a + 1.0:
         term = total = 1.0 / a
-        for k in range(1, _STEPS):
+        for k in range(1, _MAX_TERMS):
             term *= x / (a + k)
             total += term
             if term < 1e-16 * total:
@@ -106,7 +106,7 @@ def _lower_gamma(a: float, x: float) -> float:
     b = x + 1.0 - a
     c, d = 1.0 / _TINY, 1.0 / b
     h = d
-    for k in range(1, _STEPS):
+    for k in range(1, _MAX_TERMS):
         b += 2.0
         numerator = -k * (k - a)
         d = 1.0 / _nonzero(numerator * d + b)
@@ -126,7 +126,7 @@ def _beta(a: float, b: float, x: float) -> float:
     front = math.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)) / a
     c, d = 1.0, 1.0 / _nonzero(1.0 - (a + b) * x / (a + 1.0))
     h = d
-    for m in range(1, _STEPS):
+    for m in range(1, _MAX_TERMS):
         for numerator in (
             m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
             -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
@@ -150,7 +150,7 @@ def _betas(a: float, b: float, x: Array) -> Array:
     front = np.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * np.log(x) + b * np.log1p(-x)) / a
     c, d = np.ones(len(x)), 1.0 / _nonzeros(1.0 - (a + b) * x / (a + 1.0))
     h = d.copy()
-    for m in range(1, _STEPS if len(own) else 1):
+    for m in range(1, _MAX_TERMS if len(own) else 1):
         for numerator in (
             m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
             -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
@@ -195,11 +195,11 @@ class VariancePrior:
 # agree).
 WANDERING = VariancePrior(1.3, 2.0)
 # What the change between halves counts, and those between the quarters of each: what both tell of the next record.
-WEIGHTS = (1.5, 0.75, 0.75)
+CHANGE_WEIGHTS = (1.5, 0.75, 0.75)
 # A sum of errors that last as long as the record: of those against a smoother 95 % were within one of its sigmas.
 REFERENCE_SIGMAS = 2.0
 # Few values tell their own correlation badly: none is taken for more than this, which doubles an interval.
-MOST_ALIKE = 0.6
+MAX_NEIGHBOUR_CORRELATION = 0.6
 
 
 def mean_interval(values: ArrayLike) -> Interval | None:
@@ -216,7 +216,7 @@ def neighbour_interval(values: ArrayLike) -> Interval | None:
     """Return the t interval of the mean of consecutive, correlated values (k,); None for fewer than two.
 
     Widened by sqrt((1 + r) / (1 - r)), as the mean of a first-order process is: r is the correlation of neighbours,
-    less its bias of -1/k, from 0 to MOST_ALIKE.
+    less its bias of -1/k, from 0 to MAX_NEIGHBOUR_CORRELATION.
     """
     x = np.asarray(values, np.float64)
     ends = mean_interval(x)
@@ -224,7 +224,7 @@ def neighbour_interval(values: ArrayLike) -> Interval | None:
     square = float(d @ d)
     if ends is None or len(x) < 3 or not square > 0.0:
         return ends
-    r = min(max(float(d[1:] @ d[:-1]) / square + 1.0 / len(x), 0.0), MOST_ALIKE)
+    r = min(max(float(d[1:] @ d[:-1]) / square + 1.0 / len(x), 0.0), MAX_NEIGHBOUR_CORRELATION)
     centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]) * math.sqrt((1.0 + r) / (1.0 - r))
     return centre - half, centre + half
 
@@ -235,7 +235,7 @@ def wandering_interval(value: float, changes: ArrayLike) -> Interval:
     ``changes`` (3,) of the logarithm of its mean square: between the halves of the record, and between the quarters of
     each half. A half is to the other what the record is to the next; WANDERING moderates. The interval is a factor.
     """
-    weights = np.array(WEIGHTS)
+    weights = np.array(CHANGE_WEIGHTS)
     dof = WANDERING.dof + float(np.sum(weights))
     square = (WANDERING.dof * WANDERING.variance + float(weights @ np.asarray(changes, np.float64) ** 2)) / dof
     factor = math.exp(0.5 * student(0.975, dof) * math.sqrt(0.5 * square))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.estimators import is_recorded
 from attlog.metrics import step_turning as steps
-from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_times
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
 from attlog.metrics.windows import why_no_errors
@@ -62,8 +62,8 @@ _KINDS: tuple[tuple[str, str, str, Literal["zero", "one", "low"], str], ...] = (
     ("distortion", "Distortion", "%", "low", _DISTORTION),
 )
 PURE_GAIN = (0.95, 1.05)
-MAX_DISTORTION = 0.15
-MAX_SHARE, MAX_SHARE_UNSOUND, MAX_SHARE_HEAVY = 0.7, 0.25, 0.15
+MAX_DISTORTION = 0.15  # a first-order lag of 50 ms has less
+MAX_SHARE, MAX_SHARE_UNSOUND, MAX_SHARE_HEAVY = 0.7, 0.25, 0.15  # of the step's rate
 # Where the specific force exceeds 2 g in more than this share of the time, a filter follows acceleration.
 HEAVY = 0.02
 RESOLUTIONS = {
@@ -243,12 +243,8 @@ def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float,
 
 def sample_step(case: Case, row: Track) -> float:
     """Return the time between samples of the replayed IMU, else of the row, s."""
-    imu = case.log.imu
-    return _step(case, row.t if imu is None else case.log.imus[imu].gyro.t)
-
-
-@per_times
-def _step(case: Case, t: Array) -> float:
+    imu = case.log.replay_imu
+    t = row.t if imu is None else imu.gyro.t
     return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
 
 

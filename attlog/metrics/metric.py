@@ -284,19 +284,19 @@ def per_row(compute: Callable[Concatenate[Case, Track, P], T]) -> Callable[Conca
     return cached
 
 
-def per_times(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Concatenate[Case, Any, P], T]:
-    """Cache a function of a case and an array (and of values) for each array object while it lives.
+def per_object(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Concatenate[Case, Any, P], T]:
+    """Cache a function of a case and an array or a unit (and of values) while that object lives.
 
-    Replays of one unit share the array of times. Neither the function nor its callers may hold or change it.
+    Replays of one unit share the array of times. Neither the function nor its callers may hold or change the object.
     """
 
     @functools.wraps(compute)
-    def cached(case: Case, array: Any, /, *args: P.args, **kwargs: P.kwargs) -> T:
-        key = (id(array), _key(compute, args, kwargs))
+    def cached(case: Case, shared: Any, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        key = (id(shared), _key(compute, args, kwargs))
         known = case.of_log.get(key)
-        if known is None or known[0]() is not array:
+        if known is None or known[0]() is not shared:
             of_log = case.of_log
-            known = weakref.ref(array, lambda _: of_log.pop(key, None)), compute(case, array, *args, **kwargs)
+            known = weakref.ref(shared, lambda _: of_log.pop(key, None)), compute(case, shared, *args, **kwargs)
             case.of_log[key] = known
         found: T = known[1]
         return found

@@ -19,7 +19,7 @@ from attlog.metrics.correction_noise import DEG, relative, vector
 from attlog.metrics.intervals import VariancePrior
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, paragraph, per_case, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
-from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, why_none
+from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, reason_unavailable
 from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
@@ -35,7 +35,7 @@ TURN = 2.0 * math.pi
 
 
 @jit.loop("the noise at rest")
-def left_at_rest(out: Out2, t: F1, q: F2, centre: F2, yaw: F1, edges: I1) -> None:
+def rest_residual(out: Out2, t: F1, q: F2, centre: F2, yaw: F1, edges: I1) -> None:
     """Fill ``out`` (n, 3) with the residual in deg of attitudes ``q`` (n, 4) at ``t`` (n,) about a line.
 
     Window k has the samples ``edges[k]`` to ``edges[k + 1]``, ``centre[k]`` is their mean attitude, ``yaw[k]`` its
@@ -109,7 +109,7 @@ def span_variances(case: Case, row: Track, phase: str, span: Span) -> PhaseVaria
     """Return the windows of one span, without those at rest in which the row settles; None without any."""
     laid = windows.span_windows(case, row, phase, span)
     inside = [samples for _, samples in laid]
-    left = residuals_at_rest(row, inside) if phase == "rest" else correction_noise.of_windows(case, row, inside)
+    left = residuals_at_rest(row, inside) if phase == "rest" else correction_noise.window_residuals(case, row, inside)
     found = [(w, variance(r)) for (w, _), r in zip(laid, left, strict=True) if r is not None]
     skip = unsettled(np.array([v for _, v in found])) if phase == "rest" and len(found) > MIN_LATER else 0
     kept = found[skip:]
@@ -126,7 +126,7 @@ def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Array]:
         q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
         centre = rotation.group_means(q, edges)
         yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
-        left_at_rest(out, row.t[at], q, centre, yaw, edges)
+        rest_residual(out, row.t[at], q, centre, yaw, edges)
         yield from np.split(out, edges[1:-1])
 
 
@@ -242,7 +242,7 @@ def compute_noise(case: Case, row: Track, window: str) -> dict[str, Answer]:
         return {}
     found = phase_variances(case, row, phase, window)
     if found is None:
-        return NOISE.without(*why_none(case, phase, window), window)
+        return NOISE.without(*reason_unavailable(case, phase, window), window)
     answers = {f"noise_{axis}_deg": _answer(case, row, window, phase, axis, found) for axis in NOISE_AXES}
     return {m.name: answers[m.name] for m in NOISE_METRICS}
 
@@ -255,7 +255,7 @@ def prior_of(row: Track, phase: str, axis: str) -> VariancePrior:
 
 
 def _answer(case: Case, row: Track, window: str, phase: str, axis: str, found: PhaseVariances) -> Answer:
-    hidden = _hidden(case, row, axis) if phase == "rest" else 0.0
+    hidden = _row_quantisation_noise_deg(case, row, axis) if phase == "rest" else 0.0
     shown = math.isfinite(hidden)
     step = row.step_deg if phase == "rest" else 0.0
     prior = prior_of(row, phase, axis)
@@ -310,12 +310,12 @@ def _guarded(case: Case, row: Track, axis: str, answer: Answer) -> Answer:
     return answer
 
 
-def _hidden(case: Case, row: Track, axis: str) -> float:
+def _row_quantisation_noise_deg(case: Case, row: Track, axis: str) -> float:
     """Return the noise that steps of the row's logged gyro can hide about an axis, deg; for tilt the larger."""
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None:
         return 0.0
-    hidden = hidden_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit.index == imu.index))
+    hidden = quantisation_noise_deg(case, next(k for k, unit in enumerate(case.log.imus) if unit.index == imu.index))
     return max(hidden[:2]) if axis == "tilt" else hidden[NOISE_AXES.index(axis)]
 
 
@@ -331,7 +331,7 @@ STEP_SAMPLES = 20_000
 
 
 @per_case
-def hidden_deg(case: Case, index: int) -> list[float]:
+def quantisation_noise_deg(case: Case, index: int) -> list[float]:
     """Return the noise in deg per body axis at rest that steps of the logged gyro can hide.
 
     White rate noise of half a step q may not show at all. Integrated every dt it walks at random, and a random walk of

@@ -19,11 +19,11 @@ from attlog.metrics.metric import Answer, Metric, Resolution
 from attlog.metrics.statistics import Ids, Kind, UnitValues
 from attlog.reference.model import Track
 
-CODE = "too_uncertain"
+TOO_UNCERTAIN = "too_uncertain"
 # A flight of usual length, and the steps that a pilot may be asked for. What would need more is too noisy.
 ENOUGH_S, ENOUGH_STEPS, ENOUGH_WINDOWS = 300.0, 30, 4
 # The ends of an interval that are further apart than this do not even show how many digits the value has.
-ORDERS = 100.0
+MAX_INTERVAL_RATIO = 100.0
 PERFECT = {"zero": 0.0, "one": 1.0}
 
 
@@ -40,13 +40,13 @@ def mark_not_ranked(metric: Metric, answer: Answer) -> bool:
         return False
     answer.detail["withheld"] = {"value": answer.value, "ci95": list(answer.ci95)}
     answer.reason = _why(limit, metric.better, answer)
-    answer.value, answer.ci95, answer.code, answer.ranked, answer.units = None, None, CODE, False, None
+    answer.value, answer.ci95, answer.code, answer.ranked, answer.units = None, None, TOO_UNCERTAIN, False, None
     return True
 
 
 def _resolved(limit: Resolution, better: str, low: float, high: float) -> bool:
     if better == "low":
-        return high <= limit.size or low * ORDERS >= high
+        return high <= limit.size or low * MAX_INTERVAL_RATIO >= high
     return not low <= PERFECT[better] <= high or _beyond(better, (low, high)) <= limit.size
 
 
@@ -78,7 +78,7 @@ Array = NDArray[np.float64]
 
 # Attitudes this close at every sample are equal: what the order of sums leaves is far below.
 EQUAL_DEG = 1e-6
-GLANCES = 100
+EXCERPT_SAMPLES = 100  # samples of an excerpt
 
 
 @dataclass(slots=True)
@@ -113,14 +113,14 @@ class DuplicateSearch:
         if row.kind != "replay" or row.status == "failed":
             return
         self._rows.append(row)
-        glance = _excerpt(row)
+        excerpt = _excerpt(row)
         for group in self._groups:
-            angle = self._angle(group, row, glance)
+            angle = self._angle(group, row, excerpt)
             if angle <= EQUAL_DEG:
                 group.rows.append(row)
                 group.apart_deg = max(group.apart_deg, angle)
                 return
-        self._groups.append(_Group([row], glance))
+        self._groups.append(_Group([row], excerpt))
 
     def found(self) -> list[Duplicates]:
         """Return equal attitudes first, then filters that share an equation.
@@ -144,12 +144,12 @@ class DuplicateSearch:
                 found.append(Duplicates([row.name for row in rows], "equation", source, _differ(rows)))
         return found
 
-    def _angle(self, group: _Group, row: Track, glance: _Excerpt) -> float:
+    def _angle(self, group: _Group, row: Track, excerpt: _Excerpt) -> float:
         """Return the largest angle in deg between a row and the first of a group; infinite if unknown."""
-        first, seen = group.rows[0], group.glance
-        if first.imu is not row.imu or seen.n != glance.n or not np.array_equal(seen.t, glance.t):
+        first, seen = group.rows[0], group.excerpt
+        if first.imu is not row.imu or seen.n != excerpt.n or not np.array_equal(seen.t, excerpt.t):
             return np.inf
-        if not _largest_deg(seen.q, glance.q) <= EQUAL_DEG:
+        if not _largest_deg(seen.q, excerpt.q) <= EQUAL_DEG:
             return np.inf
         try:
             whole = self._again(first)
@@ -172,12 +172,12 @@ class _Group:
     """Rows equal to the first of them, its excerpt, and the largest angle found."""
 
     rows: list[Track]
-    glance: _Excerpt
+    excerpt: _Excerpt
     apart_deg: float = 0.0
 
 
 def _excerpt(row: Track) -> _Excerpt:
-    few = np.linspace(0, len(row.t) - 1, min(GLANCES, len(row.t))).astype(int)
+    few = np.linspace(0, len(row.t) - 1, min(EXCERPT_SAMPLES, len(row.t))).astype(int)
     return _Excerpt(len(row.t), row.t[few], row.q[few])
 
 
@@ -207,12 +207,11 @@ Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
 Marks = dict[str, dict[str, list[str]]]
 
 # Couples whose differences are held at once.
-AT_ONCE = 4096
-MIN_COVERAGE_PCT = 50.0
-MIN_UNITS = 0.5
+MAX_COUPLES = 4096
+MIN_COVERAGE_PCT = 50.0  # a row scored on less is not best
+MIN_UNITS = 0.5  # of the units of the best covered row
 # Common events below which rows are not compared, and keep the values of their own events.
-FEWEST: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
-"""Of the units of the best covered row: rows with fewer are not compared."""
+MIN_COMMON_UNITS: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,7 +307,7 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
         return _by_intervals(ranked, better)
     rows, common = common_units(ranked)
     units = {name: a.units for name, a in ranked.items() if a.units is not None}
-    if any(len(common) < FEWEST.get(units[name].kind, 1) for name in rows):
+    if any(len(common) < MIN_COMMON_UNITS.get(units[name].kind, 1) for name in rows):
         return Family(list(units), [])
     if any(len(a.units.ids) != len(common) for a in (ranked[n] for n in rows) if a.units is not None):
         for name in rows:
@@ -328,7 +327,7 @@ def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
     alike = np.array([kinds[i] == kinds[j] for i, j in zip(first, second, strict=True)], bool)
     for kind in dict.fromkeys(kinds):
         of_kind = np.flatnonzero(alike & np.array([kinds[i] == kind for i in first], bool))
-        for some in np.array_split(of_kind, len(of_kind) // AT_ONCE + 1):
+        for some in np.array_split(of_kind, len(of_kind) // MAX_COUPLES + 1):
             p[some] = statistics.p_values(kind, values[first[some]], values[second[some]])
     return p
 

@@ -30,16 +30,16 @@ G = 9.80665
 # Full scales of accelerometers in use.
 RANGES_M_S2 = tuple(g * G for g in (4.0, 8.0, 16.0, 32.0))
 # Samples this near (share of the range) to a full scale were clipped, where no axis goes beyond it.
-NEAR_END = 0.01
+CLIPPED_SHARE = 0.01
 # Samples per segment of a spectrum: at 250 Hz a resolution of 0.25 Hz.
-SEGMENT = 1024
-MIN_SENSOR_SAMPLES = 64
+SEGMENT_SAMPLES = 1024
+MIN_SENSOR_SAMPLES = 64  # fewer resolve no spectrum
 # Segments that are transformed at once.
-TOGETHER = 16
+BATCH_SEGMENTS = 16
 # Segments averaged, evenly chosen over the flight: more change nothing that can be seen.
-SPECTRA = 400
+MAX_SPECTRA = 400
 # Points of a line over the whole flight; windows grow with the log.
-BUCKETS = 2000
+MAX_BUCKETS = 2000
 AXES = ("x", "y", "z")
 
 
@@ -58,12 +58,12 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
     segments = [p for span in spans for p in within(imu.gyro.t, span) if p.stop - p.start >= MIN_SENSOR_SAMPLES]
     if not segments:
         return []
-    size = min(SEGMENT, max(p.stop - p.start for p in segments))
+    size = min(SEGMENT_SAMPLES, max(p.stop - p.start for p in segments))
     starts = [a for p in segments for a in range(p.start, p.stop - size + 1, size // 2)]
     step = float(np.median(np.diff(imu.gyro.t)))
     if not starts or step <= 0:
         return []
-    chosen = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, SPECTRA).round().astype(int))]
+    chosen = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, MAX_SPECTRA).round().astype(int))]
     found = []
     for key, x, unit in (("gyro", imu.gyro.x, np.degrees(1.0)), ("accelerometer", imu.acc.x, 1.0)):
         density = unit * np.sqrt(_mean_power(x, np.array(chosen), size, step))
@@ -80,7 +80,7 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
 def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> Array:
     """Return the mean periodogram (size // 2 + 1, k) of the segments of (n, k) that begin at ``starts``."""
     total = np.zeros((size // 2 + 1, x.shape[1]))
-    for begin in np.array_split(starts, len(starts) // TOGETHER + 1):
+    for begin in np.array_split(starts, len(starts) // BATCH_SEGMENTS + 1):
         segments = x[begin + np.arange(size)[:, None]].reshape(size, -1)
         total += periodogram(segments, step).reshape(len(total), -1, x.shape[1]).sum(axis=1)
     return total / len(starts)
@@ -111,20 +111,20 @@ def vibration(imu: Imu) -> list[Trace]:
         away -= np.repeat(np.add.reduceat(away, first) / size, size)
         away *= away
         columns[name] = np.sqrt(np.add.reduceat(away, first) / size)
-    clipped = at_the_end(imu.acc.x)
+    clipped = clipped_samples(imu.acc.x)
     columns["clipped"] = np.add.reduceat(clipped.astype(np.float64), first)
     return [Trace("vibration", "", t, columns, values={"samples": float(clipped.sum())})]
 
 
-def at_the_end(acc: Array) -> NDArray[np.bool_]:
+def clipped_samples(acc: Array) -> NDArray[np.bool_]:
     """Return which samples (n,) have an axis of ``acc`` (n, 3) m/s^2 at the end of its range."""
     # One axis at a time, twice: in long logs copies add up.
     largest = max(float(np.abs(np.nan_to_num(x)).max(initial=0.0)) for x in acc.T)
-    full = next((r for r in RANGES_M_S2 if abs(largest / r - 1.0) <= NEAR_END), None)
+    full = next((r for r in RANGES_M_S2 if abs(largest / r - 1.0) <= CLIPPED_SHARE), None)
     clipped = np.zeros(len(acc), bool)
     if full is not None:
         for x in acc.T:
-            clipped |= np.abs(np.nan_to_num(x)) >= (1.0 - NEAR_END) * full
+            clipped |= np.abs(np.nan_to_num(x)) >= (1.0 - CLIPPED_SHARE) * full
     return clipped
 
 
@@ -174,10 +174,10 @@ def rest_bias(case: Case, imu: Imu) -> list[Trace]:
 
 
 def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return middles (m,) and bounds (m + 1,) of windows of ``t`` (n,), longer where BUCKETS would not do."""
+    """Return middles (m,) and bounds (m + 1,) of windows of ``t`` (n,), longer where MAX_BUCKETS would not do."""
     if len(t) < 2:
         return np.zeros(0), np.zeros(1, np.int64)
-    length = max(seconds, float(t[-1] - t[0]) / BUCKETS)
+    length = max(seconds, float(t[-1] - t[0]) / MAX_BUCKETS)
     starts = np.arange(t[0], t[-1] + length, length)
     edges = np.unique(np.append(np.searchsorted(t, starts), len(t))).astype(np.int64)
     return 0.5 * (t[edges[:-1]] + t[edges[1:] - 1]), edges
@@ -192,11 +192,11 @@ def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
 Span = tuple[float, float]
 
 # Parts of the log: a strip is no wider.
-POINTS = 400
+MAX_HEIGHT_POINTS = 400
 # The ground is what the vehicle stood on within so long before and after a flight.
-STOOD_S = 5.0
+GROUND_S = 5.0
 # A log that ends in the air goes on for a moment after the last sample that tells so: there it stood on nothing.
-LEAST_S = 0.5
+MIN_GROUND_S = 0.5
 
 
 def height_trace(case: Case) -> list[Trace]:
@@ -227,9 +227,9 @@ def ground(stream: Stream, flights: list[Span]) -> Array:
     flying = np.zeros(len(t), bool)
     for a, b in flights:
         flying |= (t >= a) & (t <= b)
-    stood = [span for a, b in flights for span in ((a - STOOD_S, a), (b, b + STOOD_S))]
+    stood = [span for a, b in flights for span in ((a - GROUND_S, a), (b, b + GROUND_S))]
     parts = [(t >= a) & (t <= b) & ~flying for a, b in stood]
-    long = [part for part in parts if part.any() and np.ptp(t[part]) >= LEAST_S]
+    long = [part for part in parts if part.any() and np.ptp(t[part]) >= MIN_GROUND_S]
     levels = [(float(np.mean(t[part])), float(np.median(x[part]))) for part in long]
     if not levels:
         return np.full(len(t), np.min(x))
@@ -239,8 +239,8 @@ def ground(stream: Stream, flights: list[Span]) -> Array:
 
 
 def averaged(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return times and means (m,) of x (n,) over at most POINTS equal parts; NaN in a part without a sample."""
-    edges = np.linspace(t[0], t[-1], min(POINTS, max(len(t) // 4, 1)) + 1)
+    """Return times and means (m,) of x (n,) over MAX_HEIGHT_POINTS equal parts; NaN in a part without a sample."""
+    edges = np.linspace(t[0], t[-1], min(MAX_HEIGHT_POINTS, max(len(t) // 4, 1)) + 1)
     part = np.clip(np.searchsorted(edges, t, "right") - 1, 0, len(edges) - 2)
     count = np.bincount(part, minlength=len(edges) - 1)
     total = np.bincount(part, weights=x, minlength=len(edges) - 1)

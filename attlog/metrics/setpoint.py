@@ -32,15 +32,15 @@ Array = NDArray[np.float64]
 # Times (n,) evenly spaced, set-point (n, 2) and attitude (n, 2) in deg: roll and pitch.
 SetpointSegment = tuple[Array, Array, Array]
 
-MEMORY_S = 1.0
+MEMORY_S = 1.0  # length of the impulse response
 # The response is expected to fall by e in this time.
 DECAY_S = 0.25
 # A response as short as this is still likely: the scale of the prior.
 SHARP_S = 0.05
-BLOCK_S = 1.0
+BLOCK_S = 1.0  # as long as the memory: neighbours are nearly independent
 # Seconds in which the set-point varies less, with the second before, show nothing of the response.
 MOVING_DEG = 1.0
-BAND = 0.05
+BAND = 0.05  # the usual 5 % band of settling
 # The step response is divided by its mean from here to its end.
 LEVEL_S = 0.8
 
@@ -112,7 +112,7 @@ def step_response(blocks: ResponseEquations) -> tuple[Array, Array]:
 
 # The noise that weighs the prior is that of the fit before.
 ROUNDS = 3
-LEAST_LEVEL = 0.2
+LEAST_LEVEL = 0.2  # below, the attitude does not follow its set-point
 
 
 def _prior(count: int, step: float) -> Array:
@@ -157,11 +157,11 @@ def _settled(t: Array, step: Array) -> float:
 #
 # A property of vehicle and controller, not of a filter: answered for the onboard row only.
 
-MIN_RATE_HZ = 8.0
-FINEST_S = 0.01
+MIN_RATE_HZ = 8.0  # slower ones show no rise
+FINEST_S = 0.01  # step of the response at most rates
 # Seconds (of roll and of pitch) in which the set-point moved.
 MIN_BLOCKS = 8
-JACKKNIFE_GROUPS = 10
+JACKKNIFE_GROUPS = 10  # each is a tenth of the evidence
 
 _RESPONSE = """Response of roll and pitch together to a unit step of the set-point, from a causal impulse response of
     1 s that explains the changes of the onboard attitude by earlier changes of the set-point (regularised least squares

@@ -150,12 +150,12 @@ def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
 # The size of an error angle over a record: RMSE and 95th percentile with their 95 % intervals.
 
 STATISTICS = {"rmse": "root mean square", "p95": "95th percentile"}
-P95 = 0.95
+P95 = 0.95  # probability of the percentile
 # An interval ends at this multiple of the value: one burst says nothing of larger values elsewhere.
 MAX_INTERVAL_RATIO = 3.0
-PIECES = 4
-GROUP_S, MAX_GROUPS = 5.0, 20
-SHORTEST_S, MIN_SAMPLES = 4.0, 8
+PIECES = 4  # two scales of changes: halves and quarters
+GROUP_S, MAX_GROUPS = 5.0, 20  # as blocks of tilt errors
+SHORTEST_S, MIN_SAMPLES = 4.0, 8  # a second and two samples a quarter
 # No attitude is further from another, so no interval of an error ends beyond it.
 HALF_TURN_DEG = 180.0
 

@@ -13,19 +13,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.metrics import intervals as interval
 from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_turning as steps
-from attlog.metrics.metric import (
-    Answer,
-    Case,
-    Metric,
-    MetricGroup,
-    Resolution,
-    Wording,
-    missing,
-    paragraph,
-    per_row,
-    per_times,
-)
+from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, first_with, too_few, why_no_events
 from attlog.metrics.step_products import axis_of
@@ -115,24 +103,10 @@ def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]
 
 def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
     """Return the events that a row and the reference show without a gap."""
-    ref, whole = step_fits.reference_turning(case), _without_gaps(case, errors.t)
-    broken = np.zeros(len(errors.t), np.int64)
+    ref, broken = step_fits.reference_turning(case), np.zeros(len(errors.t), np.int64)
     np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite_rows(errors.q_est)[1:], out=broken[1:])
-    found = []
-    for event in events:
-        known = whole[event] if event in whole else _covered(errors.t, broken, ref, event)
-        if known is not None and broken[known.own[0]] != broken[known.own[-1]]:
-            known = _covered(errors.t, broken, ref, event)
-        if known is not None:
-            found.append(known)
-    return found
-
-
-@per_times
-def _without_gaps(case: Case, t: Array) -> dict[StepEvent, EventSamples | None]:
-    """Return the samples of all events at times (n,) as if there were no gap."""
-    ref, unbroken = step_fits.reference_turning(case), np.zeros(len(t), np.int64)
-    return {event: _covered(t, unbroken, ref, event) for event in steps.reference_steps(case)}
+    found = [_covered(errors.t, broken, ref, event) for event in events]
+    return [one for one in found if one is not None]
 
 
 def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
@@ -187,7 +161,7 @@ def _largest_hole(t: Array, within: Array) -> float:
 
 # How wrong is the attitude after a step? The angle off about its axis, 0.5 s and 1.0 s later.
 
-AFTER_S = (0.5, 1.0)
+AFTER_S = (0.5, 1.0)  # the event window ends 1 s after 90 %
 # The error is the mean over so long on both sides, of one sample at least.
 NEAR_S = 0.05
 

@@ -16,7 +16,7 @@ from attlog.metrics import step_products as step_groups
 from attlog.metrics import step_sensors
 from attlog.metrics import step_turning as steps
 from attlog.metrics.intervals import student
-from attlog.metrics.metric import Case, per_case, per_row, per_times
+from attlog.metrics.metric import Case, per_case, per_object, per_row
 from attlog.metrics.step_products import EventBatches
 from attlog.metrics.step_sensors import RowSensors, seen_by
 from attlog.metrics.step_turning import AXES, SummedTurning, Timing
@@ -32,9 +32,9 @@ Y, SLOPE, GAIN, AID = 0, 1, 2, slice(6, 12)
 PLAIN = 5
 # Misalignment (rad) and aiding beyond these are not believed without much evidence.
 SCALES = np.concatenate([np.full(3, np.radians(5.0)), step_sensors.RIDGE])
-RIDGE_WEIGHT = 10.0
-TINY = 1e-10
-MIN_EVENTS = 3
+RIDGE_WEIGHT = 10.0  # lines of evidence that the prior is worth
+TINY = 1e-10  # of the power: against singularity only
+MIN_EVENTS = 3  # a jackknife of fewer has no interval
 
 
 @dataclass(slots=True)
@@ -192,8 +192,8 @@ def _ratio(squares: ArrayLike, of: ArrayLike) -> Array:
 
 # A delay is looked for up to this far on both sides.
 RANGE_S, COARSE_S = 0.25, 0.025
-SLOPE_S, LARGEST_STEP_S = 0.008, 0.020
-ENOUGH_S, MOST_STEPS = 3e-5, 20
+SLOPE_S, LARGEST_STEP_S = 0.008, 0.020  # half span of the slope, and how far a step may trust it
+ENOUGH_S, MOST_STEPS = 3e-5, 20  # step that ends the iteration, and its longest
 
 
 def fit(groups: EventBatches) -> dict[str, Fit]:
@@ -250,7 +250,7 @@ def _sums(groups: EventBatches, delay: float, last: tuple[Array, float] | None) 
     )
 
 
-MIN_REFERENCE_HZ = 5.0
+MIN_REFERENCE_HZ = 5.0  # slower ones show no step of 0.2 s
 
 
 def fits(case: Case, row: Track, window: str) -> dict[str, Fit]:
@@ -292,7 +292,7 @@ def _evidence(case: Case, row: Track, window: str) -> RowFits | None:
     return None if groups is None else RowFits(fit(groups), groups.events)
 
 
-@per_times
+@per_object
 def timing(case: Case, t: Array) -> Timing:
     """Return :class:`Timing` of the times (n,) of rows; replays of one unit share it."""
     return Timing.of(t)

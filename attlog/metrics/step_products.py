@@ -33,14 +33,14 @@ Index = NDArray[np.int64]
 
 
 # Columns: rate of the row, slope, rate of the reference, its product with the axis (3), aiding (6).
-SIZE = 12
+COLUMNS = 12
 # Most that is moved by the delay: seven columns of the row, two free, the slope.
-MOVED = 9
+MOVED_COLUMNS = 9
 # About so many samples per event tell where the correlation is largest.
-THINNED = 60
+COARSE_SAMPLES = 60
 
 
-def after(t: Array, at: float, i: int) -> int:
+def next_index(t: Array, at: float, i: int) -> int:
     """Return the first number from ``i`` on whose time is not before ``at``; at least 1, at most the last."""
     i = max(i, 1)
     while i < len(t) - 1 and t[i] < at:
@@ -97,8 +97,8 @@ def event_products(
             at = slow_t[k] + shift
             if at - slope < low[e] or at + slope > high[e]:
                 continue
-            here, ahead = after(fast_t, at, here), after(fast_t, at + slope, ahead)
-            behind = after(fast_t, at - slope, behind)
+            here, ahead = next_index(fast_t, at, here), next_index(fast_t, at + slope, ahead)
+            behind = next_index(fast_t, at - slope, behind)
             share = (at - fast_t[here - 1]) / (fast_t[here] - fast_t[here - 1])
             for j in range(wide_fast):
                 moved[k - start, j] = fast_x[here - 1, j] + share * (fast_x[here, j] - fast_x[here - 1, j])
@@ -138,7 +138,7 @@ def event_products(
 
 
 @jit.loop("the coarse fit of steps")
-def powers(
+def rate_products(
     out: Out2,
     x: Out2,
     sums: Out2,
@@ -169,7 +169,7 @@ def powers(
             if g < 0:
                 turned = slow_x[end[p]] - slow_x[begin[p]]
             else:
-                i, j = after(fast_t, a + delays[g], i), after(fast_t, b + delays[g], j)
+                i, j = next_index(fast_t, a + delays[g], i), next_index(fast_t, b + delays[g], j)
                 at = min(max(a + delays[g], fast_t[0]), fast_t[last])
                 share = (fast_x[i] - fast_x[i - 1]) / (fast_t[i] - fast_t[i - 1])
                 turned = -(share * (at - fast_t[i - 1]) + fast_x[i - 1])
@@ -236,7 +236,7 @@ class FitColumns:
         bare = self.slow_row or not aids.any()
         main = self.fast.about if bare else self.fast.about - self.fast.x[:, 1:] @ aids
         events, first = len(self.slow.low), np.searchsorted(self.of, np.arange(len(self.slow.low) + 1))
-        out, count = np.zeros((events, SIZE, SIZE)), np.zeros(events, np.int64)
+        out, count = np.zeros((events, COLUMNS, COLUMNS)), np.zeros(events, np.int64)
         some = np.flatnonzero(np.diff(first))
         if len(some) == 0:
             return out, count
@@ -244,8 +244,8 @@ class FitColumns:
         event_products(
             out,
             count,
-            np.empty((samples.max(), MOVED)),
-            np.empty((np.diff(first).max(), SIZE)),
+            np.empty((samples.max(), MOVED_COLUMNS)),
+            np.empty((np.diff(first).max(), COLUMNS)),
             self.slow.t,
             self.slow.x,
             self.fast.t,
@@ -262,15 +262,15 @@ class FitColumns:
         )
         return out, count
 
-    def powers(self, delays: Array) -> Array:
+    def rate_products(self, delays: Array) -> Array:
         """Return squares of both rates about the axes and their product (n, 3), at delays (n,) s.
 
         Summed over some of the samples, centred per event.
         """
         out, events = np.zeros((len(delays), 3)), len(self.slow.low)
-        step = max(1, len(self.begin) // (THINNED * events))
+        step = max(1, len(self.begin) // (COARSE_SAMPLES * events))
         begin, end, of = (np.ascontiguousarray(x[::step]) for x in (self.begin, self.end, self.of))
-        powers(
+        rate_products(
             out,
             np.empty((2, len(begin))),
             np.empty((3, events)),
@@ -296,10 +296,10 @@ MARGIN_S = 0.30
 STRIDE_S = 64.0
 HEAVY_M_S2 = 2.0 * GRAVITY
 # Samples of row and reference whose columns are made at once.
-TOGETHER = 1 << 15
+BATCH_SAMPLES = 1 << 15
 # Columns up to this size are kept, as of 40 minutes full of steps; those beyond are made anew for each delay.
-KEPT_BYTES = 64_000_000
-MIN_PAIRS = 4
+MAX_KEPT_BYTES = 64_000_000
+MIN_PAIRS = 4  # fewer rates fit nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,13 +325,13 @@ class EventBatches:
     bounds: list[slice] = field(init=False)
     _kept: dict[int, FitColumns] = field(default_factory=dict)
     _heavy: dict[int, int] = field(default_factory=dict)
-    _room: int = KEPT_BYTES
+    _room: int = MAX_KEPT_BYTES
 
     def __post_init__(self) -> None:
         sizes: NDArray[np.int64] = np.cumsum(
             [c.row.stop - c.row.start + c.ref.stop - c.ref.start for c in self.covered]
         )
-        edges = np.flatnonzero(np.diff((sizes - 1) // TOGETHER)) + 1
+        edges = np.flatnonzero(np.diff((sizes - 1) // BATCH_SAMPLES)) + 1
         ends = [0, *edges.tolist(), len(self.covered)]
         self.bounds = [slice(a, b) for a, b in pairwise(ends)]
 
@@ -373,7 +373,7 @@ class EventBatches:
 
     def correlations(self, delays: Array) -> Array:
         """Return the correlation (n,) of both rates about the axes at delays (n,) s."""
-        xx, yy, xy = sum((columns.powers(delays) for columns in self.each()), np.zeros((len(delays), 3))).T
+        xx, yy, xy = sum((columns.rate_products(delays) for columns in self.each()), np.zeros((len(delays), 3))).T
         size = np.sqrt(xx * yy)
         return np.asarray(np.divide(xy, size, out=np.zeros(len(delays)), where=size > 0.0))
 

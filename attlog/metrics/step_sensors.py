@@ -26,9 +26,9 @@ from attlog.core.jit import F1, F2, I1, Out1, Out2
 from attlog.estimators.samples import place
 from attlog.estimators.vectors import GRAVITY
 from attlog.flight.model import Imu
-from attlog.metrics.metric import Case, per_case, per_row
+from attlog.metrics.metric import Case, per_object
 from attlog.metrics.step_turning import EventIndex, SummedTurning, event_places
-from attlog.metrics.windows import imu_of, logged_unit
+from attlog.metrics.windows import imu_of
 from attlog.reference.model import Track
 from attlog.segments import model
 
@@ -42,7 +42,7 @@ NAMES = ("E", "D", "N", "EE", "M", "V")
 RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
 # The first of NAMES, which are gravity's.
 GRAVITY_AIDING = 4
-FIXED_STEP_DEG = 0.3
+FIXED_STEP_DEG = 0.3  # smaller corrections fade
 DEG = math.degrees(1.0)
 
 
@@ -261,27 +261,15 @@ class SensorSamples:
 def seen_by(case: Case, row: Track) -> SensorSamples | None:
     """Return the samples of a row's filter; None without a unit and for fewer than two good samples."""
     imu = imu_of(case, row)
-    if imu is None:
-        return None
-    index = logged_unit(case, imu)
-    return _of_own_samples(case, row) if index is None else samples_of(case, index, row.uses_mag)
+    return None if imu is None else samples_of(case, imu, row.uses_mag)
 
 
-@per_case
-def samples_of(case: Case, imu: int, with_field: bool) -> SensorSamples | None:
-    """Return the samples of one of the log's units; None for fewer than two good ones.
+@per_object
+def samples_of(case: Case, unit: Imu, with_field: bool) -> SensorSamples | None:
+    """Return the samples of a unit; None for fewer than two good ones.
 
     Without field for filters that use none: to hold it costs more than all the rest.
     """
-    return _samples(case, case.log.imus[imu], with_field)
-
-
-@per_row
-def _of_own_samples(case: Case, row: Track) -> SensorSamples | None:
-    return None if row.imu is None else _samples(case, row.imu, row.uses_mag)
-
-
-def _samples(case: Case, unit: Imu, with_field: bool) -> SensorSamples | None:
     t = unit.gyro.t_best if case.reference.alignment.clock == "sample" else unit.gyro.t
     good = np.isfinite(t) & rotation.finite_rows(unit.gyro.x) & rotation.finite_rows(unit.acc.x)
     good[1:] &= t[1:] > np.maximum.accumulate(np.where(good, t, -np.inf))[:-1]

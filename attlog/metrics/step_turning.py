@@ -18,14 +18,14 @@ from attlog.segments import model
 Array = NDArray[np.float64]
 
 AXES = ("roll", "pitch", "yaw")
-SMALLEST_DEG = (5.0, 5.0, 10.0)
+SMALLEST_DEG = (5.0, 5.0, 10.0)  # of roll, pitch and yaw
 # An onset is where the rate rises above this share of the stroke's peak rate.
 LEVEL = 0.15
-QUIET_S = 0.3
-STROKE_S = 1.0
-REST_OF_EVENT_S = 0.7
-BEFORE_S, AFTER_S = 0.5, 1.0
-RUN_AFTER_S = 1.2
+QUIET_S = 0.3  # parts a step from the one before
+STROKE_S = 1.0  # slower turns are no steps
+REST_OF_EVENT_S = 0.7  # a doublet is one event
+BEFORE_S, AFTER_S = 0.5, 1.0  # window around onset and 90 %
+RUN_AFTER_S = 1.2  # the window and 0.2 s of margin
 # The rate is taken over this span: then a logged step of 0.01 deg at 400 Hz is no step.
 RATE_SPAN_S = 0.04
 

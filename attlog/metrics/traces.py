@@ -17,7 +17,7 @@ from attlog.metrics import drift as drift_rest
 from attlog.metrics import step_error as step_curves
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics import step_turning as steps
-from attlog.metrics.metric import Case, per_case, per_times
+from attlog.metrics.metric import Case, per_case, per_object
 from attlog.metrics.sensor_traces import height_trace, sensor_traces
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_products import STRIDE_S
@@ -31,10 +31,10 @@ from attlog.segments import model
 Array = NDArray[np.float64]
 
 ANGLES = ("roll", "pitch", "heading")
-BINS = 61
+BINS = 61  # odd: one bin is centred on zero
 # As the noise is measured: what is slower is wander.
 WINDOW_S = 5.0
-MIN_REST_SAMPLES = 10
+MIN_REST_SAMPLES = 10  # fewer show no distribution
 # Values of a longer rest are counted by so many of them, spread evenly over their order.
 ORDERED = 20_000
 
@@ -353,7 +353,7 @@ def difference(case: Case, row: Track, keep: int) -> list[Trace]:
     return [_enveloped("difference", row.name, e.t, _broken(columns, e.gap_segment), names, keep)]
 
 
-@per_times
+@per_object
 def _tilt(case: Case, q: Array) -> Array:
     """Return roll and pitch (n, 2) in rad of an attitude (n, 4), cached for the reference of all rows."""
     return np.ascontiguousarray(rotation.to_euler(q)[:, :2])
@@ -385,7 +385,7 @@ def allan_curves(case: Case, row: Track) -> list[Trace]:
     step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
     found = []
     for axis, angle in zip(("roll", "pitch", "heading"), deviations(row.q[segment]).T, strict=True):
-        d = allan.of_average(angle, step)
+        d = allan.average_deviation(angle, step)
         columns = {"tau": d.tau, "deviation": d.sigma, "low": d.low, "high": d.high}
         found.append(Trace("allan", row.name, d.tau, columns, axis))
     return found

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.spans import Span, clipped, complement, intersect
 from attlog.flight.model import Imu
-from attlog.metrics.metric import Case, per_case, per_row, per_times
+from attlog.metrics.metric import Case, per_case, per_object, per_row
 from attlog.reference import alignment
 from attlog.reference.model import Track
 from attlog.segments import model, resets
@@ -25,7 +25,7 @@ SETTLING_S = 10.0
 SETTLING_AFTER_MOTORS_S = 5.0
 # Resets of an onboard attitude on the ground within this time of its first sample are its alignment.
 ALIGNING_S = 30.0
-SHORTEST_S = 2.0
+SHORTEST_S = 2.0  # shortest rest of the segments
 
 
 @per_case
@@ -79,7 +79,7 @@ def rest_spans(case: Case, row: Track, window: str) -> list[Span]:
     return intersect(phase_spans(case, "rest", window), [(own_start(case, row), math.inf)])
 
 
-def why_none(case: Case, phase: str, window: str) -> tuple[str, str]:
+def reason_unavailable(case: Case, phase: str, window: str) -> tuple[str, str]:
     """Return code and reason where a phase of a window holds nothing usable."""
     where = f" in {window} s" if ":" in window else ""
     if phase == "idle":
@@ -211,7 +211,7 @@ def deviations(q: Array) -> Array:
 WINDOW_S = 5.0
 # Samples of windows that are looked at at once.
 SAMPLES_AT_ONCE = 1 << 15
-MIN_SAMPLES = 20
+MIN_SAMPLES = 20  # a variance of 20 samples is known to a third
 # A longer interval between samples of the row is a gap.
 GAP_S, GAP_STEPS = 0.25, 5.0
 # A span that misses its last window by less has it.
@@ -256,7 +256,7 @@ def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArr
             yield own, np.concatenate([np.arange(p.start, p.stop) for p in own]), np.cumsum([0, *lengths])
 
 
-@per_times
+@per_object
 def windows_of_times(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
     """Return the windows of a span with the samples of times (n,) in each, shared by rows."""
     return [(window, filled_samples(t, window)) for window in lay_windows(span, phase)]

@@ -164,9 +164,9 @@ def observed_declination_deg(log: FlightLog, reference: Reference) -> float | No
 # What float32 quaternions resolve when angles come from the vector part.
 FLOAT32_DEG = 1e-5
 
-REPEATED_SHARE, MULTIPLE_SHARE = 0.01, 0.9
-TICK_S = 1e-3
-FLOOR_SAMPLES = 20_000
+REPEATED_SHARE, MULTIPLE_SHARE = 0.01, 0.9  # of differences equal to the step, and to its multiples
+TICK_S = 1e-3  # logs that count in ms
+FLOOR_SAMPLES = 20_000  # enough to see a step
 
 
 def logged_step_deg(q: Array) -> float:
@@ -240,9 +240,9 @@ MIN_ACTIVE_DPS = 12.0
 DELAY_RANGE_S, DELAY_GRID_S = 0.06, 5e-3
 # Intervals that are examined, and of those that turn, how many are fitted: a long log takes no longer.
 MAX_INTERVALS, MAX_FITTED_INTERVALS = 100_000, 1200
-INTERVAL_SAMPLES, MAX_INTERVAL_S = 8, 0.2
-MIN_INTERVALS = 100
-MIN_DELAY_RATE_HZ = 5.0
+INTERVAL_SAMPLES, MAX_INTERVAL_S = 8, 0.2  # in shorter intervals noise pulls the delay
+MIN_INTERVALS = 100  # fewer give no delay
+MIN_DELAY_RATE_HZ = 5.0  # slower references smear turns
 # Formula and rates agree within 2 ms; a fit less sure than 1 ms (one sigma) is not used.
 DELAY_TOLERANCE_S, MAX_DELAY_SIGMA_S = 2e-3, 1e-3
 # A larger difference is a reset of the reference, not a delay.

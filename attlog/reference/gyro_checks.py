@@ -26,7 +26,7 @@ from attlog.segments.increments import gyro_increments
 MIN_RATE_STD_DPS = 3.0
 # About its sign it does down to here, where what goes with it is the same turn the other way (yaw in a hover).
 MIN_SIGN_STD_DPS = 0.5
-MIN_RATE_INTERVALS = 30
+MIN_RATE_INTERVALS = 30  # fewer show no scale
 # Turns are compared over so long at least: in single samples a gyro's noise and vibration look like turns that the
 # attitude did not make, and lower the slope (0.92 on a flight whose scales are equal).
 SPAN_S = 0.06
@@ -34,13 +34,13 @@ SPAN_S = 0.06
 MIN_TURN_STD_DPS = 5.0
 # Slower attitudes smear fast motion: low slopes alone are then no fault of the sensor.
 MIN_ATTITUDE_HZ = 20.0
-MIN_CORRELATION = 0.8
+MIN_CORRELATION = 0.8  # of axes that move alike
 # Of the attitude's rotation on the gyro's; outside one of them is in another unit; the second: surely so.
 SLOPES, FAR_SLOPES = (0.8, 1.25), (0.6, 1.6)
 # A gyro that shows less than this of an attitude's turns does not see them, or the attitude makes them up.
 MAX_INTERVAL_S, MAX_TURN_RAD = 1.0, 1.0
-BLIND_RATE_RATIO = 1.0 / 3.0
-MAX_MOUNTING_DEG = 45.0
+BLIND_RATE_RATIO = 1.0 / 3.0  # of the attitude's turn
+MAX_MOUNTING_DEG = 45.0  # beyond, axes are swapped rather than askew
 # The field is followed over so long: slow enough for its noise and delay, fast enough for one turn.
 FIELD_STEP_S = 0.3
 # What is right leaves so many times less of the field's change (squared) unexplained.

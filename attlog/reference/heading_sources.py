@@ -150,11 +150,11 @@ def heading_error_words(found: HeadingOffset) -> str:
 
 Index = NDArray[np.int64]
 
-MAG_SMOOTHING_S = 1.0
-COURSE_SPEED_M_S = 5.0
+MAG_SMOOTHING_S = 1.0  # averages noise of the field
+COURSE_SPEED_M_S = 5.0  # slower, noise and wind turn the course
 # Its tilt levels the magnetometer where there is no reference, whichever filters are compared.
 LEVELLED_BY = "mahony"
-MIN_HEADINGS = 10
+MIN_HEADINGS = 10  # fewer are no track
 # RMS, in its own sigmas, of a yaw estimator's difference to the reference: beyond, it is in error itself.
 MAX_YAW_SIGMAS = 2.0
 

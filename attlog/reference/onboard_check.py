@@ -24,7 +24,7 @@ SIGMAS, JOINT = 3.0, 2.0**0.5
 # Worth a look, and wrong: onboard attitudes are off by 0.3 to 1.5 deg in tilt and 0.3 to 3 deg in heading on flights
 # with truth.
 SUSPECT_DEG, WRONG_DEG = {"tilt": 3.0, "heading": 8.0}, {"tilt": 10.0, "heading": 30.0}
-MIN_ERROR_S = 3.0
+MIN_ERROR_S = 3.0  # shorter ones may be manoeuvres
 
 
 @dataclass(frozen=True, slots=True)

@@ -243,7 +243,7 @@ MAX_SPREAD_DEG, MIN_APART_DEG, MIN_SPREAD_RATIO = 8.0, 15.0, 2.5
 MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
 # What is left of the mean force without gravity: by the filters at most, by the reference at least.
 MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
-SAMPLES = 4000
+SAMPLES = 4000  # of the reference: enough for medians
 DOWN = np.array([0.0, 0.0, 1.0])
 
 

@@ -14,14 +14,14 @@ from attlog.segments import Segments, model
 
 Array = NDArray[np.float64]
 
-START_S = 15.0
+START_S = 15.0  # time for filters to settle
 # Where the record is shorter than this, a third of it is left out instead of 15 s.
 SHORT_S = 30.0
 
-DIVERGED_DEG, DIVERGED_S = 30.0, 2.0
-DIVERGED_HEADING_DEG, DIVERGED_HEADING_S = 45.0, 10.0
-CONVERGED_S, CONVERGED_TILT_DEG, CONVERGED_HEADING_DEG = 5.0, 2.0, 5.0
-CONVERGED_LIMIT_S = 60.0
+DIVERGED_DEG, DIVERGED_S = 30.0, 2.0  # tilt error, and time above it
+DIVERGED_HEADING_DEG, DIVERGED_HEADING_S = 45.0, 10.0  # heading error, and time above it
+CONVERGED_S, CONVERGED_TILT_DEG, CONVERGED_HEADING_DEG = 5.0, 2.0, 5.0  # above the later median
+CONVERGED_LIMIT_S = 60.0  # later is not converged
 # The reference's heading before and after its reset is the mean over this long.
 RESET_S = 1.0
 # A jump of an onboard attitude by this much, this soon and before the first flight is its own alignment.

@@ -29,7 +29,7 @@ LIKELY_HEIGHT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
 CERTAIN_HEIGHT_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
 # Largest speed over the ground, and largest climb, of a vehicle at rest or in a hand.
 HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
-LEVEL_S, STANDS_S = 1.0, 1.0
+LEVEL_S, STANDS_S = 1.0, 1.0  # mean of a height, and time at rest that shows the ground
 # A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing.
 MOVED_M = 0.5
 # A rangefinder in range for this share of a flight gives its height.

@@ -170,10 +170,10 @@ MAX_SENSOR_ARM_M = 0.1
 # Evidence of an impact: tilt at rest, undriven and driven; largest tilt soon after; end of the log; spin with tilt;
 # tilt just before.
 MIN_LYING_DEG, MIN_LYING_DRIVEN_DEG = 20.0, 45.0
-MIN_FALLEN_DEG, FALL_S = 75.0, 3.0
-LOG_STOPS_S = 1.0
-MIN_SPIN_DPS, MIN_SPIN_TILT_DEG = 250.0, 30.0
-MIN_LEAN_DEG = 20.0
+MIN_FALLEN_DEG, FALL_S = 75.0, 3.0  # tilt after an impact, and time until then
+LOG_STOPS_S = 1.0  # power is lost in the impact
+MIN_SPIN_DPS, MIN_SPIN_TILT_DEG = 250.0, 30.0  # around the peak
+MIN_LEAN_DEG = 20.0  # before a violent peak
 # A vehicle in the air so long afterwards has not crashed.
 FLIES_ON_S = 6.0
 # From this rate of an IMU the peak of a crash shows; at 25 Hz a third of it is left.

@@ -202,7 +202,7 @@ def restart_times(t: Array) -> Array:
 
 # --- converged time ----------------------------------------------------------------------------------------------
 
-CONVERGED_AFTER_MOTORS_S = 5.0
+CONVERGED_AFTER_MOTORS_S = 5.0  # filters still hold vibration
 # Filters were seen to turn their heading for 20 s after their start.
 DRIFT_AFTER_START_S = 20.0
 

@@ -14,7 +14,7 @@ from attlog.segments.model import Segments
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1
+SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1  # share of the interval's rotation
 # Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones.
 NEIGHBOURS, NEIGHBOUR_FACTOR = 10, 4.0
 # Intervals per pass: temporaries of long logs stay small.

@@ -108,13 +108,13 @@ def _spans_above(stream: Stream, limit: float) -> list[Span]:
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MIN_RATE_STD_DPS, MAX_RATE_STD_DPS, RATE_STD_FACTOR = 0.15, 0.6, 4.0
-MAX_FORCE_STD_M_S2 = 0.15
-MAX_MEAN_RATE_DPS = 0.3
-NEIGHBOURS_S = 30.0
+MIN_RATE_STD_DPS, MAX_RATE_STD_DPS, RATE_STD_FACTOR = 0.15, 0.6, 4.0  # bounds, and multiple of the log's floor
+MAX_FORCE_STD_M_S2 = 0.15  # noise of the force at rest
+MAX_MEAN_RATE_DPS = 0.3  # from the mean rate of the windows around
+NEIGHBOURS_S = 30.0  # a bias is constant so long
 # Tried on simulated flights with truth and on real logs.
 MIN_LONG_REST_S, MIN_SHORT_REST_S, MIN_IDLE_S = 10.0, 2.0, 1.0
-IDLE_RATE_DPS = 1.0
+IDLE_RATE_DPS = 1.0  # the ground does not turn
 # Rates up to here may be the gyro's own offset where no rest shows it.
 IDLE_OFFSET_DPS = 3.0
 

@@ -14,7 +14,7 @@ from attlog.segments import model
 
 Array = NDArray[np.float64]
 
-MIN_WINDOW_S = 0.5
+MIN_WINDOW_S = 0.5  # short against rests, long against samples
 # A standard deviation needs a few samples: slow logs get longer windows.
 MIN_WINDOW_SAMPLES = 5
 

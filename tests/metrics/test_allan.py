@@ -54,7 +54,7 @@ def test_white_heading_noise_is_no_angle_random_walk():
 
 def test_averages_of_white_angle_noise_fall_with_the_root_of_tau():
     angle = 0.02 * np.random.default_rng(5).standard_normal(20_000)
-    d = allan.of_average(angle, STEP)
+    d = allan.average_deviation(angle, STEP)
     short = d.tau < 1.5
     np.testing.assert_allclose(d.sigma[short], 0.02 * np.sqrt(STEP / d.tau[short]), rtol=0.1)
 

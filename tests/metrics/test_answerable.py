@@ -11,7 +11,7 @@ from attlog.core.errors import AttlogError
 from attlog.flight import read
 from attlog.metrics import answerable
 from attlog.metrics.metric import Case, missing
-from attlog.metrics.ranking import CODE
+from attlog.metrics.ranking import TOO_UNCERTAIN
 from attlog.pipeline import inspection
 from attlog.pipeline.inspection import inspect
 from tests.conftest import corpus_logs, corpus_root
@@ -88,5 +88,5 @@ def test_a_refusal_says_why_and_of_an_uncertain_number_also_who_is_told_of_one()
     assert answerable.refused(missing("no_rest", "no rest of 20 s", "deg", "rest")) == answerable.Availability(
         (), ("no rest of 20 s",), ("no_rest",)
     )
-    (why,) = answerable.refused(missing(CODE, "too noisy", "deg", "rest")).why
+    (why,) = answerable.refused(missing(TOO_UNCERTAIN, "too noisy", "deg", "rest")).why
     assert why.startswith("too noisy; only a larger error would be significant")

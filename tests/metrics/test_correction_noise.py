@@ -38,11 +38,11 @@ def swaying(amplitude_deg=8.0):
 def test_what_is_pushed_in_is_told_about_roll_pitch_and_the_vertical(heading):
     start = rotation.from_euler(0.0, 0.0, np.radians(heading))
     q_g = turned(swaying(), start)
-    pushed = np.radians(np.column_stack([0.3 * np.sin(9 * T), 0.2 * np.sin(7 * T), 0.1 * np.sin(11 * T)]))
-    forward = rotation.rotate(start, pushed)  # about the vehicle's level axes, as the earth sees them
+    correction = np.radians(np.column_stack([0.3 * np.sin(9 * T), 0.2 * np.sin(7 * T), 0.1 * np.sin(11 * T)]))
+    forward = rotation.rotate(start, correction)  # about the vehicle's level axes, as the earth sees them
     q = rotation.multiply(rotation.from_rotvec(forward), q_g)
     found = correction_noise.residual(T, q, alone(q_g), 20.0)
-    expected = np.degrees(pushed) - np.degrees(pushed).mean(axis=0)
+    expected = np.degrees(correction) - np.degrees(correction).mean(axis=0)
     np.testing.assert_allclose(found.std(axis=0), expected.std(axis=0), rtol=0.03)
     for axis in range(3):
         assert np.corrcoef(found[:, axis], expected[:, axis])[0, 1] > 0.98

@@ -50,7 +50,7 @@ def resting(rest: tuple[float, float]) -> tuple[Case, Track]:
 
 
 def test_every_field_of_the_rest_stands_at_the_first_sample_after_it() -> None:
-    found = following.of_log(*resting((10.0, 30.0)), shortest=5.0, longest=60.0)
+    found = following.rest_samples(*resting((10.0, 30.0)), shortest=5.0, longest=60.0)
     assert found is not None
     assert found.mag is not None
     assert (found.t[0], found.t[-1]) == pytest.approx((10.0, 30.0), abs=0.011)
@@ -63,7 +63,7 @@ def test_every_field_of_the_rest_stands_at_the_first_sample_after_it() -> None:
 
 @pytest.mark.parametrize(("longest", "begin"), [(60.0, 10.0), (8.0, 22.0)])
 def test_the_end_of_a_long_rest_is_taken(longest: float, begin: float) -> None:
-    found = following.of_log(*resting((10.0, 30.0)), shortest=5.0, longest=longest)
+    found = following.rest_samples(*resting((10.0, 30.0)), shortest=5.0, longest=longest)
     assert found is not None
     assert found.t[0] == pytest.approx(begin, abs=0.011)
 
@@ -71,7 +71,7 @@ def test_the_end_of_a_long_rest_is_taken(longest: float, begin: float) -> None:
 @pytest.mark.parametrize(("seconds", "enough"), [(4.9, False), (5.1, True)])
 def test_a_rest_that_is_too_short_is_none(seconds: float, enough: bool) -> None:
     case, row = resting((10.0, 10.0 + seconds))
-    assert (following.of_log(case, row, shortest=5.0, longest=60.0) is not None) is enough
+    assert (following.rest_samples(case, row, shortest=5.0, longest=60.0) is not None) is enough
 
 
 def case_with(estimator, uses_mag=False, hz=100.0):

@@ -19,7 +19,7 @@ from attlog.metrics import accuracy, metric
 from attlog.metrics import step_turning as steps
 from attlog.metrics.gyro_bias import no_common_bias
 from attlog.metrics.innovations import AID_GROUPS
-from attlog.metrics.metric import CODES, Answer, Case, per_row, per_times
+from attlog.metrics.metric import CODES, Answer, Case, per_object, per_row
 from attlog.metrics.traces import traces
 from attlog.reference.model import Track
 from attlog.segments.model import WINDOWS, Segment
@@ -70,7 +70,7 @@ def test_what_was_found_for_a_row_goes_with_the_row() -> None:
 
 
 def test_what_rows_of_the_same_times_share_is_computed_once_for_each_array(calls: list[str]) -> None:
-    @per_times
+    @per_object
     def last(case: Case, t: np.ndarray, more: float = 0.0) -> float:
         calls.append("last")
         return float(t[-1]) + more

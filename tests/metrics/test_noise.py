@@ -15,7 +15,7 @@ from attlog.flight.model import Imu, Stream
 from attlog.metrics import compute, noise, rank, windows
 from attlog.metrics.correction_noise import correction_residual
 from attlog.metrics.following import pulse_gains
-from attlog.metrics.noise import gyro_noise_floor, left_at_rest
+from attlog.metrics.noise import gyro_noise_floor, rest_residual
 from attlog.metrics.windows import SETTLING_S, detrended
 from attlog.segments.model import Segment
 from tests.conftest import few
@@ -261,7 +261,7 @@ def test_the_noise_that_steps_hide_is_that_of_half_a_step_of_rate_noise():
     case, row = telemetry(3e-3, 1e-3)
     rate = np.degrees(0.5e-3) * np.random.default_rng(2).standard_normal((50, 1000))
     residual = detrended(row.t[:50], 0.1 * np.cumsum(rate, axis=0))
-    assert noise.hidden_deg(case, 0)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
+    assert noise.quantisation_noise_deg(case, 0)[0] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0.05)
 
 
 def test_the_noise_of_a_gyro_that_never_changes_is_not_known():
@@ -338,7 +338,7 @@ def level(vectors, q):
     return Rotation.from_euler("Z", yaw[:, None]).inv().apply(vectors), own
 
 
-@pytest.mark.parametrize("loop", [left_at_rest.function, left_at_rest], ids=["plain", "compiled"])
+@pytest.mark.parametrize("loop", [rest_residual.function, rest_residual], ids=["plain", "compiled"])
 def test_at_rest_the_rotation_from_the_windows_mean_is_left_without_its_line(loop):
     q, t = attitudes(0.004), 3.0 + STEP * np.arange(140)
     means = rotation.group_means(q, EDGES)
@@ -359,21 +359,21 @@ def test_a_heading_that_turns_through_south_is_unwrapped_and_no_window_goes_on_f
     q = rotation.from_euler(0.0 * yaw, 0.0 * yaw, yaw + wave)
     means = rotation.group_means(q, EDGES)
     out = np.empty((140, 3))
-    left_at_rest(out, t, q, means, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES)
+    rest_residual(out, t, q, means, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES)
     wanted = np.concatenate([detrend(part) for part in np.split(np.degrees(wave), [60])])
     np.testing.assert_allclose(out[:, 2], wanted, atol=1e-9)
 
 
 @pytest.mark.parametrize("loop", [correction_residual.function, correction_residual], ids=["plain", "compiled"])
 def test_in_flight_an_offset_and_a_constant_in_body_axes_are_fitted_by_least_squares(loop):
-    q, t, pushed = attitudes(0.1), STEP * np.arange(140), attitudes(0.01, seed=2)
-    centre, means, out = rotation.group_means(pushed, EDGES), rotation.group_means(q, EDGES), np.empty((140, 3))
+    q, t, correction = attitudes(0.1), STEP * np.arange(140), attitudes(0.01, seed=2)
+    centre, means, out = rotation.group_means(correction, EDGES), rotation.group_means(q, EDGES), np.empty((140, 3))
     room = np.empty((140, 9)), np.zeros(9), np.zeros(9), np.zeros(9), np.zeros(3)
-    loop(out, t, q, pushed, centre, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES, *room)
+    loop(out, t, q, correction, centre, np.ascontiguousarray(rotation.to_euler(means)[:, 2]), EDGES, *room)
     left = []
     for k, (a, b) in enumerate([(0, 60), (60, 140)]):
         mean = Rotation.from_quat(np.roll(centre[k], -1))
-        x = (Rotation.from_quat(np.roll(pushed[a:b], -1, axis=1)) * mean.inv()).as_rotvec()
+        x = (Rotation.from_quat(np.roll(correction[a:b], -1, axis=1)) * mean.inv()).as_rotvec()
         r = Rotation.from_quat(np.roll(q[a:b], -1, axis=1)).as_matrix()
         m = np.concatenate([np.zeros((1, 3, 3)), np.cumsum(0.5 * STEP * (r[1:] + r[:-1]), axis=0)])
         columns = np.concatenate([np.tile(np.eye(3), (b - a, 1, 1)), m], axis=2).reshape(-1, 6)

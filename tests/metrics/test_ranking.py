@@ -12,7 +12,7 @@ from attlog.core import rotation
 from attlog.estimators import DEFAULT, get
 from attlog.metrics import definitions, drift, rank, ranking, statistics
 from attlog.metrics.metric import Answer, missing
-from attlog.metrics.ranking import CODE, DuplicateSearch, mark_not_ranked
+from attlog.metrics.ranking import TOO_UNCERTAIN, DuplicateSearch, mark_not_ranked
 from attlog.metrics.statistics import Summary, UnitValues, make_ids
 from tests.metrics import flights
 from tests.metrics.flights import row
@@ -177,7 +177,7 @@ def test_rows_that_share_two_movements_are_not_compared_and_keep_their_own_value
 
 def test_all_couples_are_compared_as_each_alone(monkeypatch):
     """In blocks or at once, and rows of another kind of unit with nobody."""
-    monkeypatch.setattr(ranking, "AT_ONCE", 2)
+    monkeypatch.setattr(ranking, "MAX_COUPLES", 2)
     rng = np.random.default_rng(3)
     ids = make_ids(np.arange(8.0))
     for kind in statistics.NEEDED:
@@ -301,7 +301,7 @@ def test_what_may_be_perfect_and_may_lie_beyond_what_is_known_anyway_is_withheld
     assert mark_not_ranked(definitions()[metric], found) is not resolves
     assert (found.value is not None) is resolves
     assert found.ranked is resolves
-    assert resolves or (found.code == CODE and found.detail["withheld"]["ci95"] == [low, high])
+    assert resolves or (found.code == TOO_UNCERTAIN and found.detail["withheld"]["ci95"] == [low, high])
 
 
 def test_the_reason_tells_a_record_that_is_too_short_from_one_that_is_too_noisy():

@@ -74,7 +74,7 @@ def test_the_products_are_those_of_the_columns_built_pair_by_pair(row_hz, ref_hz
 @pytest.mark.parametrize(("row_hz", "ref_hz"), [(200.0, 50.0), (50.0, 200.0)])
 def test_the_coarse_powers_are_those_of_rates_centred_per_event(row_hz, ref_hz):
     found = columns_of(row_hz, ref_hz)
-    step = max(1, len(found.begin) // (step_columns.THINNED * len(found.fast.low)))
+    step = max(1, len(found.begin) // (step_columns.COARSE_SAMPLES * len(found.fast.low)))
     begin, end, of = found.begin[::step], found.end[::step], found.of[::step]
     for delay in (-0.25, 0.0, 0.004):
         shift = -delay if found.slow_row else delay
@@ -84,7 +84,7 @@ def test_the_coarse_powers_are_those_of_rates_centred_per_event(row_hz, ref_hz):
         for v in (x, y):
             for event in np.unique(of):
                 v[of == event] -= np.mean(v[of == event])
-        xx, yy, xy = found.powers(np.array([delay]))[0]
+        xx, yy, xy = found.rate_products(np.array([delay]))[0]
         np.testing.assert_allclose([xx, yy, xy], [x @ x, y @ y, x @ y], rtol=1e-9)
 
 
@@ -117,7 +117,7 @@ def test_pairs_that_reach_beyond_either_end_of_an_event_make_no_line(low: float,
     """Ten samples 0.1 s apart, slopes over 0.02 s on both sides: those from 0.3 s on, those up to 0.6 s."""
     slow, fast = 0.1 * np.arange(10), 0.05 * np.arange(-20, 40)
     out, count = np.zeros((1, 12, 12)), np.zeros(1, np.int64)
-    room = np.empty((10, step_columns.MOVED)), np.empty((9, step_columns.SIZE))
+    room = np.empty((10, step_columns.MOVED_COLUMNS)), np.empty((9, step_columns.COLUMNS))
     turned, moved = np.tile(np.sin(slow)[:, None], (1, 7)), np.tile(np.sin(fast)[:, None], (1, 4))
     begin = np.arange(9)
     ends = np.array([low]), np.array([high])
@@ -140,7 +140,7 @@ def both(seconds):
 @pytest.mark.parametrize("kept", [0, 200_000, 10**9])
 def test_events_in_groups_tell_the_same_as_all_at_once(monkeypatch, kept):
     whole = step_fits.fit(step_groups.event_batches(*both(60.0), None))["all"]
-    monkeypatch.setattr(step_groups, "TOGETHER", 2000)
+    monkeypatch.setattr(step_groups, "BATCH_SAMPLES", 2000)
     groups = step_groups.event_batches(*both(60.0), None)
     groups._room = kept
     found = step_fits.fit(groups)["all"]
@@ -151,7 +151,7 @@ def test_events_in_groups_tell_the_same_as_all_at_once(monkeypatch, kept):
 
 
 def test_columns_are_kept_up_to_a_size_however_many_events_there_are(monkeypatch):
-    monkeypatch.setattr(step_groups, "TOGETHER", 2000)
+    monkeypatch.setattr(step_groups, "BATCH_SAMPLES", 2000)
     held = []
     for seconds in (60.0, 240.0):
         groups = step_groups.event_batches(*both(seconds), None)
@@ -257,7 +257,7 @@ def test_a_slow_magnetometer_is_turned_on_with_the_gyro_and_then_given_up():
     at_t = Rotation.from_rotvec(np.outer(t, rate)).inv().apply([0.6, 0.0, 0.8])
     measured = Rotation.from_rotvec(np.outer(field_at, rate)).inv().apply([0.6, 0.0, 0.8])
     case, _ = case_with(t, rate, 4e-5 * measured, field_at)
-    seen = samples_of(case, 0, True)
+    seen = samples_of(case, case.log.imus[0], True)
     held = t <= 1.9 + 0.15 - 1e-6
     np.testing.assert_allclose(seen.m[held], at_t[held], atol=1e-9)
     assert not seen.m[t > 1.9 + 0.155].any()
@@ -284,7 +284,7 @@ def test_north_of_a_row_whose_heading_is_true_counts_as_magnetic_north():
     field = np.tile([np.cos(off), np.sin(off), 1.5], (30, 1))
     case, row = case_with(t, np.zeros(3), field, np.arange(0.0, 3.0, 0.1))
     track = SummedTurning(row.t, row.q, row.segment)
-    sensors = RowSensors(case, row, track, samples_of(case, 0, True))
+    sensors = RowSensors(case, row, track, samples_of(case, case.log.imus[0], True))
     stack = stack_events([slice(10, 100)])
     found = turned(track, stack, sensors.around(stack))
     assert sensors.north == pytest.approx(off)
@@ -297,7 +297,7 @@ def test_a_slower_row_gets_the_mean_force_of_its_intervals():
     case.log.imus[0].acc.x[:, 0] = t
     slow = flights.row(t[::5], row.q[::5])
     track = SummedTurning(slow.t, slow.q, slow.segment)
-    seen = RowSensors(case, slow, track, samples_of(case, 0, True)).around(stack_events([slice(10, 20)]))
+    seen = RowSensors(case, slow, track, samples_of(case, case.log.imus[0], True)).around(stack_events([slice(10, 20)]))
     assert seen.trapezoid
     np.testing.assert_allclose(seen.f[:, 0], slow.t[10:20] - 0.025, atol=1e-9)
 
@@ -313,7 +313,7 @@ def test_force_and_field_around_events_are_those_of_a_simple_search(every):
     case.reference.alignment.trim = np.array([0.02, -0.03, 0.0])
     slow = flights.row(t[::every], row.q[::every])
     slow.bias = 0.3 * rng.standard_normal((len(slow.t), 3))
-    seen, track = samples_of(case, 0, True), SummedTurning(slow.t, slow.q, slow.segment)
+    seen, track = samples_of(case, case.log.imus[0], True), SummedTurning(slow.t, slow.q, slow.segment)
     stack = stack_events([slice(12, 20), slice(30, 37)])
     found = RowSensors(case, slow, track, seen).around(stack)
     back = Rotation.from_rotvec(case.reference.alignment.trim)

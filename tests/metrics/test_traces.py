@@ -15,7 +15,7 @@ from scipy import signal
 import attlog
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.metrics.sensor_traces import BUCKETS, G, at_the_end, ground, periodogram, size_of, vibration
+from attlog.metrics.sensor_traces import MAX_BUCKETS, G, clipped_samples, ground, periodogram, size_of, vibration
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_turning import StepEvent
 from attlog.metrics.trace import BUDGET, SampleBudget, envelope, extremes
@@ -122,8 +122,8 @@ def test_vibration_is_the_deviation_within_a_second_and_counts_clipped_samples_t
 
 
 def test_a_strong_movement_that_reaches_no_full_scale_is_not_clipped():
-    assert not at_the_end(np.array([[0.0, 0.0, -G], [120.0, 0.0, 0.0]])).any()
-    assert at_the_end(np.array([[0.0, 0.0, -G], [-8 * G, 0.0, 0.0]])).tolist() == [False, True]
+    assert not clipped_samples(np.array([[0.0, 0.0, -G], [120.0, 0.0, 0.0]])).any()
+    assert clipped_samples(np.array([[0.0, 0.0, -G], [-8 * G, 0.0, 0.0]])).tolist() == [False, True]
 
 
 def test_the_size_keeps_its_mean_and_its_peaks():
@@ -131,7 +131,7 @@ def test_the_size_keeps_its_mean_and_its_peaks():
     size = np.full(len(t), 9.8)
     size[77_777], size[99_999] = 60.0, np.nan
     trace = size_of("gravity", t, size, {})
-    assert len(trace.t) <= BUCKETS + 1
+    assert len(trace.t) <= MAX_BUCKETS + 1
     assert trace.columns["high"].max() == 60.0
     assert np.median(trace.columns["mean"]) == pytest.approx(9.8)
     assert np.isfinite(trace.columns["mean"]).all()

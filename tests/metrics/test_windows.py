@@ -78,10 +78,10 @@ def test_rest_of_2_to_5_s_is_one_window_and_shorter_flight_is_none():
 
 def test_why_there_is_nothing_names_what_would_be_needed():
     case = flights.case([row()], FLIGHT)
-    assert windows.why_none(case, "rest", "rest")[0] == "rest_too_short"
-    assert "after the filter settled" in windows.why_none(case, "rest", "rest")[1]
+    assert windows.reason_unavailable(case, "rest", "rest")[0] == "rest_too_short"
+    assert "after the filter settled" in windows.reason_unavailable(case, "rest", "rest")[1]
     bare = flights.case([row()], FLIGHT[:1])
-    assert [windows.why_none(bare, p, p)[0] for p in windows.PHASES] == [
+    assert [windows.reason_unavailable(bare, p, p)[0] for p in windows.PHASES] == [
         "no_rest",
         "not_applicable",
         "not_applicable",
