@@ -1,6 +1,6 @@
-"""From a log to a result: the pipeline, what it is told to do, and what it can say without filters.
+"""From a log to a result: configuration, preparation, evaluation; inspection and extraction without filters.
 
-The functions come when they are first asked for: ``attlog info`` uses other files of this room and needs no filter.
+Functions are imported on first use: ``attlog info`` needs no filter.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ __all__ = ["analyze", "evaluate", "prepare"]
 
 
 def __getattr__(name: str) -> Any:
-    """The pipeline's functions."""
+    """Import a function of the pipeline."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from attlog.pipeline import evaluation
@@ -23,5 +23,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What completion offers."""
+    """Return the names for completion."""
     return sorted({*globals(), *__all__})

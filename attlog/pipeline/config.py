@@ -1,8 +1,4 @@
-"""The resolved configuration: the same names as the options, read from TOML and written back.
-
-``Config.load`` refuses unknown keys with a suggestion and reports all problems of a
-file at once. The resolved configuration stands in every result and can be fed back.
-"""
+"""Configuration of an analysis: the names of the options, read from TOML or JSON and kept in every result."""
 
 from __future__ import annotations
 
@@ -22,14 +18,14 @@ REFERENCES = ("auto", "truth", "smoother", "onboard", "none")
 
 
 def reference_of(value: Any) -> str:
-    """What is compared with, as it is written. ValueError for what no reference is called."""
+    """Return the name of a reference. ValueError for an unknown one."""
     if isinstance(value, str) and (value in REFERENCES or value.startswith("onboard:")):
         return value
     raise ValueError("must be auto, truth, smoother, onboard, onboard:NAME (such as onboard:AHR2) or none")
 
 
 def gyro_bias_of(value: Any) -> str:
-    """What is subtracted from the gyro, as it is written. ValueError for anything else."""
+    """Return the name of a gyro bias to subtract. ValueError for an unknown one."""
     if value in ("rest", "none", "onboard"):
         return str(value)
     raise ValueError("must be rest, none or onboard")
@@ -41,16 +37,15 @@ def _rows(value: Any) -> Any:
 
 @dataclass
 class Config:
-    """What an analysis does. Defaults serve; options are for experts.
+    """Configuration of an analysis; every value is checked when it is set. UsageError for a wrong one.
 
     ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``,
     ``FILE.py``). ``imu``, ``mag``: instance to replay, None for the choice of the log,
-    ``"all"`` / ``"none"``. ``window``: the window that table and verdicts show beside the
-    standard ones. ``gyro_bias``: what is subtracted from the gyro for every filter: its mean over the
-    rest before take-off, nothing, or the onboard estimator's own.
-    ``params``: a parameter file for what the log does not tell. ``truth``: what everything is compared with, a
-    trajectory, another log, a folder of them or a message of the log (:mod:`attlog.external.attitude`). Times are
-    seconds on the log's clock (0 = first IMU sample). Whatever is set is checked: UsageError.
+    ``"all"`` / ``"none"``. ``window``: a window that table and verdicts show beside the standard ones. ``gyro_bias``:
+    subtracted from the gyro for every filter: its mean over the rest before take-off, nothing, or the onboard bias.
+    ``params``: a parameter file for values that are not logged. ``truth``: a trajectory, another log, a folder of them
+    or a message of the log (:mod:`attlog.external.attitude`). Times are s on the log's clock, 0 at the first IMU
+    sample.
     """
 
     estimators: Annotated[list[str], ParsedBy(_rows)] = field(default_factory=lambda: ["default"])
@@ -77,30 +72,29 @@ class Config:
 
     @classmethod
     def of(cls, config: Config | Mapping[str, Any] | None) -> Config:
-        """A configuration from itself, a mapping with the same names, or None for the defaults. UsageError as below."""
+        """Return a configuration from itself, a mapping of names, or the defaults for None. UsageError as below."""
         if isinstance(config, Config):
             return config
         return cls.build(dict(config), origin="config") if config else cls()
 
     @classmethod
     def build(cls, values: dict[str, Any], origin: str = "") -> Config:
-        """A configuration from plain values. UsageError lists every problem, with suggestions for unknown names."""
+        """Return a configuration from plain values. UsageError lists every problem, with suggestions for names."""
         return validated(cls, values, origin)
 
     @classmethod
     def trusted(cls, values: Mapping[str, Any]) -> Config:
-        """A configuration from values that were checked before, as those that the command line's parsers made."""
+        """Return a configuration from values that are checked already, as those of the command line."""
         config = cls()
         config.__dict__.update(values)
         return config
 
     @classmethod
     def load(cls, path: Path, **options: Any) -> Config:
-        """A configuration from a TOML or JSON file, overridden by ``options``.
+        """Return a configuration from a TOML or JSON file, overridden by ``options``.
 
-        A file that begins like a JSON object is one: the names at its top, or a result of
-        ``attlog analyze``, of which the configuration it was made with is taken: filter files that a result
-        names run only where ``options`` name ``estimators``, because results come from others.
+        A JSON object holds the names at its top, or is a result of ``attlog analyze`` with its configuration. Filter
+        files that a result names run only where ``options`` name ``estimators``: results come from others.
         LogUnreadable if the file cannot be opened, UsageError for everything wrong in it.
         """
         text = read_settings_text(path)
@@ -109,7 +103,7 @@ class Config:
 
     @property
     def truth_place(self) -> str:
-        """The file, folder or topic of the truth without its settings; empty without one."""
+        """File, folder or topic of the truth without its settings; empty without one."""
         if self.truth is None:
             return ""
         from attlog.external.request import parse_truth
@@ -125,14 +119,14 @@ DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Config)} | {"estim
 
 
 def _is_default(name: str, value: Any) -> bool:
-    """Whether a value is the default of a key: it needs no check."""
+    """Whether a value is the default of a key."""
     return name in DEFAULTS and type(value) is type(DEFAULTS[name]) and value == DEFAULTS[name]
 
 
 def _from_json(text: str, path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
-    """The names of a configuration: of the object itself, or of the result that it is.
+    """Return the names of a configuration from its own JSON object or from a result.
 
-    UsageError for what is none, and for a result whose filters are code that nobody has named here.
+    UsageError for other JSON, and for a result with filter files that ``options`` do not name.
     """
     try:
         document: dict[str, Any] = json.loads(text)

@@ -1,4 +1,7 @@
-"""A log as the questions about its sensors see it, prepared for a replay or without one."""
+"""From a log to a result: prepare what no filter changes, then evaluate filters, as often as wanted.
+
+prepare: read, segments, reference, heading references. evaluate: estimators, metrics, ranking, checks, findings.
+"""
 
 from __future__ import annotations
 
@@ -55,9 +58,9 @@ from attlog.words.answers import ONLY_BASELINE, QUESTIONS, verdicts
 def checks_of(
     log: FlightLog, phases: Segments, case: Case | None = None, *, drawn: list[Trace] | None = None
 ) -> list[Check]:
-    """Make every check of a log; ``case``: the log as it was prepared, None where it cannot be replayed.
+    """Make every check of a log; ``case`` is None for a log that cannot be replayed.
 
-    ``drawn``: where the arrays of their figures go, None where none are wanted.
+    ``drawn`` takes the arrays of their figures.
     """
     ref = None if case is None else case.reference
     asked = HealthCase(log, phases, ref, lambda: None if case is None else motion_attitude(case))
@@ -71,7 +74,7 @@ def checks_of(
 
 
 def motion_attitude(case: Case) -> MotionAttitude | None:
-    """The smoother without any compass; None where there is no velocity by GNSS or it cannot be run."""
+    """Run the smoother without compass; None without GNSS velocity or where it cannot be run."""
     if not any(np.isfinite(receiver.vel_ned).any() for receiver in case.log.gnss):
         return None
     try:
@@ -85,7 +88,7 @@ def motion_attitude(case: Case) -> MotionAttitude | None:
     return MotionAttitude(found.t, found.q, segment, found.aux["sigma_tilt"], heading, dict(found.quality))
 
 
-# All findings of a log, with what an analysis itself finds wrong: failed and slow filters, broken metrics.
+# Findings of an analysis: failed and slow filters, broken metrics, open questions.
 
 
 def of_reference_and_filters(
@@ -95,9 +98,9 @@ def of_reference_and_filters(
     chosen: Mapping[str, Chosen],
     rows: Iterable[Track],
 ) -> list[Problem]:
-    """A reference that physics contradicts, filters that failed (``failed``: their errors) or are not compiled.
+    """Return a contradicted reference, filters that failed (``failed``: their errors) or are not compiled.
 
-    A log that does not hold what a filter needs is no fault of either: a note.
+    A sensor that a filter needs and the log does not hold is a note.
     """
     late = {name for name, error in failed.items() if isinstance(error, PluginTimeout)}
     broken = [
@@ -113,7 +116,7 @@ def of_reference_and_filters(
 
 
 def all_of(case: Case, result: Result, rows: Sequence[Track], known: Sequence[Problem]) -> list[Finding]:
-    """Every finding of a log and its analysis, worst first; ``known``: of reference and filters."""
+    """Return every finding of a log and its analysis, worst first; ``known``: of reference and filters."""
     own = [*known, *_unmeasured(result.estimators), *_late_field(rows)]
     unanswered = guarded_part(
         case.log, "What would answer open questions", partial(_unanswered, case, result), list[OpenQuestion]
@@ -127,7 +130,7 @@ def all_of(case: Case, result: Result, rows: Sequence[Track], known: Sequence[Pr
 
 
 def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
-    """The questions that no row answers, each with what would answer it."""
+    """Return questions without an answer, each with its remedy."""
     silent = [v for v in result.verdicts if not v.answered and ONLY_BASELINE not in v.sentence]
     remedies = {a.question: a.setting for a in answerable(case.log, case)} if silent else {}
     return [
@@ -136,14 +139,14 @@ def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
 
 
 def _unmeasured(lines: Iterable[EstimatorRow]) -> list[Problem]:
-    """Metrics that ended in a bug, each once."""
+    """Return metrics that ended in a bug, each once."""
     answers = [a for line in lines for window in line.metrics.values() for a in window.values()]
     sentences = dict.fromkeys(a.reason for a in answers if a.code == "part_failed" and a.reason)
     return [Problem("part_failed", "error", sentence) for sentence in sentences]
 
 
 def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Track]) -> list[Problem]:
-    """Plug-ins that ran in plain Python, or whose process was lost in a run by which a metric tries them."""
+    """Return plug-ins that ran in plain Python, or whose process was lost when a metric tried them."""
     ran = {row.name.partition("/imu")[0] for row in rows}
     text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
     found = []
@@ -162,7 +165,7 @@ def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Track]) -> list[Problem]:
 
 
 def _late_field(rows: Iterable[Track]) -> list[Problem]:
-    """Time in which no filter could know its heading, because the magnetometer had not spoken yet."""
+    """Return the time before the magnetometer's first sample, in which no filter had a heading."""
     waited = max((float(s.value or 0.0) for row in rows for s in row.steps if s.name == "late_field"), default=0.0)
     text = (
         f"The magnetometer's first sample came late: for {waited:.1f} s no filter knew its heading. "
@@ -171,13 +174,10 @@ def _late_field(rows: Iterable[Track]) -> list[Problem]:
     return [Problem("late_field", "note", text)] if waited else []
 
 
-# Rows measured one by one, so that memory does not grow with their number.
-
-
 class Measurement:
-    """What is measured of each row, and what later steps need of it: then a replayed row gives up its samples.
+    """Measure rows one by one and release their samples: memory does not grow with their number.
 
-    What turns out to be needed whole after all is run again.
+    A row that is needed whole later is run again.
     """
 
     def __init__(
@@ -190,7 +190,7 @@ class Measurement:
         traces: bool,
         only: Collection[str],
     ) -> None:
-        """``unusable``: the sensor because of which no filter can be judged, empty where they can."""
+        """Set up for the chosen rows; ``unusable``: the sensor because of which no filter can be judged, or empty."""
         self.case = case.looked_at_with([])
         self._unusable, self._traces, self._only = unusable, traces, only
         expected = len(case.imus) * sum(not isinstance(spec, PluginError) for spec in chosen.values())
@@ -206,7 +206,7 @@ class Measurement:
         self._check = None if imu is None else check(case.log, imu, case.reference, again, choice)
 
     def add(self, row: Track, line: EstimatorRow) -> None:
-        """Fill in a row's line of the table; a replayed row is empty afterwards."""
+        """Measure a row into its line of the table and release its samples."""
         case, log = self.case, self.case.log
         if row.reproduction is not None and self._traces:
             self._drawn += guarded_part(log, "Figures", partial(onboard_rerun.traces_of, case, row), list[Trace])
@@ -224,18 +224,18 @@ class Measurement:
         case.done_with(row)
 
     def contradiction(self) -> tuple[str, AlignmentStep] | None:
-        """Why the reference is refused after all, by filters that agree; None where it is not."""
+        """Return why filters that agree contradict the reference; None where they do not."""
         if self._check is None:
             return None
         what = "What filters say against the reference"
         return guarded_part(self.case.log, what, self._check.contradicted, lambda: None)
 
     def alike(self) -> list[Duplicates]:
-        """Which rows are the same filter twice."""
+        """Return groups of rows that are the same filter twice."""
         return guarded_part(self.case.log, "Which rows are alike", self._likeness.found, list)
 
     def drawn(self) -> list[Trace]:
-        """The traces of all rows and of what is drawn beside them."""
+        """Return the traces of all rows and of what is drawn beside them."""
         if not self._traces:
             return []
         log = self.case.log
@@ -243,15 +243,12 @@ class Measurement:
         return [*first, *self._drawn, *guarded_part(log, "Figures", self._drawing.last, list[Trace])]
 
 
-# What a log tells without any filter: of telemetry, whose IMU is too slow or missing, and where none is wanted.
-
-
 def without_replay(
     log: FlightLog, config: Config, stage: Stages, command: str = "", case: Case | None = None
 ) -> Result:
-    """The result without the comparison: headline, events, segments, checks, findings.
+    """Return a result without filters: headline, events, segments, checks, findings.
 
-    ``case``: the log as it was prepared, where it can be replayed.
+    ``case``: the prepared log, where it can be replayed.
     """
     with stage("segments"):
         phases = segments.build(log) if case is None else case.segments
@@ -278,21 +275,13 @@ def without_replay(
     )
 
 
-# The one pipeline: a log in, a :class:`~attlog.result.Result` out, in two halves.
-#
-# prepare: read -> segments -> reference -> heading references. evaluate: estimators ->
-# rows -> metrics -> best -> verdicts, as often as wanted on what was prepared once.
-# Each stage lives in its own room; this file only hands things on.
-
-
 @log_cache()
 def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
-    """A log made ready for :func:`evaluate`: all that does not depend on which filters are compared.
+    """Prepare a log for :func:`evaluate`: all that does not depend on which filters are compared.
 
-    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`; a mapping is
-    checked like a configuration file. LogUnreadable or LogUnusable (no inertial data,
-    encrypted, not a log) if there is nothing to analyse, UsageError for a sensor,
-    reference or window that is not there.
+    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`; a mapping is checked like a configuration
+    file. LogUnreadable or LogUnusable (no inertial data, encrypted, not a log) if there is nothing to analyse,
+    UsageError for a missing sensor, reference or window.
     """
     config = Config.of(config)
     stage = Stages()
@@ -302,7 +291,7 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
 
 
 def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
-    """The case of a log. LogUnusable where it cannot be replayed."""
+    """Return the case of a log that was read. LogUnusable where it cannot be replayed."""
     preparation.require_imu(log)
     flight.check_analysis_memory(log, flight.ANALYSIS_BYTES)
     stage.samples = samples_of(log)
@@ -352,13 +341,12 @@ def evaluate(
     only: Collection[str] = (),
     command: str = "",
 ) -> Result:
-    """What the filters of ``specs`` (those of the configuration if None) are worth on a prepared log.
+    """Evaluate the filters of ``specs``, else of the configuration, on a prepared log.
 
-    ``case``: what :func:`prepare` gave; it may serve many calls. ``command`` stands in the result. ``traces``: keep the
-    arrays that figures are drawn from. ``cost``: measure what each filter costs, which takes longer than running it.
-    ``only``: the metrics that are wanted (as in ``metrics.compute``); the result then has no verdicts, and no findings
-    but those of reference and filters. UsageError for an unknown estimator or parameter; a plug-in that fails becomes a
-    row with ``status = "failed"``, the others finish.
+    ``case`` may serve many calls. ``command`` is kept in the result. ``traces``: keep the arrays of figures. ``cost``:
+    measure the time of each filter, which takes longer than running it. ``only``: metrics as of ``metrics.compute``;
+    the result then has no verdicts, and findings of reference and filters alone. UsageError for an unknown estimator or
+    parameter; a plug-in that fails becomes a row with ``status = "failed"``, the others finish.
     """
     if isinstance(specs, str):
         specs = estimators.items(specs)
@@ -389,7 +377,7 @@ def evaluate(
         return evaluate(second, specs, traces=traces, cost=cost, only=only, command=command)
     with stage("metrics"):
         for row in onboard:
-            lines.append(replay.table_row(row, title=row.estimator))
+            lines.append(replay.table_row(row))
             measurement.add(row, lines[-1])
         rows, table = measurement.case.rows, {line.name: line.metrics for line in lines}
         metrics.finish(measurement.case, table, cost=cost, only=only)
@@ -422,19 +410,19 @@ def evaluate(
         result.findings = all_of(case, result, rows, own)
         sound = nothing_wrong(result.findings)
         wrong = wrong_angle(result.checks)
-        told = partial(story.headline, case.log, case.segments, result.events, sound, wrong)
-        result.headline = guarded_part(case.log, "The headline", told, str)
+        headline = partial(story.headline, case.log, case.segments, result.events, sound, wrong)
+        result.headline = guarded_part(case.log, "The headline", headline, str)
     return result
 
 
 def analyze(
     source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
 ) -> Result:
-    """Everything attlog can say about one log: what ``attlog analyze`` writes, with the lines of its figures.
+    """Analyse one log as ``attlog analyze`` does, with the lines of its figures.
 
     ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`. ``config`` is a :class:`Config` or a mapping
     of its names, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
-    ``command`` stands in the result as what was typed. :func:`prepare` and :func:`evaluate` in one call, traces and
+    ``command`` is kept in the result. :func:`prepare` and :func:`evaluate` in one call, traces and
     costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError. A log
     that cannot be replayed but holds an attitude, a position or arming gives a result without the comparison.
     """
@@ -451,7 +439,7 @@ def analyze(
 def health(
     source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
 ) -> Result:
-    """What ``attlog health`` tells: headline, checks and findings; no filter runs.
+    """Check one log as ``attlog health`` does: headline, checks and findings; no filter runs.
 
     Arguments and errors as of :func:`analyze`.
     """
@@ -470,7 +458,7 @@ def has_a_story(log: FlightLog) -> bool:
 
 
 def samples_of(log: FlightLog) -> int:
-    """How many inertial samples are replayed."""
+    """Return the number of replayed inertial samples."""
     return 0 if log.replay_imu is None else len(log.replay_imu.gyro.t)
 
 
@@ -496,7 +484,7 @@ def _described(case: Case) -> dict[str, Any]:
 
 
 def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
-    """The same case with the next best reference, or none: nothing computed with the refused one is kept."""
+    """Return the case with the next best reference, or none, and nothing computed with the refused one."""
     options = preparation.reference_options(Config.trusted(case.settings))
     refused = case.reference.faults.refused | {case.reference.kind: fault}
     ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
@@ -506,7 +494,7 @@ def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
 
 
 def summarize(ref: Reference) -> ReferenceSummary:
-    """The reference as the result shows it: what agreement with it proves, and every step."""
+    """Return the reference as the result shows it."""
     return ReferenceSummary(
         ref.kind,
         ref.source,

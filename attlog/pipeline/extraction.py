@@ -1,10 +1,8 @@
-"""Data out of a log: messages, SI streams or estimates as tables, to CSV or Parquet.
+"""Messages, SI streams or estimates of a log as tables, to CSV or Parquet.
 
-Every table begins with ``time_s``: seconds on the log's clock (0 = first IMU sample).
-Column names carry the unit (``gyro_x_rad_s``, ``roll_deg``); messages keep the names of
-their log. Parquet files hold frames, units, the log's hash and the version in the
-schema metadata under the key ``attlog``; a CSV gets the same as ``NAME.csv.json``
-beside it, so that PlotJuggler and pandas read the CSV as it is.
+Every table begins with ``time_s``: s on the log's clock (0 = first IMU sample). Column names carry the unit
+(``gyro_x_rad_s``, ``roll_deg``); messages keep the names of their log. Frames, units, the log's hash and the version
+are in the schema metadata of a Parquet file under the key ``attlog``, or in ``NAME.csv.json`` beside a CSV.
 """
 
 from __future__ import annotations
@@ -36,12 +34,10 @@ from attlog.pipeline.summary import sha256
 if TYPE_CHECKING:
     import pandas
 
-
+# ``MAG.0`` and ``IMU[1]``.
 INSTANCE = re.compile(r"(?P<name>.+?)(?:\.(?P<dot>\d{1,9})|\[(?P<bracket>\d{1,9})\])")
-
-
+# About the bytes of a column before its first value, and of a number in a CSV file.
 COLUMN_BYTES, CELL_BYTES = 200, 8
-"""About what a column takes before its first value, and a number in a CSV file."""
 
 
 @dataclass(slots=True)
@@ -54,11 +50,11 @@ class Extract:
     note: str = ""
 
     def __len__(self) -> int:
-        """The number of rows."""
+        """Return the number of rows."""
         return len(next(iter(self.columns.values()), ()))
 
     def between(self, start: float | None, end: float | None) -> Extract:
-        """Only the rows with start <= time_s <= end; all rows of a table without time."""
+        """Return the rows with start <= time_s <= end; all rows of a table without time."""
         if "time_s" not in self.columns:
             return self
         t = self.columns["time_s"]
@@ -66,24 +62,22 @@ class Extract:
         return Extract(self.name, {k: v[inside] for k, v in self.columns.items()}, self.units, self.note)
 
     def frame(self) -> pandas.DataFrame:
-        """The table as a pandas DataFrame."""
+        """Return the table as a pandas DataFrame."""
         import pandas
 
         return pandas.DataFrame(self.columns)
 
 
 def messages(log: FlightLog, names: Iterable[str], system: int | None = None) -> Iterator[Extract]:
-    """The named messages as the log holds them (all instances), scaled as the format prints them.
+    """Yield the named messages of a log, all without names, scaled as the format prints them.
 
-    Without names all of them; names as :func:`wanted` takes them. ``system`` is the MAVLink
-    vehicle that ``log`` was read for.
-    UsageError for names that the log does not have, LogUnusable where the definitions of a small log would fill a
-    disk: few values under endless names.
+    Names as of :func:`select_tables`; ``system``: the MAVLink vehicle that ``log`` was read for. UsageError for names
+    that the log does not have, LogUnusable where the definitions of a small log would fill a disk.
     """
     opened = formats.open(log.path, system).boot(log.boot)
     clock = record_clock(opened, system)
     size, limit = 0, max(EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO * log.path.stat().st_size)
-    for name, instance in wanted(opened, names):
+    for name, instance in select_tables(opened, names):
         table = opened[name, instance]
         columns: dict[str, NDArray[Any]] = {}
         stamps = clock(table)
@@ -102,10 +96,10 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
         yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
 
 
-def wanted(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int]]:
-    """The messages and instances that names mean, each once: ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``; without any all.
+def select_tables(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int]]:
+    """Return messages and instances by names, each once: ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``; all without names.
 
-    UsageError tells of every name that means nothing what comes near, else what there is.
+    UsageError for unknown names, each with similar ones, else with all.
     """
     known = opened.names()
     found: dict[tuple[str, int], None] = {}
@@ -129,13 +123,13 @@ def wanted(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int]]:
 
 
 def _name_and_instance(text: str, known: Collection[str]) -> tuple[str, int | None]:
-    """A name as it is if a message bears it, else what stands before ``.N`` or ``[N]``, and N."""
+    """Return a known name as it is, else the text before ``.N`` or ``[N]``, and N."""
     match = None if text in known else INSTANCE.fullmatch(text)
     return (match["name"], int(match["dot"] or match["bracket"])) if match else (text, None)
 
 
 def streams(log: FlightLog) -> Iterator[Extract]:
-    """The flight in SI units: imuN, magN, gnssN, baroN, attitudes, truth and set-points."""
+    """Yield the flight in SI units: imuN, magN, gnssN, baroN, attitudes, truth and set-points."""
     for imu in log.imus:
         yield _table(f"imu{imu.index}", imu.gyro.t, gyro_rad_s=imu.gyro.x, acc_m_s2=imu.acc.x, note=imu.gyro.source)
     for mag in log.mags:
@@ -172,7 +166,7 @@ def streams(log: FlightLog) -> Iterator[Extract]:
 
 
 def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
-    """The attitudes of re-run estimators at IMU rate, one table per row specification.
+    """Yield the attitudes of re-run estimators at IMU rate, a table for each, and innovations of an onboard filter.
 
     As in an analysis the gyro's bias at rest is subtracted first; ``bias`` columns contain it.
     """
@@ -208,11 +202,10 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
 
 
 def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> list[Path]:
-    """Write tables; returns the files written.
+    """Write tables and return the files.
 
-    One table goes to ``path`` itself if that ends in the format's suffix and is no folder; otherwise
-    ``path`` is a folder and every table becomes a file in it, all of them or none. OutputError if a file
-    cannot be written or pyarrow is missing.
+    One table goes to ``path`` itself if that ends in the format's suffix and is no folder; otherwise ``path`` is a
+    folder with a file for each table, all or none. OutputError if a file cannot be written or pyarrow is missing.
     """
     listed = list(tables)
     meta = _about(log)
@@ -231,7 +224,7 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
 
 
 def _write(table: Extract, target: Path, meta: dict[str, Any], kind: str) -> None:
-    """One table into one file, CSV with a JSON file beside it."""
+    """Write one table into one file, CSV with a JSON file beside it."""
     about = meta | {"table": table.name, "units": table.units, "source": table.note}
     if kind == "csv":
         beside = target.with_name(target.name + ".json")
@@ -257,7 +250,7 @@ def _too_many(tables: list[Extract]) -> str:
 
 
 def _about(log: FlightLog) -> dict[str, Any]:
-    """What every file says of the log that it comes from."""
+    """Return what every file holds of its log."""
     from attlog import __version__
 
     return {
@@ -312,13 +305,13 @@ def _attitude(name: str, t: NDArray[np.float64], q: NDArray[np.float64], note: s
 
 
 def _units(columns: Iterable[str]) -> dict[str, str]:
-    """The unit that a column name ends in, as people write it."""
+    """Return the unit at the end of each column's name."""
     endings = {"_rad_s": "rad/s", "_m_s2": "m/s^2", "_m_s": "m/s", "_ut": "uT", "_deg": "deg", "_m": "m", "_s": "s"}
     return {c: unit for c in columns for unit in [next((u for e, u in endings.items() if c.endswith(e)), "")] if unit}
 
 
 def _flat(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """An array column as scalar columns ``name[0]``, text as str."""
+    """Return an array column as scalar columns ``name[0]``, bytes as str."""
     if values.dtype.kind == "S":
         return {name: np.array([v.split(b"\0")[0].decode("utf-8", "replace") for v in values.tolist()], dtype=object)}
     if values.ndim == 1:
@@ -327,5 +320,5 @@ def _flat(name: str, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
 
 
 def _word(text: str) -> str:
-    """Text as part of a file or column name."""
+    """Return text as part of a file or column name."""
     return "".join(c if c.isalnum() or c in "-." else "_" for c in text)

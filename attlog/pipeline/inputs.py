@@ -1,8 +1,4 @@
-"""What a log tells an estimator beside its samples: facts about its parameters, and aids.
-
-Estimators know no log and no firmware: here the log's own names and clocks become the
-plain numbers of :class:`~attlog.estimators.LogFacts` and :class:`~attlog.estimators.Aids`.
-"""
+"""Inputs of an estimator beside its samples: logged parameters and aids, as plain numbers without log or firmware."""
 
 from __future__ import annotations
 
@@ -18,12 +14,12 @@ from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
 FIX_3D = 3
+# Shortest rest whose noise is measured.
 LEAST_REST_S = 2.0
-"""Less rest than this measures no noise."""
 
 
 def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: float | None = None) -> LogFacts:
-    """The numeric parameters at the first IMU sample, and what is known for the replay of ``imu``."""
+    """Return numeric parameters at the first IMU sample, and rates, noise and declination for a replay of ``imu``."""
     values = {name: log.param(name) for name in log.parameters.lines if name not in log.parameters.filled}
     gyro, acc, seconds = noise_at_rest(imu, segments)
     info = LogInfo(
@@ -46,10 +42,10 @@ def forward_of(kind: VehicleKind) -> bool | None:
 
 
 def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | None, float]:
-    """White noise densities of gyro [rad/s/sqrt(Hz)] and accelerometer [m/s^2/sqrt(Hz)], and the seconds of rest used.
+    """Fit white noise densities of gyro (rad/s/sqrt(Hz)) and accelerometer (m/s^2/sqrt(Hz)); seconds of rest used.
 
-    From differences of neighbouring samples, which a slow drift does not reach: their
-    variance is 2 n^2 / dt. Mean of the axes' variances over all rest; None with less than 2 s.
+    The variance of differences of neighbouring samples is 2 n^2 / dt, whatever the drift. Mean of the axes' variances
+    over all rest; None with less than 2 s.
     """
     t = imu.gyro.t_best
     rest = spans.inside(t, segments.spans("rest"))
@@ -70,9 +66,9 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
 def aids_of(
     log: FlightLog, segments: Segments, imu: Imu | None = None, field: earth.MagneticField | None = None
 ) -> Aids:
-    """The aids that a log holds, on its clock: the first receiver with a 3D fix, barometer, airspeed, times at rest.
+    """Return the aids of a log on its clock: first receiver with a 3D fix, barometer, airspeed, times at rest.
 
-    ``imu`` is the unit that is replayed, whose filters' lag is told; ``field`` the earth's field there.
+    ``imu``: the replayed unit, whose filters' lag is an aid; ``field``: the earth's field there.
     """
     receiver = receiver_of(log)
     height = next((_measured(b.t_best, b.x) for b in log.baro if b.unit == "m" and len(b.t) > 1), None)
@@ -91,18 +87,18 @@ def aids_of(
 
 
 def receiver_of(log: FlightLog) -> Gnss | None:
-    """The first receiver with a 3D fix; None where there is none."""
+    """Return the first receiver with a 3D fix, None without any."""
     return next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
 
 
 def field_of(mag: Mag) -> Measurements | None:
-    """A magnetometer at its own times; None where it tells nothing."""
+    """Return a magnetometer at its own times, None without a finite sample."""
     whole = np.isfinite(mag.field.x).all(axis=1)
     return _measured(mag.field.t_best[whole], mag.field.x[whole])
 
 
 def _lag(stream: Stream) -> float:
-    """The known lag of a stream's low-pass filter in s; damaged parameters may tell any."""
+    """Return the known lag of a stream's low-pass filter in s, limited: damaged parameters may give any."""
     return float(np.clip(stream.delay, 0.0, 0.99 * LONGEST_LAG_S))
 
 
@@ -119,7 +115,7 @@ def _velocity(g: Gnss) -> Measurements | None:
 
 
 def _measured(t: Array, x: Array, sigma: Array | None = None) -> Measurements | None:
-    """Samples that tell something, in the order of time, of equal times the first; None if there are none."""
+    """Return finite samples in the order of time, of equal times the first; None without any."""
     x = np.array(x, np.float64)
     x = x[:, 0] if x.ndim == 2 and x.shape[1] == 1 else x
     x[~np.isfinite(x)] = np.nan

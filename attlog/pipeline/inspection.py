@@ -1,4 +1,4 @@
-"""What ``attlog info`` tells of a log, as plain values."""
+"""Contents, checks and findings of a log without filters, as plain values: ``attlog info``."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from attlog.pipeline import evaluation
 from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages
 
+# Shortest span of records with a rate.
 SHORTEST_S = 1.0
-"""Records that span less have no rate."""
 
 
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -> dict[str, Any]:
-    """Contents, physics checks, answerable questions and findings of a log.
+    """Inspect a log: contents, physics checks, answerable questions and findings.
 
     Keys: ``log``, ``headline`` and ``events`` (what happened), ``messages`` of the boot (name, instance, records,
     rate_hz, fields; the rate is None without times and for records within one second), ``compared_with`` (what an
@@ -55,7 +55,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
 
 
 def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
-    """The messages of the log that is looked at, how many records they have and how many a second."""
+    """Return the messages of a log with their number of records and rate."""
     messages.forget()
     stamps = table_time_span(messages, system)
     return [
@@ -71,13 +71,12 @@ def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
 
 
 def _damage(messages: Messages) -> dict[str, Any]:
-    """How much of the file is not usable, and where."""
+    """Return how much of the file is not usable, and where."""
     return {"bytes": messages.damage_bytes, "count": messages.damage_places, "places": to_plain(messages.damage)}
 
 
 def _rate(count: int, ends: tuple[int, int] | None) -> float | None:
-    """Intervals per second of ``count`` records from the first to the last boot time in us; None for a burst, such as
-    definitions."""
+    """Return the rate of ``count`` records between two boot times in us; None for a burst, such as definitions."""
     if ends is None or count < 2:
         return None
     span = (float(ends[1]) - float(ends[0])) / 1e6

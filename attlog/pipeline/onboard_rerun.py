@@ -1,4 +1,4 @@
-"""The onboard filter run again as a row, and how closely it follows what flew."""
+"""Run the onboard filter again as a row, and measure how closely it follows what flew."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from attlog.metrics.reproduction import DIFFERENCE, rerun_traces
 from attlog.metrics.trace import Trace
 from attlog.reference import alignment
 from attlog.reference.model import Reproduction, Track
-from attlog.result import EstimatorRow, ParameterValue
+from attlog.result import EstimatorRow
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def flown_filter(log: FlightLog) -> str:
 
 @per_case
 def inputs_of(case: Case, unit: str) -> Any:
-    """What the onboard filter was given, of the core on an IMU where a log holds several. UsageError without it."""
+    """Read the inputs of the onboard filter, of the core on an IMU where a log holds several. UsageError without."""
     read = case.log.estimator.inputs
     if read is None:
         raise UsageError("An onboard filter is run again only on a log of PX4 that EKF2 flew, or ArduPilot and EKF3.")
@@ -66,14 +66,14 @@ def inputs_of(case: Case, unit: str) -> Any:
 
 @per_case
 def gnss_rate_of(case: Case, _: str) -> float | None:
-    """The receiver's rate on board, fitted once with the parameters that flew."""
+    """Fit the receiver's rate on board, once, with the parameters that flew."""
     from attlog.estimators.ekf2.run import fitted_gnss_rate
 
     return fitted_gnss_rate(inputs_of(case, ""), *_field(case.log))
 
 
 def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
-    """Declination, inclination (rad) and strength (gauss) of the world model, and the latitude in deg."""
+    """Return declination, inclination (rad) and strength (gauss) of the world model, and the latitude in deg."""
     fixes = [g for g in log.gnss if np.isfinite(g.lat).any()]
     latitude = float(np.nanmedian(fixes[0].lat)) if fixes else 0.0
     model = alignment.earth_field(log)
@@ -109,11 +109,9 @@ def rerun_row(
     row.imu, row.ns_per_update, row.aux = imu, None, dict(estimate.aux)
     row.aux[DIFFERENCE] = onboard_difference(case, estimate)
     row.reproduction = None if changes or field_error_ut is not None else reproduction(case, estimate, found.start)
-    known = {p.name: p for p in spec.estimator.parameters}
-    parameters = {k: ParameterValue(v, "option", known[k].unit, known[k].meaning) for k, v in spec.params.items()}
     from attlog.pipeline.replay import table_row
 
-    return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
+    return row, table_row(row, spec, {name: (value, "option") for name, value in spec.params.items()})
 
 
 def run_again(

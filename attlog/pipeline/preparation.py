@@ -1,4 +1,4 @@
-"""The stages of an analysis: said when they begin, timed, and followed by giving their memory back."""
+"""Stages of an analysis with their time, and the part of its configuration that chooses sensors and reference."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from attlog.flight.model import FlightLog, Imu
 from attlog.pipeline.config import Config
 from attlog.segments.model import WINDOWS, Segments
 
+# Receives the name of each stage as it begins.
 STAGES = logging.getLogger("attlog.stages")
-"""Tells what is being done; who wants to know adds a handler."""
 SENTENCES = {
     "read": "reading the log",
     "segments": "finding rest and flight",
@@ -30,10 +30,9 @@ SENTENCES = {
 
 
 class Stages:
-    """Seconds of wall time by stage, added to those of earlier ones; a stage within another counts for itself.
+    """Seconds of wall time by stage, added to earlier ones; a stage within another is not counted twice.
 
-    ``samples``: how many inertial samples the log has, once it was read: what a stage freed goes back to the system
-    where they are many.
+    ``samples``: number of inertial samples, once known: a stage of a long log gives freed memory back to the system.
     """
 
     def __init__(self, earlier: Mapping[str, float] | None = None, samples: int = 0) -> None:
@@ -58,7 +57,7 @@ class Stages:
 
 
 def flight_of(source: str | Path | FlightLog, config: Config) -> FlightLog:
-    """The flight with the configured sensors and truth. Errors as of :func:`attlog.analyze`."""
+    """Return the flight with the configured sensors and truth. Errors as of :func:`attlog.analyze`."""
     log = _given(source, config) if isinstance(source, FlightLog) else _read(source, config)
     if config.truth is None:
         return log
@@ -69,14 +68,14 @@ def flight_of(source: str | Path | FlightLog, config: Config) -> FlightLog:
 
 
 def require_imu(log: FlightLog) -> None:
-    """LogUnusable for a log that cannot be replayed, with the reason."""
+    """Raise LogUnusable for a log that cannot be replayed, with the reason."""
     if log.imu is None:
         reasons = [p.text for p in log.problems if p.severity == "error"]
         raise LogUnusable(f"{log.path}: " + (" ".join(reasons) or "no inertial data: nothing to replay"))
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:
-    """The flight in a file. UsageError for a sensor that the log does not hold."""
+    """Read the flight in a file. UsageError for a sensor that the log does not hold."""
     imu = config.imu if isinstance(config.imu, int) else None
     log = read(path, imu=imu, mag=config.mag, boot=config.boot, system=config.system, params=config.params)
     for what, asked, units in (("imu", imu, log.imus), ("mag", config.mag, log.mags)):
@@ -87,7 +86,7 @@ def _read(path: str | Path, config: Config) -> FlightLog:
 
 
 def _given(log: FlightLog, config: Config) -> FlightLog:
-    """A flight that was read before. UsageError for settings that reading it would have needed."""
+    """Return a flight that was read before. UsageError for settings that only reading can serve."""
     chosen = {"boot": log.boot, "imu": None if log.imu is None else log.imus[log.imu].index}
     chosen["mag"] = None if log.mag is None else log.mags[log.mag].index
     for name in ("boot", "imu", "mag", "system", "params"):
@@ -98,7 +97,7 @@ def _given(log: FlightLog, config: Config) -> FlightLog:
 
 
 def units(log: FlightLog, config: Config) -> dict[str, Imu]:
-    """The units to replay, by what their rows are called after the estimator's name."""
+    """Return the units to replay by the suffix of their rows."""
     assert log.imu is not None
     if config.imu != "all":
         return {"": log.imus[log.imu]}
@@ -106,7 +105,7 @@ def units(log: FlightLog, config: Config) -> dict[str, Imu]:
 
 
 def windows(config: Config, segments: Segments) -> tuple[str, ...]:
-    """The standard windows and the one asked for. UsageError for an unknown one."""
+    """Return the standard windows and the configured one. UsageError for an unknown one."""
     if config.window is None or config.window in WINDOWS:
         return WINDOWS
     try:
@@ -117,7 +116,7 @@ def windows(config: Config, segments: Segments) -> tuple[str, ...]:
 
 
 def reference_options(config: Config) -> reference.ReferenceOptions:
-    """The part of a configuration that choosing and aligning the reference needs."""
+    """Return the options of choosing and aligning the reference."""
     return reference.ReferenceOptions(
         reference=config.reference,
         clock=config.clock,

@@ -1,4 +1,4 @@
-"""Running estimators over a Case: each as a row of attitudes, aligned, and as a line of the result's table."""
+"""Run estimators over a Case: each as an aligned track and as a row of the result's table."""
 
 from __future__ import annotations
 
@@ -27,34 +27,33 @@ from attlog.result import EstimatorRow, ParameterValue
 from attlog.segments import model
 from attlog.segments.model import Segments
 
+# Receives the name of each filter as it starts.
 STAGES = logging.getLogger("attlog.stages")
-"""Tells which filter is being run; who wants to know adds a handler."""
-
+# Both firmwares use a heading by GNSS motion below this sigma (EKFGSF_yaw_err_max, GSF_YAW_ACCURACY_THRESHOLD_DEG).
 KNOWN_RAD = np.deg2rad(15.0)
-"""Both firmwares use a heading by GNSS motion below this sigma (EKFGSF_yaw_err_max, GSF_YAW_ACCURACY_THRESHOLD_DEG)."""
 
 
 class Runnable(Protocol):
-    """What stands for a filter's name where more is to be said: what comes before it, or whose attitude it is."""
+    """A row that is more than a filter by its name: with changed inputs, or an attitude from elsewhere."""
 
     @property
     def name(self) -> str:
-        """What the row is called."""
+        """Name of the row."""
 
     @property
     def row(self) -> estimators.EstimatorSpec:
         """The filter that runs."""
 
     def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Track, EstimatorRow]:
-        """The row of one unit, and its line of the table; ``suffix`` follows its name. AttlogError if it fails."""
+        """Return track and table row of one unit; ``suffix`` follows the name. AttlogError if it fails."""
 
 
+# A row to run, or the error of a plug-in that cannot be loaded.
 Chosen: TypeAlias = estimators.EstimatorSpec | Runnable | PluginError
-"""What is to be run, or why it cannot be."""
 
 
 def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
-    """The aligned attitudes of the named estimators only; the first failure is raised."""
+    """Return the aligned attitudes of the named estimators; the first failure is raised."""
     rows = []
     for suffix, imu in case.imus.items():
         for spec in chosen(specs, case.log).values():
@@ -67,12 +66,10 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
 def smoother(
     log: FlightLog, segments: Segments, options: reference.ReferenceOptions, *, compass: bool = True
 ) -> Estimate:
-    """What the whole-run smoother finds in the IMU that flew, from both sides of each moment.
+    """Run the whole-log smoother on the IMU that flew, a segment between gaps and impacts at a time.
 
-    It knows the lag of the IMU's filters, gives the attitude of each stamp itself and does not share that lag. Each
-    segment between gaps, impacts and losses of control stands for itself; those that fail their own checks are left
-    out. UsageError where that leaves too little, for a log too long, or without accelerometer. Not ``compass``: as if
-    the log held none.
+    It corrects the lag of the IMU's filters. Segments that fail their own checks are left out; ``compass`` False: as if
+    the log held none. UsageError where too little is left, for a log too long, or without accelerometer.
     """
     imu = log.replay_imu
     asked = options.reference != "auto"
@@ -109,7 +106,7 @@ def smoother(
 def replays(
     case: Case, specs: Mapping[str, Chosen], failed: dict[str, AttlogError] | None = None
 ) -> Iterator[tuple[Track | None, EstimatorRow]]:
-    """Each chosen estimator as a row; one that fails is a table row with status ``failed``.
+    """Yield each chosen estimator as track and table row; a failed one has no track and status ``failed``.
 
     ``failed`` takes the errors by the rows' names.
     """
@@ -118,20 +115,22 @@ def replays(
             kind = "rerun" if is_rerun(spec) else "replay"
             if kind == "rerun" and imu is not case.log.replay_imu:
                 continue  # it flew on one unit
+
+            def bug(sentence: str, name: str = name + suffix, kind: str = kind) -> tuple[None, EstimatorRow]:
+                return None, EstimatorRow(name, kind, name, "failed", sentence)
+
             try:
                 if isinstance(spec, PluginError):
                     raise spec
-                yield guarded(
-                    name, partial(_run, case, imu, spec, suffix, whole=False), partial(_bug, name + suffix, kind)
-                )
+                yield guarded(name, partial(_run, case, imu, spec, suffix, whole=False), bug)
             except AttlogError as error:
                 if failed is not None:
                     failed[name + suffix] = error
-                yield None, _failed(name + suffix, kind, error)
+                yield bug(str(error))
 
 
 def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
-    """A row of :func:`replays` once more, by its name, now that all of it is wanted. AttlogError as there."""
+    """Run a row of :func:`replays` once more with all that its estimator gives. AttlogError as there."""
     imu, spec, suffix = next(
         (imu, spec, suffix) for suffix, imu in case.imus.items() for n, spec in specs.items() if n + suffix == name
     )
@@ -140,13 +139,8 @@ def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
     return _run(case, imu, spec, suffix)[0]
 
 
-def _bug(name: str, kind: str, sentence: str) -> tuple[None, EstimatorRow]:
-    """The row of an estimator whose replay ended in a bug."""
-    return None, _failed(name, kind, AttlogError(sentence))
-
-
 def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]:
-    """Name -> row to run, each once; a plug-in that cannot be loaded is its error. UsageError for unknown names.
+    """Return rows to run by name; a plug-in that cannot be loaded is its error. UsageError for unknown names.
 
     The sets ``default`` and ``all`` begin with the filter that flew.
     """
@@ -169,29 +163,27 @@ def rerun_by_default(specs: Sequence[str | Runnable], log: FlightLog) -> str:
     """Return the filter that flew where a set asks for it; empty where it is named itself or attlog has none."""
     from attlog.pipeline.onboard_rerun import flown_filter  # most logs have one, `attlog info` needs none
 
-    named = {
-        item for specification in specs if isinstance(specification, str) for item in estimators.items(specification)
-    }
+    named = {item for text in specs if isinstance(text, str) for item in estimators.items(text)}
     flown = flown_filter(log) if named & {"default", "all"} else ""
     return "" if flown in named else flown
 
 
 @per_case
 def facts(case: Case, suffix: str) -> estimators.LogFacts:
-    """What the log tells about parameters of filters that replay this unit."""
+    """Return the logged parameters and facts for filters that replay a unit."""
     return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.alignment.declination_deg)
 
 
 @per_case
 def aids_of(case: Case, suffix: str) -> estimators.Aids:
-    """What the log holds beside inertial and magnetic samples, for filters that replay this unit."""
+    """Return the logged aids for filters that replay a unit."""
     return inputs.aids_of(case.log, case.segments, case.imus[suffix], alignment.earth_field(case.log))
 
 
 def _run(
     case: Case, imu: Imu, spec: estimators.EstimatorSpec | Runnable, suffix: str, whole: bool = True
 ) -> tuple[Track, EstimatorRow]:
-    """One estimator over one IMU as the log has it, or as the runnable wants it; ``whole`` as :func:`replayed`."""
+    """Run one estimator over one unit; ``whole`` as of :func:`replayed`."""
     STAGES.info("running %s", spec.name)
     if not isinstance(spec, estimators.EstimatorSpec):
         return spec.run(case, imu, suffix)
@@ -202,8 +194,7 @@ def _run(
 
         return rerun_row(case, imu, spec, spec.name + suffix)
     mag = None if case.log.mag is None else case.log.mags[case.log.mag]
-    told, aids = facts(case, suffix), aids_of(case, suffix)
-    return replayed(case, imu, mag, spec, told, aids, spec.name + suffix, whole)
+    return replayed(case, imu, mag, spec, facts(case, suffix), aids_of(case, suffix), spec.name + suffix, whole)
 
 
 def is_rerun(spec: Chosen) -> bool:
@@ -218,10 +209,10 @@ def is_recorded(spec: estimators.EstimatorSpec) -> bool:
 
 def recorded_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str) -> tuple[Track, EstimatorRow]:
     """Return an external attitude as a row. Errors as of :func:`attlog.external.attitude.read_attitude`."""
-    values = spec.resolved()
-    asked = {k: v for k, (v, _) in values.items()}
     from attlog.external import attitude  # no other row needs it
 
+    values = spec.resolved()
+    asked = {k: v for k, (v, _) in values.items()}
     estimate = attitude.read_attitude(Path(spec.estimator.origin), case.log, imu, asked)
     row = reference.replayed(
         case.log,
@@ -234,9 +225,7 @@ def recorded_row(case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str
         uses_mag=asked["north"] == "yes",
     )
     row.imu, row.ns_per_update, row.quality = imu, None, dict(estimate.quality)
-    known = {p.name: p for p in spec.estimator.parameters}
-    parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in values.items()}
-    return row, table_row(row, spec.estimator.name, None, parameters, spec.estimator.title)
+    return row, table_row(row, spec, values)
 
 
 def replayed(
@@ -244,60 +233,113 @@ def replayed(
     imu: Imu,
     mag: Mag | None,
     spec: estimators.EstimatorSpec,
-    told: estimators.LogFacts,
+    known: estimators.LogFacts,
     aids: estimators.Aids,
     name: str,
     whole: bool = True,
 ) -> tuple[Track, EstimatorRow]:
-    """Run one estimator over the samples of a unit and a magnetometer, and align what comes out.
+    """Run one estimator over the samples of a unit and a magnetometer, and align its attitude.
 
-    Not ``whole``: without what it tells beside attitude and bias, which no metric looks at, and which in a long log is
-    as large as the attitude.
+    ``whole`` False drops its other outputs (``aux``), which no metric reads and which are as large as the attitude.
     """
-    log, ref = case.log, case.reference
-    uses_mag = mag is not None and "mag" in spec.estimator.uses
-    resolved = spec.resolved(told)
-    t = imu.gyro.t_best if ref.alignment.clock == "sample" else imu.gyro.t
+    t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
         spec,
         t,
         case.gyro_of(imu),
         imu.acc.x,
-        estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
+        _placed(mag, spec.estimator, t),
         sampling=imu.gyro.sampling,
         dt=imu.dt,
         aids=_with_field(aids, spec.estimator, mag),
-        log=told,
+        log=known,
     )
-    north_by_gnss = "gnss" in spec.estimator.needs and wait_for_motion(estimate)
     if np.array_equal(estimate.t, t):
         estimate.t = t  # one array for all rows: in long logs copies add up
+    values = spec.resolved(known)
+    row = _track(case, imu, mag, spec, values, estimate, name, whole)
+    row.equation = spec.estimator.equation
+    return row, table_row(row, spec, values)
+
+
+def batch(
+    case: Case,
+    imu: Imu,
+    mag: Mag | None,
+    spec: estimators.EstimatorSpec,
+    settings: Sequence[Mapping[str, float | str]],
+    known: estimators.LogFacts,
+    aids: estimators.Aids,
+) -> list[Track]:
+    """Run one filter with many parameter sets side by side; each track as :func:`replayed` gives it alone.
+
+    ``settings`` are laid over the parameters of ``spec``. UsageError for values out of range or a missing sensor that
+    the filter needs, PluginError of a plug-in.
+    """
+    from attlog.estimators.batch import estimate_batch
+
+    estimator = spec.estimator
+    if "mag" in estimator.needs and mag is None:
+        raise UsageError(f"{estimator.name} needs a magnetometer; the log holds none")
+    if "gnss" in estimator.needs and aids.velocity is None:
+        raise UsageError(f"{estimator.name} needs gnss, which was not given")
+    STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
+    t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
+    sets = [estimators.EstimatorSpec(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
+    found = estimate_batch(
+        estimator,
+        [one.params for one in sets],
+        t,
+        case.gyro_of(imu),
+        imu.acc.x,
+        _placed(mag, estimator, t),
+        preset=spec.preset,
+        sampling=imu.gyro.sampling,
+        dt=imu.dt,
+        aids=_with_field(aids, estimator, mag),
+        log=known,
+    )
+    return [
+        _track(case, imu, mag, one, one.resolved(known), estimate, one.name, whole=False)
+        for one, estimate in zip(sets, found, strict=True)
+    ]
+
+
+def _track(
+    case: Case,
+    imu: Imu,
+    mag: Mag | None,
+    spec: estimators.EstimatorSpec,
+    values: Mapping[str, tuple[float | str, str]],
+    estimate: Estimate,
+    name: str,
+    whole: bool,
+) -> Track:
+    """Return an estimate as an aligned track of a unit."""
+    estimator = spec.estimator
+    north_by_gnss = "gnss" in estimator.needs and wait_for_motion(estimate)
     if not whole:
         estimate.aux = {}
     row = reference.replayed(
-        log,
+        case.log,
         case.segments,
-        ref,
+        case.reference,
         estimate,
         name=name,
-        estimator=spec.estimator.origin if spec.estimator.origin.endswith(".py") else spec.estimator.name,
-        parameters={k: v for k, (v, _) in resolved.items()},
-        uses_mag=uses_mag,
+        estimator=estimator.origin if estimator.origin.endswith(".py") else estimator.name,
+        parameters={k: v for k, (v, _) in values.items()},
+        uses_mag=mag is not None and "mag" in estimator.uses,
         north_by_gnss=north_by_gnss,
     )
-    row.imu = imu
-    row.equation = spec.estimator.equation
-    row.quality, row.aux = dict(estimate.quality), dict(estimate.aux)
+    row.imu, row.quality, row.aux = imu, dict(estimate.quality), dict(estimate.aux)
     _add_common_bias(row, case.bias_of(imu))
-    known = {p.name: p for p in spec.estimator.parameters}
-    parameters = {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in resolved.items()}
-    return row, table_row(row, spec.estimator.name, spec.preset, parameters, spec.estimator.title)
+    return row
 
 
 def wait_for_motion(estimate: Estimate) -> bool:
-    """Mark the time until GNSS motion told a heading, in each segment. Whether the filter says how sure it is of it.
+    """Mark the time until GNSS motion gives a heading, in each segment; False where the filter reports no sigma.
 
-    UsageError where no motion ever told one: such a row would leave no time in which all rows can be compared.
+    UsageError where no motion ever gave one: such a row would leave no time in which all rows can be compared.
     """
     sigma = estimate.aux.get("sigma_heading")
     if sigma is None or estimate.segment is None or not len(sigma):
@@ -312,15 +354,20 @@ def wait_for_motion(estimate: Estimate) -> bool:
     return True
 
 
+def _placed(mag: Mag | None, estimator: estimators.Estimator, t: alignment.Array) -> alignment.Array | None:
+    """Return the magnetometer at the IMU's samples, None for a filter that does not use it."""
+    return estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and "mag" in estimator.uses else None
+
+
 def _with_field(aids: estimators.Aids, estimator: estimators.Estimator, mag: Mag | None) -> estimators.Aids:
-    """The aids with the magnetometer at its own times, which whole runs of plug-ins are told."""
+    """Return the aids; for whole runs of plug-ins with the magnetometer at its own times."""
     if mag is None or estimator.run is None or estimator.origin == "attlog" or "mag" not in estimator.uses:
         return aids
     return replace(aids, mag=inputs.field_of(mag))
 
 
 def _add_common_bias(row: Track, taken: CommonBias) -> None:
-    """The row's bias as all that it takes off the logged gyro: what was subtracted for everybody, and its own."""
+    """Add what was subtracted for every filter to the row's bias: then it is all that it takes off the logged gyro."""
     row.estimates_bias = row.bias is not None and bool(np.any(row.bias))
     if row.bias is not None and not row.estimates_bias:
         row.bias = taken.at(row.t)  # a constant takes no memory
@@ -330,21 +377,20 @@ def _add_common_bias(row: Track, taken: CommonBias) -> None:
 
 def table_row(
     row: Track,
-    estimator: str = "",
-    preset: str | None = None,
-    parameters: dict[str, ParameterValue] | None = None,
-    title: str = "",
+    spec: estimators.EstimatorSpec | None = None,
+    values: Mapping[str, tuple[float | str, str]] | None = None,
 ) -> EstimatorRow:
-    """A row as the result lists it, its answers still empty."""
+    """Return a track as the result lists it, its answers still empty; an onboard one has no ``spec``."""
+    known = {} if spec is None else {p.name: p for p in spec.estimator.parameters}
     return EstimatorRow(
         row.name,
         row.kind,
-        estimator,
+        "" if spec is None else spec.estimator.name,
         row.status,
         row.reason,
-        title,
-        preset,
-        parameters or {},
+        row.estimator if spec is None else spec.estimator.title,
+        None if spec is None else spec.preset,
+        {k: ParameterValue(v, origin, known[k].unit, known[k].meaning) for k, (v, origin) in (values or {}).items()},
         row.is_reference,
         row.causal,
         row.uses_mag,
@@ -357,75 +403,10 @@ def table_row(
     )
 
 
-def _failed(name: str, kind: str, error: AttlogError) -> EstimatorRow:
-    return EstimatorRow(name, kind, name, "failed", str(error))
-
-
-def batch(
-    case: Case,
-    imu: Imu,
-    mag: Mag | None,
-    spec: estimators.EstimatorSpec,
-    settings: Sequence[Mapping[str, float | str]],
-    told: estimators.LogFacts,
-    aids: estimators.Aids,
-) -> list[Track]:
-    """The rows of one filter with many parameter sets, run side by side over the samples of a unit.
-
-    Each as :func:`replayed` gives it alone; ``settings`` are laid over the parameters of ``spec``. UsageError for
-    values out of range or a sensor that the filter needs and the log has not, PluginError of a plug-in.
-    """
-    from attlog.estimators.batch import estimate_batch
-
-    log, ref, estimator = case.log, case.reference, spec.estimator
-    if "mag" in estimator.needs and mag is None:
-        raise UsageError(f"{estimator.name} needs a magnetometer; the log holds none")
-    if "gnss" in estimator.needs and aids.velocity is None:
-        raise UsageError(f"{estimator.name} needs gnss, which was not given")
-    uses_mag = mag is not None and "mag" in estimator.uses
-    STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
-    t, taken = imu.gyro.t_best if ref.alignment.clock == "sample" else imu.gyro.t, case.bias_of(imu)
-    chosen = [estimators.EstimatorSpec(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
-    found = estimate_batch(
-        estimator,
-        [row.params for row in chosen],
-        t,
-        case.gyro_of(imu),
-        imu.acc.x,
-        estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses_mag else None,
-        preset=spec.preset,
-        sampling=imu.gyro.sampling,
-        dt=imu.dt,
-        aids=_with_field(aids, estimator, mag),
-        log=told,
-    )
-    rows = []
-    for one, estimate in zip(chosen, found, strict=True):
-        row = reference.replayed(
-            log,
-            case.segments,
-            ref,
-            estimate,
-            name=one.name,
-            estimator=estimator.origin if estimator.origin.endswith(".py") else estimator.name,
-            parameters={k: v for k, (v, _) in one.resolved(told).items()},
-            uses_mag=uses_mag,
-            north_by_gnss="gnss" in estimator.needs and wait_for_motion(estimate),
-        )
-        row.imu = imu
-        row.quality = dict(estimate.quality)
-        _add_common_bias(row, taken)
-        rows.append(row)
-    return rows
-
-
-# Compiled loops of filters, loaded before a process forks others that then have them.
-
-
 def preload(specs: Sequence[str]) -> None:
-    """Load the compiled loops of built-in filters into this process, which then forks others that have them.
+    """Load the compiled loops of built-in filters into a process before it forks.
 
-    Others are left out: their code runs where a log is analysed. What fails here fails there, and is told.
+    Plug-ins are left out: their code runs where a log is analysed. A failure here is reported there.
     """
     t = np.arange(100) * 0.004
     rest = (np.zeros((t.size, 3)), np.tile([0.0, 0.0, -9.80665], (t.size, 1)), np.tile([2e-5, 0.0, 4e-5], (t.size, 1)))

@@ -1,4 +1,4 @@
-"""What a log is, in one dictionary: the ``log`` part of the result and of ``attlog info``."""
+"""Description of a log in one dictionary: the ``log`` part of the result and of ``attlog info``."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from attlog.segments.model import Segments
 
 
 def sha256(path: Path) -> str:
-    """The file's SHA-256 as hex text; read in blocks, so that size does not matter. LogUnreadable if it cannot be."""
+    """Return the SHA-256 of a file (hex). LogUnreadable if it cannot be read."""
     try:
         with open(path, "rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -24,9 +24,9 @@ def sha256(path: Path) -> str:
 
 
 def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:
-    """Aircraft, sensors, times and time lines of a flight as plain values; absent things are None.
+    """Describe aircraft, sensors, times and time lines of a flight as plain values; absent ones are None.
 
-    What ends in a bug is absent too, and a problem of the log. LogUnreadable where the file is gone meanwhile.
+    A part that ends in a bug is absent, and a problem of the log. LogUnreadable where the file is gone meanwhile.
     """
 
     def part(what: str, make: Callable[[], Any], absent: Any) -> Any:
@@ -84,16 +84,16 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
 
 
 def _date(log: FlightLog) -> str | None:
-    """When the log begins, by GNSS."""
+    """Return the start of the log by GNSS time."""
     if log.utc_offset is None:
         return None
     return datetime.fromtimestamp(log.utc_offset, UTC).isoformat(timespec="seconds")
 
 
 def _params(log: FlightLog) -> dict[str, float]:
-    """The values that parameters begin with; where the log tells defaults, of those alone that differ from theirs.
+    """Return the first value of each parameter; where defaults are logged only those that differ.
 
-    ULog tells no default of a parameter that has it.
+    ULog holds no default of a parameter that has it.
     """
     found = {name: value for name in sorted(log.parameters.lines) if (value := log.param(name)) is not None}
     if not log.parameters.defaults:
@@ -105,10 +105,7 @@ def _params(log: FlightLog) -> dict[str, float]:
 
 
 def place(log: FlightLog) -> dict[str, float] | None:
-    """Where the flight was, and how fast the earth turns a heading there; None without a fix.
-
-    The median of the fixes of the first receiver that has any.
-    """
+    """Return the median place of the first receiver with a fix, and the earth's turn there; None without a fix."""
     import numpy as np
 
     for receiver in log.gnss:
@@ -132,7 +129,7 @@ def _sensor(stream: Stream) -> dict[str, Any]:
 
 
 def _intervals(line: TimeLine | None, end: float) -> list[list[Any]]:
-    """[[t0, t1, value], ...] without repeats of the same value."""
+    """Return [[t0, t1, value], ...] without repeats of the same value."""
     out: list[list[Any]] = []
     if line is None:
         return out
@@ -146,7 +143,7 @@ def _intervals(line: TimeLine | None, end: float) -> list[list[Any]]:
 
 
 def _changed(log: FlightLog) -> dict[str, list[Any]]:
-    """Parameters that differ from their default where the log tells defaults: name -> [value, default]."""
+    """Return parameters that differ from their logged default: name -> [value, default]."""
     out = {}
     for name, line in sorted(log.parameters.lines.items()):
         default = log.parameters.defaults.get(name)
