@@ -219,13 +219,21 @@ def limit_states(f: Filter, par: Parameters, known: Known, w: Work) -> None:
 
 
 def reset_heading(f: Filter, turn: float, variance: float) -> None:
-    """Turn the filter and its outputs about the vertical; tilt keeps its variance, correlations go."""
-    c = f.c
+    """Turn the filter and its outputs about the vertical; tilt keeps its variance, correlations go.
+
+    The firmware turns the variances to body axes and drops what is off the diagonal there: a tilted vehicle becomes
+    unsure of its tilt.
+    """
+    c, P, r = f.c, f.P, f.r
     tilt = 0.5 * tilt_variance(f)
     turn_heading(f, turn)
-    forget_rows(f.P, TH, 2, tilt)
-    forget_rows(f.P, TH + 2, 1, variance)
-    rotation(f.x, f.r)
+    rotation(f.x, r)
+    forget_rows(P, TH, 3, 0.0)
+    for k in range(3):
+        body = (r[0, k] ** 2 + r[1, k] ** 2) * tilt + r[2, k] ** 2 * variance
+        for i in range(3):
+            for j in range(3):
+                P[TH + i, TH + j] += r[i, k] * body * r[j, k]
     c[YAW] = 1.0
     if c[IN_FLIGHT] > 0.0:
         c[FINAL_YAW] = 1.0

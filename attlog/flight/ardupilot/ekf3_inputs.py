@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 
 # 20 Hz of IMU still give 0.3 deg; below, motion between two samples is lost.
 MIN_IMU_RATE_HZ = 20.0
+# Value of AHRS_EKF_TYPE with which EKF3 flies.
+EKF3_TYPE = 3.0
 # Bits of XKF4.SS (nav_filter_status): relative and absolute horizontal position.
 RELATIVE_BIT, ABSOLUTE_BIT = 3, 4
 # Share of the log's time from which on relative aiding counts as flown.
@@ -321,6 +323,8 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
                 "EKF2 of ArduPilot flew: run again it differs by 0.9° tilt and 2.5° heading, so it is not offered."
             )
         raise UsageError("EKF3 cannot be run again: the log holds no XKF1 record.")
+    if values.get("AHRS_EKF_TYPE", 3.0) != EKF3_TYPE:
+        raise UsageError("EKF3 did not fly this log (AHRS_EKF_TYPE): there is nothing to compare its re-run with.")
     core = core_of(builder, unit)
     unit = unit_of_core(builder, "XK", core, sorted(builder.units("XKF1")))
     imu = _imu(log, unit)
