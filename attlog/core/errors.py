@@ -109,7 +109,7 @@ def worst_exit_code(codes: Iterable[int]) -> int:
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """True if an error or its cause is a lack of memory."""
+    """Return whether an error or its cause is a lack of memory."""
     at: BaseException | None = error
     while at is not None:
         if isinstance(at, MemoryError) or (isinstance(at, OSError) and at.errno == errno.ENOMEM):
@@ -121,7 +121,7 @@ def is_out_of_memory(error: BaseException) -> bool:
 
 
 def is_out_of_processes(error: BaseException) -> bool:
-    """True if no thread or process could be started."""
+    """Return whether no thread or process could be started."""
     if isinstance(error, RuntimeError):
         return str(error) == "can't start new thread"
     return isinstance(error, OSError) and error.errno == errno.EAGAIN

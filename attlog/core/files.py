@@ -31,7 +31,7 @@ DISK_FULL_ERRNOS = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """True if the file system takes no more data, not only this file."""
+    """Return whether the file system takes no more data, not only this file."""
     return isinstance(error, OSError) and error.errno in DISK_FULL_ERRNOS
 
 
@@ -125,7 +125,7 @@ def open_atomic(path: Path) -> Iterator[BinaryIO]:
 
 
 def is_special(path: Path) -> bool:
-    """True for a device, pipe, socket, or name of an open file."""
+    """Return whether a path is a device, pipe, socket, or name of an open file."""
     try:
         mode = path.stat().st_mode
         if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
@@ -284,7 +284,7 @@ def installed_version(package: str) -> str:
 
 
 def is_private_folder(folder: Path) -> bool:
-    """True if the folder is writable, and by this user alone."""
+    """Return whether the folder is writable, and by this user alone."""
     try:
         # One by one: with ``parents=True`` folders get the rights of the umask, on many systems writable by the group.
         for above in reversed([path for path in folder.parents if not path.exists()]):
@@ -299,7 +299,7 @@ def is_private_folder(folder: Path) -> bool:
 
 
 def _is_unmovable(above: Path) -> bool:
-    """True if no other user can replace a folder below (POSIX; elsewhere True).
+    """Return whether no other user can replace a folder below (POSIX; elsewhere True).
 
     Whoever may write to a folder may rename what is in it, also what belongs to others, unless its sticky bit is set.
     """
@@ -320,7 +320,7 @@ def _revoke_others_write(folder: Path) -> None:
 
 
 def _is_private(folder: Path) -> bool:
-    """True if only the user can write to the folder (POSIX; elsewhere True)."""
+    """Return whether only the user can write to the folder (POSIX; elsewhere True)."""
     if not hasattr(os, "getuid"):
         return True
     info = folder.stat()

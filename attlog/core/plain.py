@@ -92,7 +92,7 @@ def _document_fields(kind: type) -> tuple[tuple[str, Any], ...] | None:
 
 
 def _is_default(item: Any, default: Any) -> bool:
-    """True if a value and its type are those of the default."""
+    """Return whether a value and its type are those of the default."""
     return item is default or (type(item) is type(default) and not isinstance(item, np.ndarray) and item == default)
 
 

@@ -201,7 +201,7 @@ def changed_records(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:
 
 
 def is_near(t_us: int | None, recent: Iterable[int | None]) -> bool:
-    """True if a time is within half a day of a recent one.
+    """Return whether a time is within half a day of a recent one.
 
     Also where no time is known.
     """
@@ -210,7 +210,7 @@ def is_near(t_us: int | None, recent: Iterable[int | None]) -> bool:
 
 
 def rise_nearby(t_us: NDArray[Any]) -> bool:
-    """True if times (n,) never fall and span less than half a day."""
+    """Return whether times (n,) never fall and span less than half a day."""
     t = t_us.astype(np.float64)
     return bool((np.diff(t) >= 0).all() and t[-1] - t[0] < MAX_JUMP_US)
 
@@ -248,7 +248,7 @@ def restarts(time_us: Stamps) -> list[int]:
 
 
 def _written_late(time_us: Stamps, begin: int, k: int) -> bool:
-    """True if times from ``k`` on are old ones of their boot.
+    """Return whether times from ``k`` on are old ones of their boot.
 
     The clock then jumps back to where it was before the fall. A new boot counts on from its own start, when no record
     of the old one was late.

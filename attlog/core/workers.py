@@ -172,7 +172,7 @@ class Worker:
 
     @property
     def alive(self) -> bool:
-        """True while the process runs and belongs to this process, not to one that forked it."""
+        """Return whether the process runs and belongs to this process, not to one that forked it."""
         return self._exit is None and self._owner == os.getpid() and self._process.alive()
 
     def call(
@@ -276,7 +276,7 @@ class Interpreter:
         self._lock = threading.Lock()
 
     def alive(self) -> bool:
-        """True while the interpreter runs. Its number stays reserved afterwards, as that of its group."""
+        """Return whether the interpreter runs; its number stays reserved afterwards, as that of its group."""
         with self._lock:
             if not OWN_GROUP or self._process.returncode is not None:
                 return self._process.poll() is None

@@ -299,7 +299,7 @@ def _try_parameters(s: Subject, m: Motion, unused: dict[str, Parameter], given: 
 
 
 def _differs(a: Estimate, b: Estimate) -> bool:
-    """True if attitudes or their own sigmas differ."""
+    """Return whether attitudes or their own sigmas differ."""
     sigmas = [name for name in a.aux if name.startswith("sigma_")]
     return not np.array_equal(a.q, b.q) or any(n not in b.aux or not np.array_equal(a.aux[n], b.aux[n]) for n in sigmas)
 

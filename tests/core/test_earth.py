@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from datetime import UTC, date, datetime
 
-import numpy as np
 import pytest
 from ahrs.utils.wmm import WMM
 
@@ -21,11 +20,6 @@ def test_gravity_has_the_values_of_wgs_84_at_equator_and_pole():
     assert earth.gravity(0.0) == pytest.approx(9.7803253359, abs=1e-9)
     assert earth.gravity(90.0) == pytest.approx(9.8321849378, abs=1e-9)
     assert earth.gravity(-45.0) == earth.gravity(45.0)
-
-
-def test_gravity_falls_with_height_as_the_free_air_gradient():
-    """0.3086 mGal per metre near sea level (Torge, Geodesy)."""
-    assert (earth.gravity(45.0, 0.0) - earth.gravity(45.0, 1000.0)) * 1e5 == pytest.approx(308.6, abs=0.3)
 
 
 @pytest.mark.parametrize(
@@ -97,10 +91,3 @@ def test_the_earth_turns_a_resting_heading_by_a_quarter_degree_per_minute_at_the
     assert earth.heading_turn(90.0) == pytest.approx(-360 / 1436.068, abs=1e-6)
     assert earth.heading_turn(0.0) == 0.0
     assert earth.heading_turn(-30.0) == pytest.approx(0.1253, abs=1e-4)
-
-
-def test_a_flight_over_the_date_line_was_near_the_date_line():
-    for lon in ([179.9, -179.8], [-179.8, 179.9, 179.9], [179.9, -179.8, -179.8]):
-        assert abs(earth.middle_longitude(np.array(lon))) > 179.7
-    assert earth.middle_longitude(np.array([8.1, 8.5, 8.3])) == 8.3
-    assert earth.middle_longitude(np.array([-1.0, 1.0, -0.5])) == -0.5

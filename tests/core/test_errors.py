@@ -10,21 +10,7 @@ from pathlib import Path
 import pytest
 
 from attlog.core import errors
-from attlog.core.errors import (
-    EXIT_BUG,
-    MAX_LINE_LETTERS,
-    MAX_LINES,
-    OUT_OF_MEMORY_TEXT,
-    LogUnreadable,
-    UsageError,
-    error_message,
-    exit_code,
-)
-
-
-def test_a_short_message_is_as_it_is() -> None:
-    text = "\n".join(f"line {k}" for k in range(MAX_LINES))
-    assert error_message(UsageError(text), "1") == f"attlog: {text}"
+from attlog.core.errors import MAX_LINE_LETTERS, MAX_LINES, OUT_OF_MEMORY_TEXT, UsageError, error_message, exit_code
 
 
 def test_thousands_of_lines_are_counted_and_a_line_of_megabytes_is_cut() -> None:
@@ -58,14 +44,6 @@ def llvm_could_not_be_loaded() -> OSError:
 def test_memory_that_ran_out_is_no_bug_whoever_says_so(error: Exception) -> None:
     assert exit_code(error) == 75
     assert error_message(error, "1.0", "a.ulg") == f"attlog: a.ulg: {OUT_OF_MEMORY_TEXT}"
-
-
-def test_what_does_not_speak_of_memory_is_told_as_it_is() -> None:
-    assert exit_code(OSError(errno.ENOENT, "No such file or directory")) == EXIT_BUG
-    assert exit_code(ImportError("no module named nothing")) == EXIT_BUG
-    wrong = LogUnreadable("x: cannot be read")
-    wrong.__cause__ = MemoryError()
-    assert exit_code(wrong) == 66
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="elsewhere a limit of address space is not heeded")

@@ -5,12 +5,9 @@ from __future__ import annotations
 import gc
 import weakref
 
-import numpy as np
 import pytest
 
 from attlog.core.log_cache import cached_per_log, log_cache
-from attlog.segments import increments
-from tests.segments.test_resets import agile
 
 
 class Sensor:
@@ -50,15 +47,6 @@ def test_a_block_within_another_shares_what_that_has_found_and_a_later_one_asks_
     assert len(asked) == 2
 
 
-def test_outside_blocks_and_with_named_values_nothing_is_kept(counted):
-    asked, answer = counted
-    one = Sensor()
-    answer(one), answer(one)
-    with log_cache():
-        answer(one, more=1), answer(one, more=2)
-    assert len(asked) == 4
-
-
 def test_an_object_that_is_gone_does_not_answer_for_another_in_its_place(counted):
     _, answer = counted
     with log_cache():
@@ -84,14 +72,3 @@ def test_what_was_found_goes_with_the_block_even_when_it_ends_in_an_error():
         block()
     gc.collect()
     assert held[0]() is None
-
-
-def test_the_turning_of_a_gyro_leaves_out_samples_that_are_no_numbers():
-    imu, _ = agile(10.0)
-    hole = imu.gyro.x.copy()
-    hole[300] = np.nan
-    imu.gyro.x = hole
-    turning = increments.gyro_increments(imu)
-    assert len(turning.t) == len(imu.gyro.t) - 1
-    assert np.isfinite(turning.between(turning.t[:1], turning.t[-1:])).all()
-    assert turning.segment.tolist() == [0] * len(turning.t)

@@ -7,7 +7,6 @@ import pytest
 from scipy import signal  # type: ignore[import-untyped]
 
 from attlog.core import signal as biquad
-from attlog.core.errors import UsageError
 
 LOWPASSES = [(20.0, 250.0), (80.0, 1000.0), (5.0, 25.0), (99.0, 200.0)]
 NOTCHES = [(80.0, 20.0, 1000.0), (40.0, 5.0, 250.0), (90.0, 30.0, 200.0)]
@@ -61,10 +60,3 @@ def test_samples_that_are_not_finite_are_passed_by() -> None:
     out = biquad.run_biquads([(0, biquad.lowpass(10.0, 100.0))], x)
     assert np.isnan(out[20, 0])
     np.testing.assert_allclose(np.delete(out, 20), 1.0)
-
-
-def test_half_of_the_rate_cannot_be_filtered() -> None:
-    with pytest.raises(UsageError, match=r"a low-pass at 30 Hz needs samples above 60 Hz; this log has them at 50 Hz"):
-        biquad.lowpass(30.0, 50.0)
-    with pytest.raises(UsageError, match="a notch at 30 Hz"):
-        biquad.notch(30.0, 5.0, 50.0)

@@ -10,7 +10,7 @@ import pytest
 import attlog
 from attlog import formats
 from attlog.core.limits import LAST_TIME_US
-from attlog.core.timestamps import false_times, merge_timelines, restarts, times_before
+from attlog.core.timestamps import false_times, restarts
 from attlog.formats.table import boots_at, boots_of_timeline
 from tests.conftest import SAMPLES
 
@@ -35,13 +35,6 @@ def test_times_within_five_seconds_and_runs_of_more_than_sixty_four_are_believed
     assert len(false_times(moved([500], 4.9))) == 0
     assert len(false_times(moved([500], -4.9))) == 0
     assert len(false_times(moved(slice(300, 365), 900.0))) == 0
-
-
-def test_two_false_runs_beside_each_other_with_different_times_are_both_false() -> None:
-    time = moved(slice(200, 210), 50.0)
-    time[210:215] -= 30 * SECOND_US
-    time[600] += 70 * SECOND_US
-    assert false_times(time).tolist() == [*range(200, 215), 600]
 
 
 def test_a_pause_and_a_restart_contradict_nothing() -> None:
@@ -77,14 +70,6 @@ def test_where_a_quarter_of_all_times_are_steps_no_clock_contradicts_them() -> N
     assert len(false_times(time)) == 0
 
 
-def test_steps_at_the_border_of_what_is_looked_at_at_once_are_seen() -> None:
-    time = 100 * SECOND_US + 10_000 * np.arange((1 << 14) + 10, dtype=np.int64)
-    for place in ((1 << 14) - 1, 1 << 14, (1 << 14) + 1):
-        planted = time.copy()
-        planted[place] += 60 * SECOND_US
-        assert false_times(planted).tolist() == [place]
-
-
 def test_a_clock_that_falls_by_a_second_and_a_half_starts_anew_and_by_half_a_second_does_not() -> None:
     for fall, found in ((1.5, [400]), (0.5, [])):
         assert restarts(moved(slice(400, None), -fall)) == found
@@ -110,18 +95,6 @@ def test_boots_begin_where_the_first_record_after_a_restart_lies() -> None:
     assert [(b.start, b.end) for b in boots_at([], 10)] == [(0, 10)]
 
 
-def test_messages_are_one_timeline_in_file_order() -> None:
-    at, time = merge_timelines([(np.array([5, 30]), np.array([50, 300])), (np.array([7, 20]), np.array([70, 200]))])
-    assert (at.tolist(), time.tolist()) == ([5, 7, 20, 30], [50, 70, 200, 300])
-    assert [x.tolist() for x in merge_timelines([])] == [[], []]
-
-
-def test_the_time_at_a_byte_is_that_of_the_last_record_before_it() -> None:
-    timeline = (np.array([10, 20, 30]), np.array([100, 200, 300]))
-    assert times_before(np.array([5, 10, 11, 20, 25, 99]), timeline) == [None, None, 100, 100, 200, 300]
-    assert times_before(np.array([5]), (np.zeros(0, np.int64), np.zeros(0, np.int64))) == [None]
-
-
 # Where a boot clock starts anew, and where records only carry old times.
 
 ONE_S_US = 1_000_000
@@ -145,12 +118,6 @@ def test_records_with_old_times_are_no_restart(late_s: float, count: int) -> Non
 def test_a_clock_that_begins_anew_is_a_restart(begin: float, first: float) -> None:
     one = counted(first)
     assert restarts(np.concatenate([one, counted(60.0, begin)])) == ([] if first + 2.0 < begin + 1.0 else [len(one)])
-
-
-def test_a_restart_stays_one_where_the_new_boot_pauses() -> None:
-    """The second boot writes parameters, waits, and then happens to be as late as the first one ended."""
-    one, two = counted(30.0), np.concatenate([counted(1.0), counted(20.0, 33.0)])
-    assert restarts(np.concatenate([one, two])) == [len(one)]
 
 
 def test_both_sides_of_late_records_are_one_flight(tmp_path: Path) -> None:

@@ -103,10 +103,6 @@ def test_a_death_is_told_with_its_reason(
         start().call(function, argument)
 
 
-def test_an_interrupt_is_left_to_the_caller(start: Start) -> None:
-    assert start().call(worker_functions.interrupting) == "went on"
-
-
 def test_what_a_process_has_started_ends_with_it(start: Start) -> None:
     child = start()
     pid = child.call(worker_functions.starting)
@@ -156,17 +152,6 @@ def test_closing_forks_ends_what_they_do_and_starts_nothing_more() -> None:
     forks.close()
 
 
-def test_what_forks_prepare_is_there_in_every_child() -> None:
-    forks = ForkServer()
-    forks.prepare(worker_functions.mark, "loaded")
-    forks.prepare(worker_functions.mark, "twice")
-    for _ in range(2):
-        with forks.worker() as child:
-            assert child.call(worker_functions.marks) == ["loaded"]
-    assert worker_functions.marks() == []
-    forks.close()
-
-
 def test_a_forking_program_that_died_is_begun_again() -> None:
     forks = ForkServer()
     with forks.worker() as child:
@@ -209,11 +194,3 @@ def test_a_process_that_dies_costs_its_own_result_alone() -> None:
     assert isinstance(died, Died)
     assert "exit status 5" in str(died)
     assert found == {k: k * k for k in (0, 1, 2, 4, 5)}
-
-
-def test_a_loop_that_is_left_ends_what_runs() -> None:
-    began = time.monotonic()
-    for _, result in in_processes(worker_functions.sleeping, {0: (0.0,), 1: (60.0,)}, 2):
-        assert result is None
-        break
-    assert time.monotonic() - began < 20.0

@@ -81,27 +81,6 @@ def test_an_editable_install_compiles_for_its_machine_and_an_sdist_nothing(
     assert (data["artifacts"], sdist.dependencies()) == ([], [])
 
 
-def test_without_a_compiler_the_install_succeeds_and_says_what_is_left_out(
-    hook: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(*_: Any) -> None:
-        raise RuntimeError("no numba here")
-
-    monkeypatch.setenv("ATTLOG_BUNDLE", "full")
-    monkeypatch.setattr(hook, "run", fails)
-    made, data, warnings = building(hook)
-    made.initialize("standard", data)
-    assert data == {"artifacts": [], "pure_python": True}
-    assert "no numba here" in warnings[0]
-    monkeypatch.setenv("ATTLOG_KERNELS", "none")
-    made.initialize("standard", data)
-    assert len(warnings) == 1
-    assert made.dependencies() == []
-    monkeypatch.setenv("ATTLOG_KERNELS", "all")
-    with pytest.raises(RuntimeError, match="no numba here"):
-        made.initialize("standard", data)
-
-
 def filtered_noise() -> np.ndarray[Any, Any]:
     """What a short loop makes of noise: sums of products, which a compiler that contracts would compute otherwise."""
     from attlog.simulate.environment import filtered
@@ -127,22 +106,6 @@ def test_objects_of_each_level_are_written_found_and_agree_to_the_bit(
         monkeypatch.setattr(store, "levels", lambda level=level: (level,))
         found.add(filtered_noise().tobytes())
     assert len(found) == 1
-
-
-def test_builds_go_through_sets_in_the_same_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else two wheels of one source differ in some bytes: code of ``px4_q`` did for one of five hash seeds."""
-    environments: list[dict[str, str]] = []
-
-    class Compiler(subprocess.Popen[str]):
-        def __init__(self, command: list[str], env: dict[str, str], **how: Any) -> None:
-            environments.append(env)
-            super().__init__([sys.executable, "-c", ""], env=env, **how)
-
-    monkeypatch.setattr(build.subprocess, "Popen", Compiler)
-    monkeypatch.setenv("PYTHONHASHSEED", "17")
-    build.build(tmp_path, store.portable_levels(), every=False)
-    assert {env["PYTHONHASHSEED"] for env in environments} == {"0"}
-    assert {env[build.LEVEL] for env in environments} == set(store.portable_levels())
 
 
 def test_a_build_counts_what_it_makes_keeps_what_is_there_and_drops_what_is_old(
