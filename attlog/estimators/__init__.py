@@ -61,12 +61,12 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """The public names, imported when first used: who reads a log's attitudes needs no filter."""
+    """Import a public name at its first use: reading a log's attitudes needs no filter."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:
-    """What completion offers: the public names also before their first use."""
+    """List the public names for completion, also before their first use."""
     return sorted({*globals(), *__all__})

@@ -46,8 +46,11 @@ class MeanRmse:
 
 @dataclass(frozen=True, slots=True)
 class FilterAccuracy:
-    """What one filter reached on one set: ``rmse_deg`` by angle (what the set cannot tell is left out), ns per update
-    (median over trials), and with which version of attlog and when that was measured."""
+    """Errors of one filter on one set.
+
+    ``rmse_deg`` by angle, without angles that the set does not show; ns per update (median over trials); version of
+    attlog and date of the measurement.
+    """
 
     trials: int
     rmse_deg: Mapping[str, MeanRmse]

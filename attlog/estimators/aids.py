@@ -8,12 +8,12 @@ float64 array with what arrived since the step before, NaN where nothing new did
 element                 unit       meaning
 ======================= ========== ===========================================================
 LAT, LON, ALT           deg deg m  GNSS position
-POS_H_ACC, POS_V_ACC    m          its accuracy (1 sigma), NaN also where the receiver tells none
+POS_H_ACC, POS_V_ACC    m          its accuracy (1 sigma), NaN also where the receiver reports none
 VEL_N, VEL_E, VEL_D     m/s        GNSS velocity, north-east-down; north is the filter's: magnetic with a declination
 VEL_ACC                 m/s        its accuracy
 BARO                    m          barometric height, any zero
 AIRSPEED                m/s        true airspeed
-AT_REST                 -          1 at rest, 0 in motion, at every step; NaN where nobody can tell
+AT_REST                 -          1 at rest, 0 in motion, at every step; NaN where unknown
 ======================= ========== ===========================================================
 """
 
@@ -43,7 +43,7 @@ LONGEST_LAG_S = 0.1
 class Measurements:
     """Values ``x`` (n,) or (n, k) measured at ``t`` (n,) s, with standard deviations ``sigma`` (n,) or (n, j).
 
-    Anything that numpy takes for an array. A component that a sample does not tell is NaN.
+    Anything that numpy takes for an array. A missing component of a sample is NaN.
     UsageError for other shapes, times that are not finite or do not rise, infinite values
     and samples without any value.
     """
@@ -59,7 +59,7 @@ class Measurements:
         if not np.isfinite(t).all() or not (np.diff(t) > 0).all():
             raise UsageError("times of aids must be finite and rise; sort them and leave out what comes twice")
         if np.isinf(x).any() or np.isnan(x).reshape(len(t), -1).all(axis=1).any():
-            raise UsageError("values of aids must be finite; leave out samples that tell nothing")
+            raise UsageError("values of aids must be finite; leave out samples without a value")
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "x", x)
         if self.sigma is not None:
@@ -69,7 +69,7 @@ class Measurements:
             object.__setattr__(self, "sigma", sigma)
 
     def between(self, t0: float, t1: float) -> Measurements | None:
-        """The samples with t0 <= t <= t1; None if there is none."""
+        """Return the samples with t0 <= t <= t1; None if there is none."""
         a, b = np.searchsorted(self.t, [t0, np.nextafter(t1, np.inf)])
         if a >= b:  # also for a span that ends before it begins
             return None
@@ -133,7 +133,7 @@ class Aids:
             object.__setattr__(self, "at_rest", spans)
 
     def between(self, t0: float, t1: float) -> Aids:
-        """What was measured in t0 <= t <= t1, spans of rest cut to it."""
+        """Return what was measured in t0 <= t <= t1, spans of rest cut to it."""
 
         def cut(m: Measurements | None) -> Measurements | None:
             return None if m is None else m.between(t0, t1)
@@ -152,7 +152,7 @@ class Aids:
         )
 
     def resting(self, t: Array) -> NDArray[np.int64]:
-        """1 (n,) where the times ``t`` (n,) lie in a span of rest, else 0; -1 where nobody can tell."""
+        """Return 1 (n,) where the times ``t`` (n,) lie in a span of rest, else 0; -1 where rest is unknown."""
         if self.at_rest is None:
             return np.full(len(t), -1, np.int64)
         i = np.searchsorted(self.at_rest[:, 0], t, side="right") - 1
@@ -161,7 +161,7 @@ class Aids:
 
 
 def _array(x: ArrayLike, name: str) -> Array:
-    """A read-only float64 copy; UsageError if it is none."""
+    """Return a read-only float64 copy; UsageError for anything but numbers."""
     try:
         array = np.array(x, np.float64)
     except (TypeError, ValueError) as error:
@@ -230,7 +230,7 @@ def aid_rows(estimator: Estimator, aids: Aids | None, t: Array, declination: flo
 def _arrivals(
     m: Measurements, parts: tuple[slice, slice | None], t: Array
 ) -> list[tuple[NDArray[np.int64], int, Array]]:
-    """Sample number, column and value of everything that ``m`` tells."""
+    """Return sample number, column and value of every measurement."""
     at = np.searchsorted(t, m.t, side="left")
     inside = at < len(t)
     found = []
@@ -242,31 +242,30 @@ def _arrivals(
     return found
 
 
-# What airspeed tells a filter of a body that flies where its nose points: accelerations that are no gravity.
+# Airspeed of a body that flies where its nose points: accelerations that are no gravity.
 #
 #     v' = d/dt (V e_x) = (V', w_z V, -w_y V)        true airspeed V along the nose, no sideslip                (1)
 #     f - v' = -g R^T e_z                            in air that moves steadily                                 (2)
 #
 # In a coordinated turn the specific force points out of the cabin floor, whatever the bank; (2) turns it back to
-# gravity.
-# The angle of attack is left out: it counts while the body rolls, and cancels over a turn.
+# gravity. The angle of attack is left out: it counts while the body rolls, and cancels over a turn.
 #
 # Source: centripetal correction of Premerlani2009, and the change of airspeed.
 
-# From where it stands in the state: V of (1) [m/s], V' [m/s^2], the low-passed reading, the last one, its age [s].
+# Offsets in the state: V of (1) [m/s], V' [m/s^2], the low-passed reading, the last one, its age [s].
 AIR_SPEED, AIR_CHANGE, AIR_HEARD, AIR_TOLD, AIR_AGE = 0, 1, 2, 3, 4
-# Below the first [m/s] a pitot tube tells nothing, from the second on it counts in full.
+# Below the first [m/s] a pitot tube does not count, from the second on it counts in full.
 SLOWEST, SURE = 1.0, 3.0
-# Time constant of the low-pass [s], the steepest change believed [m/s^2], how long a reading holds [s].
+# Time constant of the low-pass [s], largest change accepted [m/s^2], how long a reading holds [s].
 FOLLOW_TIME, STEEPEST, AIR_LOST = 0.3, 10.0, 2.0
 NEVER = 1e9
 
 
 def update_airspeed(state: Any, at: int, dt: float, told: float, still: bool) -> None:
-    """The airspeed at ``at`` after another ``dt``: ``told`` m/s, NaN where nothing new came.
+    """Update the airspeed at ``at`` after another ``dt`` by a reading ``told`` in m/s, NaN for none.
 
     The first reading counts at once. While the body is ``still`` the reading is followed and no acceleration
-    concluded: tubes tell anything before they are set to zero.
+    concluded: tubes read anything before they are set to zero.
     """
     first = state[at + AIR_AGE] >= NEVER
     state[at + AIR_AGE] += dt
@@ -289,13 +288,13 @@ def update_airspeed(state: Any, at: int, dt: float, told: float, still: bool) ->
 
 
 def weighted_airspeed(speed: float) -> float:
-    """How much of an airspeed in m/s counts: nothing of a breeze, all of a flight."""
+    """Return the part of an airspeed in m/s that counts: none of a breeze, all of a flight."""
     share = min(max((speed - SLOWEST) / (SURE - SLOWEST), 0.0), 1.0)
     return share * share * (3.0 - 2.0 * share) * speed
 
 
 def without_acceleration(state: Any, at: int, acc: Any, wy: float, wz: float) -> tuple[float, float, float]:
-    """(2): specific force less v'; a missing sample (zero) stays one. ``w`` rad/s, the gyro's bias taken off."""
+    """Return the specific force less v' of (2); a missing sample (zero) stays one. ``w`` rad/s without bias."""
     if acc[0] == 0.0 and acc[1] == 0.0 and acc[2] == 0.0:
         return 0.0, 0.0, 0.0
     speed = state[at + AIR_SPEED]

@@ -18,7 +18,7 @@ from attlog.estimators.interface import Array, Estimate, Estimator, LogFacts, cu
 from attlog.estimators.registry import BUILT_IN, FLOWN, get, names
 from attlog.estimators.samples import HOLD_PERIODS, Sampling, place, prepare
 
-# What ``default`` stands for: the papers' filters and modern ones with the gains of docs/estimators.md, and the bare
+# The rows of ``default``: the papers' filters and modern ones with the gains of docs/estimators.md, and the bare
 # gyro as the baseline that wins nothing.
 DEFAULT = tuple(
     name for name in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "gyro") if name in BUILT_IN
@@ -48,7 +48,7 @@ class EstimatorSpec:
 
 
 def parse(text: str) -> EstimatorSpec:
-    """The row that ``NAME[@PRESET][:k=v,...]`` or ``FILE.py[@PRESET][:k=v,...]`` names.
+    """Parse ``NAME[@PRESET][:k=v,...]`` or ``FILE.py[@PRESET][:k=v,...]``.
 
     UsageError with a suggestion for unknown names, presets, parameters and values.
     """
@@ -67,7 +67,7 @@ def parse(text: str) -> EstimatorSpec:
 
 
 def select(text: str, *, acc: bool = True, mag: bool = True, gnss: bool = True) -> list[EstimatorSpec]:
-    """The rows of a comma-separated list; ``default`` and ``all`` stand for whole sets.
+    """Parse a comma-separated list of rows; ``default`` and ``all`` mean whole sets.
 
     ``acc``, ``mag`` and ``gnss`` say which sensors the log has: sets leave out what cannot run
     without them, rows that are named stay. A row that comes twice is kept once.
@@ -87,7 +87,7 @@ def select(text: str, *, acc: bool = True, mag: bool = True, gnss: bool = True) 
 
 
 def add(rows: dict[str, Any], row: EstimatorSpec) -> None:
-    """A row to those by name, once. UsageError where another estimator's row has the name."""
+    """Add a row to those by name, once. UsageError where another estimator's row has the name."""
     other = rows.setdefault(row.name, row)
     if isinstance(other, EstimatorSpec) and other.estimator.origin != row.estimator.origin:
         both = " and ".join(one.estimator.origin for one in (other, row))
@@ -95,7 +95,7 @@ def add(rows: dict[str, Any], row: EstimatorSpec) -> None:
 
 
 def _member(name: str) -> EstimatorSpec:
-    """A row of a set; one that an installed package broke says so when it is run, so that the others do."""
+    """Return a row of a set; one that an installed package broke fails only when it is run."""
     try:
         return parse(name)
     except PluginError as error:
@@ -124,7 +124,7 @@ def estimate(
     log: LogFacts | None = None,
     **params: Any,
 ) -> Estimate:
-    """The attitude (n, 4) that an estimator finds in raw sensor samples, with bias and counts.
+    """Estimate the attitude (n, 4) from raw sensor samples, with bias and counts.
 
     ``name``: ``NAME[@PRESET][:k=v,...]``, an EstimatorSpec or an Estimator. ``t`` (n,) s; ``gyr`` (n, 3)
     rad/s; ``acc`` (n, 3) m/s^2 specific force; ``mag`` (n, 3) any unit, NaN rows where there
@@ -133,13 +133,13 @@ def estimate(
     ``instant`` where it is the value at its time (ArduPilot). ``q0`` start attitude, else
     from the sensors. ``declination`` deg, positive east. ``dt`` (n,) s: each sample's own
     integration time where known. ``every`` keeps each n-th output. ``aids``: GNSS, barometer,
-    airspeed and times at rest for estimators that use them; its ``mag`` stands in for a missing ``mag``.
-    ``log``: what a log tells about parameters; a preset and ``params`` override it.
+    airspeed and times at rest for estimators that use them; its ``mag`` replaces a missing ``mag``.
+    ``log``: parameters and facts of a log; a preset and ``params`` override it.
 
     A filter that flew (``px4_ekf2``, ``ap_ekf3``) takes a log or its path for ``t`` and a mapping of the firmware's
     parameters as ``params``: ``estimate("ap_ekf3", log, params={"EK3_MAG_M_NSE": 0.1})``.
 
-    The result stands at the input's own good samples; what was left out is counted in
+    The result is at the input's own good samples; what was left out is counted in
     ``skipped``. North is magnetic unless ``declination`` is given, and without ``mag`` where the first heading
     pointed. Equations and sources of each: ``attlog estimators NAME``. UsageError for wrong shapes, names or values,
     or a missing sensor; PluginError and PluginTimeout of estimators that are not attlog's.
@@ -220,7 +220,7 @@ def _split(text: str) -> tuple[str, list[str]]:
 
 
 def items(text: str) -> list[str]:
-    """The rows of a list as text; a bare ``k=v`` belongs to the row before it. UsageError if there is none."""
+    """Split a list of rows; a bare ``k=v`` belongs to the row before it, UsageError without one."""
     found: list[str] = []
     for item in (p.strip() for p in text.split(",")):
         if found and "=" in item and ":" not in item.partition("=")[0]:
@@ -238,7 +238,7 @@ def items(text: str) -> list[str]:
 
 
 def propagated(t: Array, gyr: Array, mag: Array) -> Array:
-    """The field (n, 3) at every sample: the last one propagated with the gyro for up to 1.5 of its periods, else 0.
+    """Propagate the last field with the gyro to every sample (n, 3) for up to 1.5 of its periods, else 0.
 
     ``t`` (n,) s, ``gyr`` (n, 3) rad/s, ``mag`` (n, 3) with NaN rows where there is no new
     sample, as ``run`` gets them. The shared loop does the same for steps.

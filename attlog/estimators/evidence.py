@@ -1,4 +1,4 @@
-"""What do GNSS and gravity say of an attitude, without a filter: numbers only."""
+"""Judge an attitude by GNSS and gravity, without a filter."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from attlog.core import rotation
 # Gravity where the body is still, motors off or idling: no filter decides where it is, none can argue with it.
 #
 # A motor's vibration turns the direction of single samples by degrees, never one way: a window is judged by the means
-# of
-# its eighths. A blow or a turn shows in their spread.
+# of its eighths. A blow or a turn shows in their spread.
 #
 #     still   the angle by the gyro, its mean rate taken out, stays within 0.3 deg
 #             standard deviation of the eight mean forces < 0.05 m/s^2, their directions within 0.5 deg
@@ -32,7 +31,7 @@ STILL_WINDOW_S = PARTS * PART_S
 
 
 def still_windows(t: Array, gyr: Array, acc: Array, near_m_s2: float = NEAR_M_S2) -> Array:
-    """Begin and end (k, 2) s of the windows in which the body was still; they overlap.
+    """Return begin and end (k, 2) s of the windows in which the body was still; they overlap.
 
     ``t`` (n,) s ascending, gyro rad/s and specific force m/s^2 (n, 3) in body axes; the mean force lies within
     ``near_m_s2`` of gravity. Samples that are no numbers are
@@ -58,7 +57,7 @@ def still_windows(t: Array, gyr: Array, acc: Array, near_m_s2: float = NEAR_M_S2
 
 
 def tilt_residual(windows: Array, t: Array, acc: Array, q: Array) -> Array:
-    """Angle (k,) in deg between the mean force over each window (k, 2) and the mean up of an attitude; NaN without it.
+    """Return the angle (k,) in deg between mean force and the attitude's mean up over each window (k, 2); NaN without.
 
     ``acc`` (n, 3) m/s^2 at ``t`` (n,) s ascending; ``q`` (n, 4) is the body's attitude to earth (north, east, down) at
     these times, NaN where unknown.
@@ -70,7 +69,7 @@ def tilt_residual(windows: Array, t: Array, acc: Array, q: Array) -> Array:
 
 
 def mean_directions(windows: Array, t: Array, acc: Array, q: Array) -> tuple[Array, Array]:
-    """Mean force (k, 3) in m/s^2 and mean up (k, 3), a unit vector, in body axes over windows; NaN without either."""
+    """Return mean force (k, 3) in m/s^2 and mean up (k, 3), a unit vector, in body axes over windows; NaN without."""
     if not len(windows):
         return np.zeros((0, 3)), np.zeros((0, 3))
     inside = within(windows, t) & rotation.finite_rows(acc) & rotation.finite_rows(q)
@@ -84,7 +83,7 @@ def mean_directions(windows: Array, t: Array, acc: Array, q: Array) -> tuple[Arr
 
 
 def within(windows: Array, t: Array) -> NDArray[np.bool_]:
-    """Which times (n,), ascending, lie in any of the windows (k, 2), which may overlap and follow each other."""
+    """Select the ascending times (n,) in any of the windows (k, 2), which may overlap."""
     edges = np.zeros(len(t) + 1, np.int64)
     np.add.at(edges, np.searchsorted(t, windows[:, 0]), 1)
     np.add.at(edges, np.searchsorted(t, windows[:, 1]), -1)
@@ -93,12 +92,12 @@ def within(windows: Array, t: Array) -> NDArray[np.bool_]:
 
 
 def _sums(x: Array, first: NDArray[np.int64]) -> Array:
-    """Sums (m, 3) of samples (n, 3) over the parts that begin at ``first`` (m,)."""
+    """Return sums (m, 3) of samples (n, 3) over the parts that begin at ``first`` (m,)."""
     return np.asarray(np.add.reduceat(x, first, axis=0))
 
 
 def _steady_force(force: Array, near_m_s2: float) -> NDArray[np.bool_]:
-    """Which windows' mean forces (k, 8, 3) are steady, point one way and are as large as gravity."""
+    """Select windows whose mean forces (k, 8, 3) are steady, point one way and are as large as gravity."""
     mean = force.mean(axis=1)
     size = rotation.length(mean)
     spread = np.sqrt(np.sum(force.var(axis=1), axis=1))
@@ -111,7 +110,7 @@ def _steady_force(force: Array, near_m_s2: float) -> NDArray[np.bool_]:
 
 
 def _excursion_deg(rate: Array) -> Array:
-    """How far (k,) deg the angle by mean rates (k, 8, 3) leaves that of the window's mean rate (the gyro's bias)."""
+    """Return the excursion (k,) deg of the angle by mean rates (k, 8, 3) from that of their mean, the gyro's bias."""
     turned = np.cumsum((rate - rate.mean(axis=1, keepdims=True)) * PART_S, axis=1)
     excursion: Array = np.degrees(rotation.length(turned).max(axis=1))
     return excursion
@@ -119,12 +118,10 @@ def _excursion_deg(rate: Array) -> Array:
 
 # How far is a heading off by GNSS acceleration? Any attitude, any vehicle, no compass.
 #
-# Over windows of 1 s the change of GNSS velocity ``a`` (earth axes) is what the specific force, turned to earth by
-# the
-# attitude and integrated, says it is: ``b``. Both as complex numbers north + i east, ``b = a exp(i theta)``, where
-# ``theta`` is the heading error of the attitude. Longer windows add nothing, because GNSS errors correlate over
-# seconds.
-# Tilt errors and accelerometer biases add a constant, which goes with the mean of every 30 s.
+# Over windows of 1 s the change of GNSS velocity ``a`` (earth axes) equals the integral ``b`` of the specific force,
+# turned to earth by the attitude. Both as complex numbers north + i east, ``b = a exp(i theta)``, where ``theta`` is
+# the heading error of the attitude. Longer windows add nothing, because GNSS errors correlate over seconds. Tilt
+# errors and accelerometer biases add a constant, which goes with the mean of every 30 s.
 
 Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
@@ -171,12 +168,12 @@ class HeadingOffset:
 
     @property
     def wrong(self) -> bool:
-        """Whether the heading is in error beyond doubt."""
+        """Return whether the heading is in error beyond doubt."""
         return self.told and abs(self.offset_deg) > max(WRONG_DEG, WRONG_SIGMAS * self.sigma_deg)
 
     @property
     def sound(self) -> bool:
-        """Whether the heading is right beyond doubt."""
+        """Return whether the heading is right beyond doubt."""
         sure = self.told and self.sigma_deg <= SOUND_SIGMA_DEG
         return sure and abs(self.offset_deg) < max(SOUND_DEG, SOUND_SIGMAS * self.sigma_deg)
 
@@ -207,7 +204,7 @@ class _Delay:
 def heading_offset(
     t: Array, acc: Array, q: Array, fixes_t: Array, velocity: Array, spans: Array | None = None
 ) -> HeadingOffset:
-    """The heading error of attitudes ``q`` (n, 4), body FRD to NED, over all of the time.
+    """Return the heading error of attitudes ``q`` (n, 4), body FRD to NED, over all of the time.
 
     ``acc`` (n, 3) m/s^2 is the specific force at the same ``t`` (n,) s, ascending; ``velocity`` (m, 3) m/s NED of 3D
     fixes at ``fixes_t`` (m,) s. ``spans`` (k, 2) s: only windows inside one of them count; end them before blows.
@@ -219,7 +216,7 @@ def heading_offset(
 def pieces(
     t: Array, acc: Array, q: Array, fixes_t: Array, velocity: Array, spans: Array | None = None
 ) -> list[HeadingOffset]:
-    """The same for each 30 s, every 15 s, with the delay of the whole flight; without those that hold nothing."""
+    """Return :func:`heading_offset` of each 30 s, every 15 s, with the delay of the whole flight."""
     return both(t, acc, q, fixes_t, velocity, spans)[1]
 
 
@@ -245,7 +242,7 @@ def both(
 def velocity_steps(
     t: Array, acc: Array, q: Array, fixes_t: Array, velocity: Array, spans: Array | None = None
 ) -> VelocitySteps:
-    """What GNSS and the force turned by an attitude say of each second, for every delay that is tried."""
+    """Return the change of velocity of each second by GNSS and by force, for every delay that is tried."""
     beyond = round(BESIDE_S / STEP_S)
     first, last = round(DELAYS_S[0] / STEP_S) - beyond, round(DELAYS_S[1] / STEP_S) + beyond
     delays: Array = STEP_S * np.arange(first, last + 1, dtype=np.float64)
@@ -272,7 +269,7 @@ def velocity_steps(
 
 
 def _horizontal(acc: Array, q: Array) -> Complex:
-    """Specific force (n,) m/s^2 in the horizontal, north + i east: two rows of the rotation, which need no third."""
+    """Return the horizontal specific force (n,) m/s^2, north + i east."""
     (w, x, y, z), (u, v, s) = q.T, acc.T
     north = (1.0 - 2.0 * (y * y + z * z)) * u + 2.0 * ((x * y - w * z) * v + (x * z + w * y) * s)
     east = (1.0 - 2.0 * (x * x + z * z)) * v + 2.0 * ((x * y + w * z) * u + (y * z - w * x) * s)
@@ -280,7 +277,7 @@ def _horizontal(acc: Array, q: Array) -> Complex:
 
 
 def _pairs(t: Array) -> tuple[Index, Index]:
-    """Each fix with that nearest to 1 s later, so that no velocity is interpolated."""
+    """Pair each fix with that nearest to 1 s later, so that no velocity is interpolated."""
     if len(t) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     after = np.clip(np.searchsorted(t, t + WINDOW_S), 1, len(t) - 1)
@@ -291,7 +288,7 @@ def _pairs(t: Array) -> tuple[Index, Index]:
 
 
 def _without_gap(t: Array, t0: Array, t1: Array) -> NDArray[np.bool_]:
-    """Which of the spans from ``t0`` to ``t1`` (k,) lie between samples ``t`` (n,) without a gap."""
+    """Select the spans from ``t0`` to ``t1`` (k,) between samples ``t`` (n,) without a gap."""
     ends = np.flatnonzero(~(np.diff(t) <= GAP_S))
     begun, ended = np.append(t[0], t[ends + 1]), np.append(t[ends], t[-1])
     k = np.searchsorted(begun, t0, side="right") - 1
@@ -299,7 +296,7 @@ def _without_gap(t: Array, t0: Array, t1: Array) -> NDArray[np.bool_]:
 
 
 def _inside(spans: Array, t0: Array, t1: Array) -> NDArray[np.bool_]:
-    """Which of the windows (k,) lie inside one of the spans."""
+    """Select the windows (k,) inside one of the spans."""
     found = np.zeros(len(t0), bool)
     for begin, end in np.asarray(spans, np.float64).reshape(-1, 2):
         found |= (t0 >= begin) & (t1 <= end)
@@ -307,13 +304,13 @@ def _inside(spans: Array, t0: Array, t1: Array) -> NDArray[np.bool_]:
 
 
 def _of_segments(number: Index) -> list[Index]:
-    """The windows of each 30 s, without those of which there are too few."""
+    """Return the windows of each 30 s that hold enough of them."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1, [len(number)]])
     return [np.arange(a, b) for a, b in pairwise(edges.tolist()) if b - a >= LEAST_WINDOWS]
 
 
 def _delay_of(steps: VelocitySteps, segments: list[Index]) -> _Delay:
-    """The delay at which force and GNSS agree best, each 30 s turned as it likes.
+    """Return the delay at which force and GNSS agree best, the heading of each 30 s free.
 
     Delay and heading are one quantity while a vehicle circles one way: then the residual hardly changes with it.
     """
@@ -334,7 +331,7 @@ def _delay_of(steps: VelocitySteps, segments: list[Index]) -> _Delay:
 
 
 def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_blocks: float) -> HeadingOffset:
-    """The rotation over all of the segments, of which each is cleaned by its own fit."""
+    """Fit the rotation over all segments, each cleaned of outliers by its own fit."""
     rotations = []
     kept = [_without_outliers(steps.gnss[part], steps.force[delay.at, part]) for part in segments]
     chosen = [part[keep] for part, keep in zip(segments, kept, strict=True)]
@@ -367,7 +364,7 @@ def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_bl
 
 
 def _without_outliers(a: Complex, b: Complex) -> NDArray[np.bool_]:
-    """Which windows (k,) stay after three rounds without those far from the fit of the others."""
+    """Select the windows (k,) near the fit of the others, in three rounds."""
     keep = np.ones(len(a), bool)
     for _ in range(ROUNDS):
         x, y = a - a[keep].mean(), b - b[keep].mean()
@@ -378,7 +375,7 @@ def _without_outliers(a: Complex, b: Complex) -> NDArray[np.bool_]:
 
 
 def _spread(t: Array, a: Complex, b: Complex) -> tuple[float, float]:
-    """One sigma in rad of the rotation from ``b`` to ``a`` (k,), and how many blocks of 5 s bear the weight.
+    """Return one sigma in rad of the rotation from ``b`` to ``a`` (k,), and the effective number of 5 s blocks.
 
     The larger of the jackknife of the blocks (Efron 1982, ch. 3) and of what the residuals say.
     """
@@ -402,7 +399,7 @@ def _spread(t: Array, a: Complex, b: Complex) -> tuple[float, float]:
 
 
 def _why_not(found: HeadingOffset, least_blocks: float) -> str:
-    """What is missing; empty where the offset counts."""
+    """Return the reason why an offset does not count, empty where it does."""
     if found.correlation < LEAST_CORRELATION:
         return f"GNSS and force do not show one motion: correlation {found.correlation:.2f}"
     if not SCALES[0] <= found.scale <= SCALES[1]:

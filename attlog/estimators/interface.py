@@ -1,4 +1,4 @@
-"""What a file that is not attlog's did wrong, as an error that names its line."""
+"""What an estimator is: parameters, start and step, the result; and errors of plug-ins with their line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from attlog.core.limits import MAX_ERROR_LETTERS
 
 
 def broken(where: str, error: BaseException) -> PluginError:
-    """A PluginError that names the innermost line of the plug-in file ``where`` that led to ``error``."""
+    """Return a PluginError with the innermost line of the plug-in file ``where`` that led to ``error``."""
     if isinstance(error, SyntaxError) and error.lineno is not None:
         return PluginError(f"{error.filename or where}, line {error.lineno}: {error.msg}")
     lines = [
@@ -32,7 +32,7 @@ def broken(where: str, error: BaseException) -> PluginError:
 
 
 def _words(error: BaseException) -> str:
-    """What an exception of a file says: it may say anything, at any length, or fail to."""
+    """Return the text of an exception of a plug-in: of any length, or none."""
     try:
         said = str(error)
     except Exception:
@@ -64,7 +64,7 @@ A_FEW = 12
 
 
 def number_spelled(name: str, value: str) -> str:
-    """What to write instead of a decimal comma or a range in place of a number; empty for other texts."""
+    """Return a hint for a decimal comma or a range in place of a number; empty for other texts."""
     if found := WITH_COMMA.fullmatch(value.strip()):
         return f"did you mean {name}={found[1]}.{found[2]}?"
     if found := LIKE_A_RANGE.fullmatch(value.strip()):
@@ -73,13 +73,13 @@ def number_spelled(name: str, value: str) -> str:
 
 
 def range_spelled(value: str) -> str:
-    """A range in dashes, colons or words as ``LOW..HIGH``; empty for other texts."""
+    """Return a range in dashes, colons or words as ``LOW..HIGH``; empty for other texts."""
     found = LIKE_A_RANGE.fullmatch(value.strip())
     return f"{found[1]}..{found[2]}" if found else ""
 
 
 def cut_by_comma(before: str, item: str) -> str:
-    """The end of an error sentence where a decimal comma has cut ``kp=0,3`` in two; empty where none did."""
+    """Return the end of an error sentence where a decimal comma has cut ``kp=0,3`` in two, else empty."""
     found = CUT.search(before)
     return f"; did you mean {found[1]}={found[2]}.{item}?" if found and item.isdecimal() else ""
 
@@ -89,7 +89,7 @@ def cut_by_comma(before: str, item: str) -> str:
 # An estimator knows numbers only: no log, no vehicle, no files. Its file holds a
 # docstring with equations and source, a few constants (:mod:`attlog.estimators.registry`
 # lists them) and two plain functions that numba can compile, ``start`` and ``step``, or one
-# that takes whole segments, ``run``. What a log can tell a filter about its own parameters
+# that takes whole segments, ``run``. What follows from a log about a filter's own parameters
 # reaches it as :class:`LogFacts`.
 
 Array = NDArray[np.float64]
@@ -117,7 +117,7 @@ class Parameter:
     choices: tuple[str, ...] = ()
 
     def check(self, value: float | str, owner: str = "") -> float | str:
-        """The value as float or as one of the choices. UsageError if it is neither or out of range."""
+        """Return the value as float or as one of the choices. UsageError if it is neither or out of range."""
         where = f"{owner}: {self.name}" if owner else self.name
         if self.choices:
             if value in self.choices:
@@ -135,7 +135,7 @@ class Parameter:
         return number
 
     def code(self, value: float | str) -> float:
-        """What the kernel sees: the number, or the position of the choice."""
+        """Return what the kernel sees: the number, or the position of the choice."""
         return float(self.choices.index(str(value))) if self.choices else float(value)
 
     def _range(self) -> str:
@@ -149,7 +149,7 @@ def choice(name: str, values: tuple[str, ...], meaning: str, source: str, defaul
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """What is known about a flight, in numbers; None where the log does not tell it.
+    """What is known about a flight, in numbers; None where the log lacks it.
 
     ``declination_deg`` at the place and date of the flight, positive east. ``imu_rate_hz``,
     ``mag_rate_hz`` of the replayed sensors (no magnetometer: None). ``gyro_noise`` [rad/s/sqrt(Hz)]
@@ -226,8 +226,7 @@ class Estimator:
     filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
     names aids takes one argument more (:mod:`attlog.estimators.aids`). Filters with one ``equation``
     differ in gains and numerics alone. ``without_gnss``: the built-in filter that runs in its place where the aids hold
-    no GNSS. ``process``: the process that runs its functions, which then only stand for
-    those that are there; None where this one does.
+    no GNSS. ``process``: the process that runs its functions, which are then placeholders; None where this one does.
     """
 
     name: str
@@ -254,7 +253,7 @@ class Estimator:
 
     @property
     def aided(self) -> bool:
-        """Whether its step takes the argument ``aid``."""
+        """Return whether its step takes the argument ``aid``."""
         return self.step is not None and bool(self.uses & AIDS)
 
     @property
@@ -268,7 +267,7 @@ class Estimator:
         return max(4, *(int(s.stop) for s in self.slices.values()), 4)
 
     def parameter(self, name: str) -> Parameter:
-        """The parameter of that name. UsageError with a suggestion if there is none."""
+        """Return the parameter of that name. UsageError with a suggestion if there is none."""
         for p in self.parameters:
             if p.name == name:
                 return p
@@ -282,7 +281,7 @@ class Estimator:
         *,
         log: LogFacts | None = None,
     ) -> dict[str, tuple[float | str, str]]:
-        """Every parameter's value and origin (default, log, file, preset, or ``origin`` for ``params``), all checked.
+        """Return every parameter's value and origin (default, log, file, preset, or ``origin``), all checked.
 
         What is asked for by name wins: ``params``, then the preset, then what follows from the
         ``log``, then the default; ``file`` is what would be another without the log's ``given``.
@@ -303,7 +302,7 @@ class Estimator:
         return values
 
     def values_of(self, log: LogFacts, wanted: Collection[str]) -> dict[str, float | str]:
-        """Those of the ``wanted`` parameters that follow from a log. PluginError as in :meth:`resolve`.
+        """Return the ``wanted`` parameters that follow from a log. PluginError as in :meth:`resolve`.
 
         The declination does for every filter that has one, unless its own ``from_log`` says otherwise.
         """
@@ -324,7 +323,7 @@ class Estimator:
             raise PluginError(f"{self.name}: from_log gives {error}") from None
 
     def pack(self, values: Mapping[str, float | str]) -> Array:
-        """The kernel's ``params`` array (float64) of resolved values."""
+        """Return the kernel's ``params`` array (float64) of resolved values."""
         return np.array([p.code(values[p.name]) for p in self.own], np.float64)
 
 
@@ -356,7 +355,7 @@ class Estimate:
 
 
 def _short(value: object) -> str:
-    """A value as a sentence shows it: a filter's may have any length, and words that cannot be had."""
+    """Return a value as text for a sentence, cut to a length."""
     try:
         text = str(value)
     except Exception:

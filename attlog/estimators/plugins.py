@@ -1,4 +1,4 @@
-"""A filter that is not ours, in a process of its own: whatever it does, it does to that process alone.
+"""A plug-in's filter in a process of its own, so that a fault ends that process alone.
 
 Its code may raise, loop for ever, write beyond its arrays, end its process, take all memory or print. The process that
 asked goes on: what came of it is a value, or a PluginError that says what happened. What the file prints, at whatever
@@ -33,7 +33,7 @@ TIMEOUT_VARIABLE = "ATTLOG_FILTER_TIMEOUT"
 
 
 def timeout_s() -> float:
-    """How many seconds a filter from a file is given for one run; 0: any time."""
+    """Return the time limit in s of one run of a filter from a file; 0: none."""
     try:
         return max(float(os.environ.get(TIMEOUT_VARIABLE, FILTER_S)), 0.0)
     except ValueError:
@@ -41,7 +41,7 @@ def timeout_s() -> float:
 
 
 def from_file(path: Path, load: Load) -> Estimator:
-    """The estimator that a Python file defines, its functions in another process. PluginError if it cannot be loaded.
+    """Load the estimator of a Python file in another process. PluginError if it cannot be loaded.
 
     ``load`` loads it there.
     """
@@ -50,13 +50,13 @@ def from_file(path: Path, load: Load) -> Estimator:
 
 
 def from_package(name: str, state: str, load: Load) -> Estimator:
-    """The same of the filter ``name`` that an installed package brings, ``state`` being its module and version."""
+    """Load the filter ``name`` of an installed package in another process; ``state`` is its module and version."""
     return _described(load, name, "", (state,))
 
 
 @functools.lru_cache(maxsize=8)
 def _described(load: Load, name: str, place: str, state: tuple[int | str, ...]) -> Estimator:
-    """The same, once for every state of the file: metrics ask for a filter again by its name."""
+    """Load a filter once for every state of its file: metrics ask for it again by its name."""
     process = IsolatedFilter(name, load)
     found = process.call(_description)
     return replace(
@@ -116,7 +116,7 @@ class IsolatedFilter:
 
 
 class RemoteFunction:
-    """Stands for a filter's function that runs in another process: that it exists is all that this process knows."""
+    """A placeholder for a filter's function that runs in another process."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -130,7 +130,7 @@ def _values_from_log(process: IsolatedFilter, params: Mapping[str, float], info:
 
 
 def _words(died: Died) -> str:
-    """How a filter's process ended that gave no answer."""
+    """Return how a filter's process ended that gave no answer."""
     ended = died.exit
     if ended.signal == "SIGALRM":
         return "took too long and was ended"
@@ -142,7 +142,7 @@ def _words(died: Died) -> str:
 def _called(
     load: Load, name: str, function: Callable[..., T], arguments: tuple[Any, ...], options: dict[str, Any]
 ) -> T:
-    """In the filter's process: what the function returns of the filter, which is loaded first."""
+    """Call the function with the filter, which is loaded first; runs in the filter's process."""
     try:
         return function(_loaded(load, name), *arguments, **options)
     except AttlogError as error:
@@ -165,7 +165,7 @@ def _from_log(estimator: Estimator, params: dict[str, float], info: LogInfo) -> 
 
 
 def _description(estimator: Estimator) -> Estimator:
-    """An estimator without what cannot travel: its functions become a sign that they are there."""
+    """Return an estimator that pickles: its functions become placeholders."""
     return replace(
         estimator,
         presets={name: dict(values) for name, values in estimator.presets.items()},

@@ -71,12 +71,12 @@ RECORDED_PARAMETERS = (
 
 
 def is_recorded(name: str) -> bool:
-    """Whether a name is that of a file with an attitude."""
+    """Return whether a name is that of a file with an attitude."""
     return name.lower().endswith(RECORDED_SUFFIX)
 
 
 def recorded_estimator(path: Path) -> Estimator:
-    """The name of a file with an attitude, as an estimator that cannot be run on samples. UsageError without it."""
+    """Return a file with an attitude as an estimator that cannot run on samples. UsageError without the file."""
     if not os.path.isfile(path):
         raise UsageError(f"{path}: there is no such file with an attitude")
 
@@ -110,7 +110,7 @@ BUILT_IN = (
     "smoother",
 )
 
-# Filters that stand in one module with the one they are named after.
+# Filters that share a module with the one they are named after.
 MAHONY_FAMILY = dict.fromkeys(
     ("complementary", "variable_integral", "mahony_passive", "mahony_dcm", "mahony_adaptive"), "mahony"
 )
@@ -124,12 +124,12 @@ GROUP = "attlog.estimators"
 
 
 def names() -> tuple[str, ...]:
-    """The names of all built-in and installed estimators; imports none of them."""
+    """Return the names of all built-in and installed estimators; none is imported."""
     return BUILT_IN + tuple(n for n in sorted(_entry_points()) if n not in BUILT_IN)
 
 
 def get(name: str) -> Estimator:
-    """The estimator of that name, or of the file ``name`` if it ends in ``.py``, or ``.csv`` for an attitude.
+    """Return the estimator of that name, or of the file ``name`` (``.py``, or ``.csv`` for an attitude).
 
     Code that is not attlog's runs in a process of its own (:mod:`attlog.estimators.plugins`), its import included.
 
@@ -148,7 +148,7 @@ def get(name: str) -> Estimator:
 
 
 def here(name: str) -> Estimator:
-    """The same for a filter that is not attlog's, loaded into this process. Errors as of :func:`get`."""
+    """Load a filter that is not attlog's into this process. Errors as of :func:`get`."""
     if name.endswith(".py"):
         return from_file(Path(name))
     point = _entry_point(name)
@@ -160,7 +160,7 @@ def here(name: str) -> Estimator:
 
 
 def from_file(path: Path) -> Estimator:
-    """The estimator that a Python file defines, named like the file, in this process.
+    """Load the estimator that a Python file defines, named like the file, in this process.
 
     One whose name is taken by a built-in or installed estimator keeps its suffix: ``mahony.py``.
     UsageError for a file that cannot be read, PluginError with file and line if it cannot be loaded.
@@ -238,7 +238,7 @@ def from_module(module: Any, name: str, origin: str = "attlog") -> Estimator:
 
 
 def _slices(state: Mapping[str, int], where: str) -> dict[str, slice]:
-    """Where each public name stands in the state; private names must come last."""
+    """Return the slice of the state of each public name; private names must come last."""
     slices, begin, private = {}, 0, False
     for name, size in state.items():
         if private and not name.startswith("_"):
@@ -272,7 +272,7 @@ def _check_arguments(estimator: Estimator, where: str) -> None:
             hint = "; aid is there because USES names aids" if name == "step" and estimator.aided else ""
             raise PluginError(f"{where}: {name} must take {', '.join(arguments)}{hint}") from None
         except ValueError:
-            continue  # not a Python function: nothing tells what it takes
+            continue  # not a Python function: its arguments are unknown
 
 
 def _check_tables(estimator: Estimator, where: str) -> None:
@@ -302,7 +302,7 @@ def _check_readable(path: Path) -> None:
 
 
 def _entry_point(name: str) -> EntryPoint:
-    """The entry point of that name. UsageError with a suggestion if there is none."""
+    """Return the entry point of that name. UsageError with a suggestion if there is none."""
     points = _entry_points()
     if name not in points:
         raise UsageError(f"there is no estimator {name}{suggestion(name, names() + FLOWN)}")
@@ -310,7 +310,7 @@ def _entry_point(name: str) -> EntryPoint:
 
 
 def _version(point: EntryPoint) -> str:
-    """The version of a filter's package, empty where its description does not tell it."""
+    """Return the version of a filter's package, empty where its metadata lacks it."""
     try:
         return str(point.dist.version) if point.dist else ""
     except Exception:  # importlib and its stand-in importlib_metadata raise differently
@@ -318,7 +318,7 @@ def _version(point: EntryPoint) -> str:
 
 
 def _entry_points() -> dict[str, EntryPoint]:
-    """The filters of installed packages by name, of two with one name the first on the path.
+    """Return the filters of installed packages by name, of two with one name the first on the path.
 
     A package whose description is damaged has none; it need not have to do with attlog.
     """

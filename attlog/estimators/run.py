@@ -36,7 +36,7 @@ Part = Callable[[slice, "Array", NDArray[np.int64], int, Any], None]
 
 
 def late_field(estimator: Estimator, seen: StartVectors, heading_given: bool) -> int | None:
-    """The sample whose field sets the heading of this filter after the start; None where none needs to."""
+    """Return the sample whose field sets the heading after the start, None where none needs to."""
     return None if heading_given or "mag" not in estimator.uses else seen.late
 
 
@@ -50,7 +50,7 @@ def in_parts(
     shape: tuple[int, ...],
     dtype: str = "float64",
 ) -> Any:
-    """Outputs (rows, *shape) of a segment of samples, each n-th kept.
+    """Run a segment of samples; return its outputs (rows, *shape), each n-th kept.
 
     ``handed``: magnetometer rows and their use, for all samples. ``realign`` sets the heading of the
     state from the field of sample ``late`` and writes it to the row of outputs that it gets.
@@ -75,7 +75,7 @@ def in_parts(
 def without_heading(
     samples: PreparedSamples, silent: list[tuple[int, int]]
 ) -> tuple[dict[str, int], list[tuple[float, float]]]:
-    """What the wait for a field is worth in ``Estimate.skipped`` and ``Estimate.no_heading``.
+    """Return ``Estimate.skipped`` and ``Estimate.no_heading`` of the wait for a field.
 
     ``silent``: of each segment that waited, its first sample and the first with a field.
     """
@@ -90,7 +90,7 @@ def without_heading(
 
 
 def returned(where: str, one: Any, n: int) -> Estimate:
-    """``one`` with arrays of float64, for ``n`` samples. PluginError names the file ``where``."""
+    """Check what ``run`` returned for ``n`` samples, arrays as float64. PluginError names the file ``where``."""
     if not isinstance(one, Estimate) or np.shape(one.q) != (n, 4):
         raise PluginError(
             f"{where}: run must return an attlog.estimators.Estimate with one attitude for each time, q ({n}, 4)"
@@ -310,7 +310,7 @@ def run(
     every: int = 1,
     aids: Aids | None = None,
 ) -> Estimate:
-    """The estimate of one filter on prepared samples; ``values`` are all parameters, resolved.
+    """Run one filter on prepared samples; ``values`` are all parameters, resolved.
 
     ``q0`` (4,) body to true north starts the first segment; of every ``every``-th sample the output is kept.
     """
@@ -366,7 +366,7 @@ def run(
 
 
 def with_line(estimator: Estimator, run: Callable[[], T]) -> T:
-    """What ``run`` gives. An exception in a plug-in's compiled step becomes a PluginError with file and line.
+    """Call ``run``; an exception in a plug-in's compiled step becomes a PluginError with file and line.
 
     Machine code knows no line of the file, so the run is repeated in plain Python; where that raises nothing, the
     exception is reported without.
@@ -391,7 +391,7 @@ def collect(
     values: Mapping[str, float | str],
     silent: list[tuple[int, int]],
 ) -> Estimate:
-    """The estimate that kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,), or all, means.
+    """Make an estimate of kernel output ``out`` (n, outputs) at sample numbers ``rows`` (n,), or all.
 
     ``silent``: first sample, and first with a field, of each segment that had to wait for it. What the filter gave
     beside attitude and bias are views of ``out``: who drops them releases it.
@@ -412,12 +412,12 @@ def collect(
 
 
 def end_to_end(parts: list[Array]) -> Array:
-    """Arrays (n, ...) joined along the first axis; of one, the usual case, itself: in long logs a copy adds up."""
+    """Join arrays (n, ...) along the first axis; a single one, the usual case, is not copied."""
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def joined_aux(found: list[Estimate]) -> dict[str, Array]:
-    """What segments tell beside attitude and bias, end to end; NaN where one does not tell what another does."""
+    """Join the auxiliary outputs of segments; NaN where a segment lacks one of another."""
     shapes = {name: x.shape[1:] for e in reversed(found) for name, x in e.aux.items()}
     first = found[0].aux if found else {}
     names = dict.fromkeys([*first, *shapes])
@@ -427,7 +427,7 @@ def joined_aux(found: list[Estimate]) -> dict[str, Array]:
 def _whole_segments(
     estimator: Estimator, s: PreparedSamples, values: Mapping[str, float | str], q0: ArrayLike | None, aids: Aids
 ) -> Estimate:
-    """A whole-run estimator on each segment of samples, put together; its own count of ns per update wins.
+    """Run a whole-run estimator on each segment of samples; its own count of ns per update wins.
 
     What it says of itself is that of the longest segment.
     """
@@ -480,6 +480,6 @@ def _whole_segments(
 
 
 def _own_samples(t: Array, mag: Array) -> Measurements | None:
-    """The new samples of a magnetometer on the IMU's times (n,), NaN rows between; None if there is none."""
+    """Return the new samples of a magnetometer on the IMU's times (n,), NaN rows between; None without any."""
     new = np.isfinite(mag).all(axis=1)
     return Measurements(t[new], mag[new]) if new.any() else None

@@ -58,7 +58,7 @@ class PreparedSamples:
     led: tuple[Array, Array, NDArray[np.int64]] | None = None
     # What start found, by begin, end and ``init``, for who runs over them again.
     starts: dict[tuple[int, int, str], Any] = field(default_factory=dict, init=False, repr=False, compare=False)
-    # Whether nobody runs over them again: a filter then releases them before its output is put together.
+    # True if no filter runs over them again: they are then released before the output is put together.
     once: bool = False
 
     def release(self) -> None:
@@ -80,7 +80,7 @@ def prepare(
     lead: bool = True,
     ours: bool = False,
 ) -> PreparedSamples:
-    """Cleaned samples for the kernels; the input is never changed. UsageError for wrong shapes.
+    """Clean samples for the kernels; the input is never changed. UsageError for wrong shapes.
 
     ``t`` (n,) s ascending, ``gyr`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2, ``mag`` (n, 3) in any unit, NaN rows where there
     is no new sample, all body axes (FRD); ``dt`` (n,) s a sample's own time of integration.
@@ -139,7 +139,7 @@ def prepare(
 
 
 def lagged_samples(samples: PreparedSamples, at: VectorsAt) -> tuple[Array, Array, NDArray[np.int64]]:
-    """Vectors and magnetometer use of each step: ``acc``, ``mag`` (n, 3), ``use`` (n,).
+    """Return vectors and magnetometer use of each step: ``acc``, ``mag`` (n, 3), ``use`` (n,).
 
     A step turns the attitude of the sample before by the rate since then. ``start``: it compares
     vectors with the attitude that it is given, so they are those of the sample before; ``end``: with
@@ -153,7 +153,7 @@ def lagged_samples(samples: PreparedSamples, at: VectorsAt) -> tuple[Array, Arra
 
 
 def _led(x: NDArray[D]) -> NDArray[D]:
-    """A copy of ``x`` behind a row of zeros: the sample before each is a view of it, not another copy."""
+    """Copy ``x`` behind a row of zeros: the sample before each is a view of it, not another copy."""
     out = np.zeros((len(x) + 1, *x.shape[1:]), x.dtype)
     if x.any():
         out[1:] = x
@@ -161,7 +161,7 @@ def _led(x: NDArray[D]) -> NDArray[D]:
 
 
 def place(t_imu: ArrayLike, t_mag: ArrayLike, field: ArrayLike) -> Array:
-    """Magnetometer samples on IMU times: (n, 3) with NaN rows where there is no new sample.
+    """Place magnetometer samples on IMU times: (n, 3) with NaN rows where there is no new sample.
 
     ``t_imu`` (n,) s, ``t_mag`` (m,) s, ``field`` (m, 3) any unit. Each sample goes to the
     first IMU sample at or after it, the newest wins; samples after the last IMU time are
@@ -228,7 +228,7 @@ def _good_times(
 
 
 def _within(x: Array, limit: float) -> bool:
-    """True if all of x is finite and within the limit: the usual case, seen without masks."""
+    """Return whether all of x is finite and within the limit, without masks."""
     if len(x) == 0:
         return True
     low, high = float(x.min()), float(x.max())
@@ -241,8 +241,10 @@ def _whole(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing: bool) -> Array:
-    """Vectors with zeros where there is none; counts why. An all-NaN sensor or NaN row of the
-    magnetometer means "no sample" and is no fault."""
+    """Return vectors with zeros for missing ones; count the reasons.
+
+    An all-NaN sensor or NaN row of the magnetometer means "no sample" and is no fault.
+    """
     if _within(x, limit) and x[:, 0].all():
         return x
     if absent_is_missing:
@@ -264,7 +266,7 @@ def _vectors(x: Array, limit: float, skipped: dict[str, int], absent_is_missing:
 
 
 def _mag_use(t: Array, mag: Array, segment: NDArray[np.int64], hold: bool) -> NDArray[np.int64]:
-    """NEW at magnetometer samples, HELD up to 1.5 nominal periods after one of the same segment, else MISSING."""
+    """Return NEW at magnetometer samples, HELD up to 1.5 periods after one of the same segment, else MISSING."""
     use = np.zeros(len(t), np.int64)
     at = np.flatnonzero(~_whole(mag == 0.0))
     if hold and 2 <= len(at) < len(t):
@@ -298,14 +300,14 @@ class UniformSamples:
     regular: bool
 
     def back(self, t: Array, q: Array) -> Array:
-        """Attitudes (n, 4) at the input's times ``t`` from attitudes (m, 4) on the grid."""
+        """Return attitudes (n, 4) at the input's times ``t`` from attitudes (m, 4) on the grid."""
         if self.regular:
             return q
         return rotation.slerp(self.t, q, np.clip(t, self.t[0], self.t[-1]))
 
 
 def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> UniformSamples:
-    """The samples as they are where their spacing varies by under 5 %, else resampled at the median rate.
+    """Return samples whose spacing varies by under 5 % as they are, others resampled at the median rate.
 
     ``t`` (n,) s, ``gyr`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2, ``mag`` (n, 3) with NaN rows where it has no sample.
     Rates and specific forces are means over the interval before their time, so it is
@@ -328,7 +330,7 @@ def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> UniformSamples:
 
 
 def _resample(t: Array, x: Array, grid: Array, period: float) -> Array:
-    """Means over the grid's intervals of ``x`` (n, 3), whose rows are means over the input's intervals."""
+    """Return means over the grid's intervals of ``x`` (n, 3), means over the input's intervals."""
     step, mean = np.diff(t), np.empty((len(grid), 3))
     mean[:1] = x[:1]
     for i in range(3):  # one axis at a time: in long logs copies add up
@@ -341,11 +343,11 @@ def _resample(t: Array, x: Array, grid: Array, period: float) -> Array:
 
 
 def typical_size(mag: Array) -> Array:
-    """The field (n, 3) in any unit scaled to a median norm of 50, zero rows kept: packages think in microtesla."""
+    """Scale the field (n, 3) to a median norm of 50, zero rows kept: packages expect microtesla."""
     return mag * typical_scale(mag)
 
 
 def typical_scale(mag: Array) -> float:
-    """The factor that does it; 1 for a field (n, 3) that is nowhere."""
+    """Return the factor of :func:`typical_size`; 1 for a field (n, 3) without samples."""
     norm = np.sqrt(np.sum(mag**2, axis=1))
     return TYPICAL_FIELD_UT / float(np.median(norm[norm > 0])) if norm.any() else 1.0

@@ -1,9 +1,9 @@
-"""Vectors averaged while the body moves: each turned by the gyro into the body axes of the first sample.
+"""The start of a segment: vectors averaged while the body moves, attitude, and the north of the result.
 
     G_k = G_{k-1} exp(w_k dt_k),  G_0 = 1           the gyro alone, floating with the first sample
     F   = sum G_k f_k,  M = sum G_k m_k
 
-Gravity and the field stand still in those axes; accelerations of a body that does not fly away
+Gravity and the field are constant in those axes; accelerations of a body that does not fly away
 cancel in the sum, in a single sample they do not. Measured over starts cut into the motion of
 15 BROAD trials, error of the start attitude: one sample 48 deg, 1 s 12, 2 s 7.7, 3 s 5.9.
 """
@@ -40,7 +40,7 @@ class DerotatedVectors:
 
 
 def derotate(dt: Array, gyr: Array, acc: Array, mag: Array) -> DerotatedVectors:
-    """Vectors turned by the gyro into the body axes of the first sample.
+    """Turn vectors by the gyro into the body axes of the first sample.
 
     ``dt`` (n,) s is the time since the sample before (its first value is not used), ``gyr`` (n, 3)
     rad/s the mean rate over it, less its bias where known, ``acc`` and ``mag`` (n, 3) with zero or NaN rows where
@@ -89,7 +89,7 @@ class StartVectors:
 
 
 def first(samples: PreparedSamples, a: int, b: int, values: Mapping[str, float | str]) -> StartVectors:
-    """What the segment of samples a to b starts with, by the parameter ``init``; numbers count from sample 0."""
+    """Return the start vectors of samples a to b by the parameter ``init``; numbers count from sample 0."""
     init = str(values.get("init", "average"))
     if (a, b, init) not in samples.starts:
         part = slice(a, b)
@@ -104,7 +104,7 @@ def first(samples: PreparedSamples, a: int, b: int, values: Mapping[str, float |
 def first_seconds(
     t: Array, gyr: Array, acc: Array, mag: Array, dt: Array | None = None, init: str = "average"
 ) -> StartVectors:
-    """What a segment without gaps starts with, also for whole runs that align themselves.
+    """Return the start vectors of a segment without gaps, also for whole runs that align themselves.
 
     ``t`` (n,) s; ``gyr`` (n, 3) rad/s; ``acc``, ``mag`` (n, 3), zero or NaN rows where there is no sample; ``dt``
     (n,) s where it is not the difference of times; ``init`` first (good sample), else an average.
@@ -137,8 +137,10 @@ def first_seconds(
 def initial_state(
     estimator: Estimator, seen: StartVectors, params: Array, values: Mapping[str, float | str], q0: ArrayLike | None
 ) -> Array:
-    """The state (size,) with which a segment starts; ``params`` packed, ``q0`` (4,) the user's attitude, body to true
-    north, before what the parameter ``init`` says."""
+    """Return the state (size,) with which a segment starts.
+
+    ``params`` packed; ``q0`` (4,), the user's attitude, body to true north, overrides the parameter ``init``.
+    """
     if q0 is not None:
         attitude = _q0(q0, values)
     elif values.get("init") == "identity":
@@ -149,7 +151,7 @@ def initial_state(
 
 
 def realigned(estimator: Estimator, state: Array, params: Array, mag: Array) -> Array:
-    """The state with its heading set from the first field ``mag`` (3,), turned by the state's own tilt.
+    """Set the state's heading from the first field ``mag`` (3,), turned by the state's own tilt.
 
     Tilt and bias go on; what else a filter keeps is started anew around them.
     """
@@ -163,13 +165,13 @@ def realigned(estimator: Estimator, state: Array, params: Array, mag: Array) -> 
 
 
 def turned_to_field(q: Array, mag: Array) -> Array:
-    """The attitude (4,) turned about the vertical so that the field (3,) points north; a vertical one says nothing."""
+    """Turn the attitude (4,) about the vertical so that the field (3,) points north; a vertical field turns nothing."""
     h = rotation.rotate(q, mag)
     return rotation.turn_about_down(q, -np.arctan2(h[1], h[0])) if h[:2].any() else q
 
 
 def _started(estimator: Estimator, params: Array, acc: Array, mag: Array, attitude: Array) -> Array:
-    """What the filter's own start makes of vectors and an attitude."""
+    """Return the state by the filter's own start."""
     assert estimator.start is not None
     with plugin_errors(estimator.origin):
         own = np.asarray(estimator.start(params, acc, mag, attitude.copy()))
@@ -185,7 +187,7 @@ def _started(estimator: Estimator, params: Array, acc: Array, mag: Array, attitu
 
 
 def start_attitude(acc: Array, mag: Array, declination: float = 0.0) -> Array:
-    """Attitude (4,) that a specific force and a field at rest show: tilt and magnetic heading.
+    """Return the attitude (4,) by specific force and field at rest: tilt and magnetic heading.
 
     Without accelerometer level, without magnetometer *true* heading 0 (``declination``
     in rad is what the loop adds to the heading later).
@@ -200,7 +202,7 @@ def start_attitude(acc: Array, mag: Array, declination: float = 0.0) -> Array:
 
 
 def at_rest(gyr: Array, acc: Array) -> bool:
-    """True if rates (n, 3) are small and the halves of rates and forces agree: nothing but noise."""
+    """Return whether rates (n, 3) are small and the halves of rates and forces agree."""
     half = len(gyr) // 2
     forces = [x[_there(x)] for x in (acc[:half], acc[half:])]
     if half == 0 or not (len(forces[0]) and len(forces[1])):
@@ -212,13 +214,13 @@ def at_rest(gyr: Array, acc: Array) -> bool:
 
 
 def _there(x: Array) -> NDArray[np.bool_]:
-    """Which rows (n,) hold a vector: finite and not zero."""
+    """Select the rows (n,) that hold a vector: finite and not zero."""
     there: NDArray[np.bool_] = np.isfinite(x).all(axis=1) & (x != 0.0).any(axis=1)
     return there
 
 
 def _q0(q0: ArrayLike, values: Mapping[str, float | str]) -> Array:
-    """The user's start attitude (true north) as the filter sees it (magnetic north)."""
+    """Return the user's start attitude (true north) relative to magnetic north."""
     q = np.asarray(q0, np.float64)
     if q.shape != (4,) or not np.isfinite(q).all() or not q.any():
         raise UsageError("q0 must be a quaternion of four numbers (scalar first), not all zero")
@@ -226,11 +228,11 @@ def _q0(q0: ArrayLike, values: Mapping[str, float | str]) -> Array:
 
 
 def declination_rad(values: Mapping[str, float | str]) -> float:
-    """The declination in rad, positive east; 0 for estimators without a magnetometer."""
+    """Return the declination in rad, positive east; 0 for estimators without a magnetometer."""
     return float(np.deg2rad(float(values.get("declination", 0.0))))
 
 
 def to_true_north(q: Array, values: Mapping[str, float | str]) -> Array:
-    """Attitudes (n, 4) relative to true north: magnetic ones ``q`` (n, 4) turned by the declination."""
+    """Turn magnetic attitudes ``q`` (n, 4) by the declination to true north."""
     angle = declination_rad(values)
     return rotation.turn_about_down(q, angle) if angle else q

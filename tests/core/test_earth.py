@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 
 import pytest
-from ahrs.utils.wmm import WMM
 
 from attlog.core import earth
 
@@ -33,24 +32,6 @@ def test_the_field_has_the_published_test_values_of_2020(lat, lon, height_m, dec
     assert field.declination_deg == pytest.approx(declination, abs=0.006)
     assert field.inclination_deg == pytest.approx(inclination, abs=0.006)
     assert field.strength_t * 1e9 == pytest.approx(strength_nt, abs=0.1)
-
-
-@pytest.mark.parametrize(
-    ("year", "lat", "lon", "height_m", "tolerance_deg"),
-    [
-        (2017, 47.4, 8.5, 400.0, 0.1),  # the oracle has the 2015 model before its correction of 2018
-        (2021, -35.36, 149.16, 580.0, 0.002),
-        (2023, 60.0, 10.0, 0.0, 0.002),
-        (2026, 35.0, 139.0, 100.0, 0.002),
-    ],
-)
-def test_the_field_is_that_of_an_independent_implementation(year, lat, lon, height_m, tolerance_deg):
-    expected = WMM(date(year, 7, 1), latitude=lat, longitude=lon, height=height_m / 1000)
-    field = earth.field(lat, lon, height_m, unix(year, 7, 1))
-    assert field is not None
-    assert field.declination_deg == pytest.approx(expected.D, abs=tolerance_deg)
-    assert field.inclination_deg == pytest.approx(expected.I, abs=tolerance_deg)
-    assert field.strength_t * 1e9 == pytest.approx(expected.F, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -35,19 +35,6 @@ from attlog.flight.parameters import read_parameter_file as read_parameters
 POSIX = pytest.mark.skipif(os.name != "posix", reason="rights as POSIX knows them")
 
 
-@POSIX
-@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
-def test_rights_are_those_of_a_plain_open(umask: int, tmp_path: Path) -> None:
-    before = os.umask(umask)
-    try:
-        (tmp_path / "plain").write_bytes(b"")
-        write_atomic(tmp_path / "ours", b"x")
-    finally:
-        os.umask(before)
-    modes = [stat.S_IMODE((tmp_path / name).stat().st_mode) for name in ("plain", "ours")]
-    assert modes[0] == modes[1]
-
-
 def test_an_old_file_survives_a_failure_and_nothing_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "report.html"
     path.write_text("old")
@@ -60,16 +47,6 @@ def test_an_old_file_survives_a_failure_and_nothing_is_left(tmp_path: Path, monk
         write_atomic(path, "new")
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_an_interrupt_leaves_no_temporary_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Path, "replace", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_atomic(tmp_path / "report.html", "new")
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_written_bit_by_bit_appears_when_it_is_whole(tmp_path: Path) -> None:
@@ -159,11 +136,6 @@ def test_the_name_of_standard_output_means_what_stands_behind_it(tmp_path: Path)
         subprocess.run([sys.executable, "-c", run], stdout=out, check=True)
     assert (tmp_path / "all").read_text() == "first\nsecond third"
     assert os.path.islink("/dev/stdout")
-
-
-def test_what_utf8_cannot_hold_is_written_as_an_escape(tmp_path: Path) -> None:
-    write_atomic(tmp_path / "file", "a\udcffb")
-    assert (tmp_path / "file").read_text(encoding="utf-8") == "a\\udcffb"
 
 
 def test_the_json_moves_last_of_what_belongs_together(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -287,13 +259,6 @@ def test_any_name_is_one_plain_part_of_a_path_on_every_system(text: str) -> None
     assert file_name(name) == name
 
 
-def test_long_names_that_begin_alike_stay_apart_and_keep_their_ending() -> None:
-    one, other = file_name("x" * 300 + "a.ulg.gz"), file_name("x" * 300 + "b.ulg.gz")
-    assert one != other
-    assert one.endswith(".ulg.gz")
-    assert len(os.fsencode(one)) <= MAX_NAME_BYTES
-
-
 def test_what_collides_is_numbered_in_the_order_given() -> None:
     assert file_names(["foo_0", "foo_1", "foo_1"]) == ["foo_0", "foo_1", "foo_1-2"]
     assert file_names(["A", "a", "a-2", "ä", "a\u0308"]) == ["A", "a-2", "a-2-2", "ä", "a\u0308-2"]
@@ -326,14 +291,6 @@ def test_the_users_cache_is_taken(homes: Path) -> None:
     assert found.is_dir()
 
 
-@pytest.mark.parametrize("open_to", [0o770, 0o707])
-def test_a_folder_that_others_can_write_to_is_refused(tmp_path: Path, open_to: int) -> None:
-    folder = tmp_path / "kind" / "version"
-    assert is_private_folder(folder)
-    folder.chmod(open_to)
-    assert not is_private_folder(folder)
-
-
 def test_a_folder_below_one_that_others_can_write_to_is_refused_unless_its_sticky_bit_is_set(tmp_path: Path) -> None:
     """Whoever may write there may put a folder of his own in the place of the user's."""
     shared = tmp_path / "shared"
@@ -354,12 +311,6 @@ def test_none_is_found_where_nothing_can_be_written(homes: Path) -> None:
 
 
 # Files that people write: what cannot be read and what is no TOML is told with the file's name.
-
-
-def test_a_byte_order_mark_is_no_part_of_the_text(tmp_path: Path) -> None:
-    file = tmp_path / "a.toml"
-    file.write_bytes(b"\xef\xbb\xbfa = 1\n")
-    assert parse_toml(read_settings_text(file), file) == {"a": 1}
 
 
 def test_a_file_that_is_not_there_and_a_folder_cannot_be_read(tmp_path: Path) -> None:
@@ -391,13 +342,6 @@ def test_a_file_beyond_what_people_write_is_refused_before_it_is_read(tmp_path: 
     for read in (read_settings_text, read_parameters):
         with pytest.raises(UsageError, match="larger than 8 MB"):
             read(path)
-
-
-def test_a_parameter_file_is_held_to_the_limits_of_parameters(tmp_path: Path) -> None:
-    path = tmp_path / "f.param"
-    path.write_text("EKF2_MAG_DECL,1e39\nANYTHING,1e30\n")
-    with pytest.raises(UsageError, match=r"line 1: EKF2_MAG_DECL is 1e.39; the declination lies within"):
-        read_parameters(path)
 
 
 # CSV cells: a spreadsheet shows them and runs none.

@@ -34,14 +34,6 @@ def test_no_interval_crosses_a_segment_lasts_too_long_or_holds_no_attitude() -> 
     assert len(kinematics.body_rates(t[:3], q[:3], segment[:3], 5).start) == 0
 
 
-def test_another_clock_changes_no_rate_and_selection_keeps_intervals_together() -> None:
-    rates = kinematics.body_rates(T, spin([5.0, 0.0, 0.0]), ONE, 10)
-    moved = rates.shifted(2.0, 1e-3, 5.0).at_most(100)
-    assert len(moved.start) <= 100
-    assert moved.start[1] - 2.0 - 1e-3 * (rates.start[10] - 5.0) == pytest.approx(rates.start[10])
-    np.testing.assert_array_equal(moved.rate, rates.rate[::10])
-
-
 def test_the_force_of_a_vehicle_at_rest_points_up_whatever_its_attitude() -> None:
     q = spin([3.0, 5.0, 7.0])
     force = rotation.rotate_inverse(q, np.array([0.0, 0.0, -9.8]))

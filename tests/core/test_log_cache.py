@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import weakref
-
 import pytest
 
 from attlog.core.log_cache import cached_per_log, log_cache
@@ -52,23 +49,3 @@ def test_an_object_that_is_gone_does_not_answer_for_another_in_its_place(counted
     with log_cache():
         found = {answer(Sensor()) for _ in range(50)}
     assert len(found) == 50
-
-
-def test_what_was_found_goes_with_the_block_even_when_it_ends_in_an_error():
-    @cached_per_log
-    def answer(sensor):
-        return Sensor()
-
-    held = []
-
-    @log_cache()
-    def block():
-        held.append(weakref.ref(answer(Sensor())))
-        gc.collect()
-        assert held[0]() is not None
-        raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        block()
-    gc.collect()
-    assert held[0]() is None

@@ -173,14 +173,3 @@ def test_increments_are_the_rotations_between_neighbours():
     wanted = (scipy_of(q[:-1]).inv() * scipy_of(q[1:])).as_rotvec()
     np.testing.assert_allclose(rotation.increments(q), wanted, atol=1e-9)
     assert rotation.increments(q[:1]).shape == rotation.increments(q[:0]).shape == (0, 3)
-
-
-@pytest.mark.parametrize("period", [2 * np.pi, 360.0])
-def test_unwrapped_angles_are_those_of_numpy_whether_they_jump_or_not(period):
-    rng = np.random.default_rng(4)
-    for step in (0.1, 0.49, 2.0):
-        angle = np.cumsum(rng.uniform(-step, step, 200)) * period
-        for one in (angle, (angle + 0.5 * period) % period, np.where(np.arange(200) == 90, np.nan, angle)):
-            np.testing.assert_array_equal(rotation.unwrap(one, period), np.unwrap(one, period=period))
-    quiet = np.zeros(5)
-    assert rotation.unwrap(quiet) is not quiet

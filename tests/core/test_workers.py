@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from attlog.core.workers import Channel, Closed, Died, ForkServer, TooLong, TooMuchMemory, Worker, in_processes
+from attlog.core.workers import Channel, Closed, Died, ForkServer, TooLong, TooMuchMemory, Worker
 from tests.core import worker_functions
 
 Start = Callable[[], Worker]
@@ -186,11 +186,3 @@ def test_values_arrive_whole_however_they_are_cut_and_too_long_ones_not_at_all()
 
 
 # The same work on several things in several processes: all results, and a death costs its own thing alone.
-
-
-def test_a_process_that_dies_costs_its_own_result_alone() -> None:
-    found = dict(in_processes(worker_functions.square, {k: (k,) for k in range(6)}, 2))
-    died = found.pop(3)
-    assert isinstance(died, Died)
-    assert "exit status 5" in str(died)
-    assert found == {k: k * k for k in (0, 1, 2, 4, 5)}

@@ -21,7 +21,6 @@ from attlog.estimators.aids import (
     AIR_HEARD,
     AIR_SPEED,
     NEVER,
-    SIZE,
     update_airspeed,
     without_acceleration,
 )
@@ -40,7 +39,7 @@ NED = np.ones((3, 3))
         (lambda: Measurements([0.0, 1.0, 1.0], NED), "must be finite and rise"),
         (lambda: Measurements([0.0, 1.0, np.nan], NED), "must be finite and rise"),
         (lambda: Measurements(T, [1.0, np.inf, 1.0]), "values of aids must be finite"),
-        (lambda: Measurements(T, [[1.0, np.nan], [np.nan, np.nan], [1.0, 2.0]]), "leave out samples that tell nothing"),
+        (lambda: Measurements(T, [[1.0, np.nan], [np.nan, np.nan], [1.0, 2.0]]), "leave out samples without a value"),
         (lambda: Measurements(T, NED, [1.0, -1.0, 1.0]), "sigma of aids"),
         (lambda: Measurements(T, NED, [1.0, 1.0]), "sigma of aids"),
         (lambda: Measurements(T, ["a", "b", "c"]), "array of numbers"),
@@ -91,10 +90,6 @@ def test_a_cut_keeps_what_lies_inside_with_both_ends() -> None:
     assert cut.at_rest.tolist() == [[1.0, 1.5], [1.8, 1.9]]
 
 
-def test_a_span_that_ends_before_it_begins_holds_nothing() -> None:
-    assert Measurements(T, NED).between(1.5, 0.5) is None
-
-
 def test_rest_is_yes_no_or_unknown() -> None:
     t = np.array([-1.0, 0.0, 0.5, 0.6, 2.0])
     assert Aids(at_rest=[[0.0, 0.5], [1.9, 2.5]]).resting(t).tolist() == [0, 1, 1, 0, 1]
@@ -128,14 +123,6 @@ def test_a_run_gets_of_its_aids_what_lies_in_its_segment(tmp_path: Path) -> None
     assert seen[0].tolist() == [10.0, 0.1, 1.0]
     assert seen[-1] == pytest.approx([15.0, 5.1, 0.0])
     assert attlog.estimate(str(file), t, np.zeros((len(t), 3))).aux["seen"][0].tolist() == [0.0, -1.0, 0.0]
-
-
-def test_the_layout_has_a_place_for_everything() -> None:
-    from attlog.estimators import aids
-
-    names = "LAT LON ALT POS_H_ACC POS_V_ACC VEL_N VEL_E VEL_D VEL_ACC BARO AIRSPEED AT_REST".split()
-    assert [getattr(aids, n) for n in names] == list(range(SIZE))
-    assert all(n in (aids.__doc__ or "") for n in names)
 
 
 # Airspeed in filters: a plane in coordinated turns, known in closed form, and what pitot tubes tell.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +12,7 @@ import pytest
 import attlog
 from attlog.core import rotation
 from attlog.core.errors import PluginError, UsageError
-from attlog.estimators import Aids, Measurements, estimate, get, place
+from attlog.estimators import Aids, Measurements, get, place
 from attlog.estimators.aids import VEL_D, VEL_N, aid_rows
 from attlog.estimators.aids import Aids as aids_Aids
 from attlog.estimators.aids import Measurements as aids_Measurements
@@ -282,31 +281,6 @@ def test_a_cleared_jit_gives_the_same_attitude(monkeypatch: pytest.MonkeyPatch) 
 
 
 # A magnetometer that is thinned to 2 Hz costs little heading: the loop turns its last vector on with the gyro.
-
-
-@pytest.mark.parametrize("name", ["px4/px4_yaw.ulg", "ardupilot/copter_yaw_turns.bin"])
-def test_heading_at_2_hz_is_within_ten_percent_of_the_full_rate_s(corpus: Path, name: str) -> None:
-    log = attlog.read(corpus / "sitl" / name)
-    with (corpus / "sitl" / "MANIFEST.csv").open(encoding="utf-8") as file:
-        declination = next(float(r["declination_true"]) for r in csv.DictReader(file) if r["file"] == name)
-    assert log.imu is not None
-    assert log.mag is not None
-    assert log.truth is not None
-    imu, field, truth = log.imus[log.imu], log.mags[log.mag].field, log.truth
-    due = np.floor(field.t_best / 0.5)
-    thin = np.flatnonzero(np.diff(due, prepend=-np.inf) > 0)
-
-    def heading_rmse_deg(keep: np.ndarray | slice) -> float:
-        mag = place(imu.gyro.t, field.t_best[keep], field.x[keep])
-        e = estimate(
-            "mahony@xu-0.6", imu.gyro.t, imu.gyro.x, imu.acc.x, mag, sampling=imu.gyro.sampling, declination=declination
-        )
-        use = (truth.t > 15.0) & (truth.t < e.t[-1])
-        error = rotation.earth_error(rotation.slerp(e.t, e.q, truth.t[use]), truth.q[use])
-        return float(np.rad2deg(np.sqrt(np.mean(rotation.heading_angle(error) ** 2))))
-
-    assert len(thin) < 0.25 * len(field.t)
-    assert heading_rmse_deg(thin) < 1.1 * heading_rmse_deg(slice(None))
 
 
 # Steps with aids: which event reaches which step, and a filter that is better for them.

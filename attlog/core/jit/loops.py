@@ -160,7 +160,7 @@ class Loop(Generic[P, R]):
 
     @property
     def edited(self) -> bool:
-        """Whether a file may have changed since this process imported it, so that the text is not what runs."""
+        """Return whether a file may have changed since this process imported it, so that the text is not what runs."""
         files = {function.__code__.co_filename for function in self.functions.values()}
         return any(os.path.exists(file) and os.stat(file).st_mtime >= STARTED - 2.0 for file in files)
 

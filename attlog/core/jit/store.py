@@ -2,7 +2,7 @@
 
 A file is named by its loop's key. It is a line of JSON (symbol, functions of the C library that it calls, checksum) and
 the code. A damaged file counts as missing. Files are written whole or not at all, so processes may compile the same
-loop at once, and nobody needs to write to the installation.
+loop at once, and the installation may be read-only.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from there). Noise levels, delays, prior spreads, scale factors (gyro, soft iron
 constants of the sensors. ``constants`` says where they come from:
 
     past (default)     learnt on the way from what came so far (``navigation/passes/learning.py``)
-    fixed              the defaults, never learnt
+    fixed              the defaults
     whole_log          of all of the log, as a tuned vehicle has them: knows what comes
     whole_log_biases   also biases, hard iron and declination start where the smoother puts them: knows what comes
 
@@ -31,7 +31,7 @@ import numpy as np
 from attlog.estimators.aids import Aids
 from attlog.estimators.filters.navigation import attitude, passes
 from attlog.estimators.filters.navigation.inputs import GATE, PRIORS, Inputs, prepare_inputs, started
-from attlog.estimators.filters.navigation.model import BG
+from attlog.estimators.filters.navigation.model import E
 from attlog.estimators.interface import Array, Estimate, choice
 
 SOURCE = "Sola2017"
@@ -55,14 +55,14 @@ PARAMETERS = (
 PRESETS: dict[str, dict[str, float | str]] = {
     name: {"constants": name} for name in ("fixed", "whole_log", "whole_log_biases")
 }
-# Less tells no delay and no noise.
+# A shorter GNSS shows neither delay nor noise.
 LEAST_GNSS_S = 30.0
 # Aids act this much after they were true at least: rest is known half a second later.
 MARGIN_S = 0.6
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
-    """The filtered attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where it has no sample."""
+    """Filter one segment without gaps: the attitude at ``t`` (n,); ``mag`` has NaN rows where it has no sample."""
     clock = time.thread_time()
     fixes, constants = aids.velocity, str(params["constants"])
     if constants in AHEAD and (fixes is None or fixes.t[-1] - fixes.t[0] < LEAST_GNSS_S):
@@ -88,12 +88,12 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
 
 
 def filtered(inputs: Inputs, begin: int, known: passes.Constants, gate: float, names: Sequence[str]) -> Estimate:
-    """One run with known constants, those of ``names`` from the start on; its attitudes from sample ``begin`` on."""
+    """Run once with known constants, those of ``names`` from the start on; return attitudes from ``begin`` on."""
     n = len(inputs.t)
     found, start, jumps = passes.causal(inputs, known.levels, gate, known.state, names)
     bias = found.bias[attitude.node_before(found, n)]
     horizon = inputs.lag + MARGIN_S + max(known.levels.gnss_delay, known.levels.mag_delay, 0.0)
-    q = attitude.predicted(inputs, found.q, bias, start.x[BG : BG + 3], horizon)
+    q = attitude.predicted(inputs, found.q, bias, start.x[E.bg : E.bg + 3], horizon)
     found.q, found.bias = found.q[:0].copy(), found.bias[:0].copy()  # in long logs copies add up
     tilt, heading = attitude.sigmas(inputs, found, found.variance)
     told = attitude.quality(inputs, found, known.levels, tilt[begin:], heading[begin:])
@@ -104,7 +104,7 @@ def filtered(inputs: Inputs, begin: int, known: passes.Constants, gate: float, n
 
 
 def joined(stages: Sequence[Estimate]) -> Estimate:
-    """The parts of a run end to end; what an aid said is missing where it was not there yet."""
+    """Join the parts of a run; outputs of an aid are NaN before its first sample."""
     if len(stages) == 1:
         return stages[0]
     names = dict.fromkeys(name for one in stages for name in one.aux)

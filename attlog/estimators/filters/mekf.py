@@ -2,7 +2,7 @@
 
     q, b (gyro bias), M (3x3 gyro scale and misalignment), ba (accelerometer bias), v_N, v_E, d (heading of the field)
     w    = (I + M)(gyro - b)       q <- q (x) exp(w dt)                                             (1)
-    a    = R (f - ba - V')         v <- v + (a_N, a_E) dt,  V' by airspeed: ``airspeed.py``   (2)
+    a    = R (f - ba - V')         v <- v + (a_N, a_E) dt,  V' by airspeed: ``aids.py``       (2)
     error x = [theta (earth axes), db, dM, dba, dv, dd],  R_true = (I + [theta]x) R                 (3)
     theta <- theta - A db + B dM,  A = int R dt,  B = int R dw/dM dt                                (4)
     v_N  <- v_N + S_z theta_y - (A dba)_N,   v_E <- v_E - S_z theta_x - (A dba)_E,   S = int a dt   (5)
@@ -15,13 +15,13 @@ calibration are attlog's; the tests of norm and dip of the field follow Laidig20
 
 Accelerations of a body that does not fly away average to zero as vectors in the earth frame. A direction of gravity
 takes every one of them for a tilt; (2) integrates them to a velocity that is small. In (5) the terms that tie velocity
-to heading are left out: nobody knows the true velocity, so an acceleration tells nothing about heading. The
+to heading are left out: the true velocity is unknown, so an acceleration shows no heading. The
 magnetometer corrects heading, gyro bias and d only; the tilt's part in psi enters the covariance, not the gain
 (Schmidt). Delay and body-fixed offset of the magnetometer are found beside the filter (``inertial/compass.py``). d, the
 local field's direction relative to magnetic north, changes while the body moves about; by default it is 0. How large an
-accelerometer bias may be is learnt on the way: calibrated sensors keep a tight prior, raw ones get room.
+accelerometer bias may be is estimated on the way: calibrated sensors keep a tight prior, raw ones get room.
 
-Of a plane that tells its airspeed, v is what velocity there is beside airspeed along the nose: sideslip, angle of
+Of a plane with airspeed, v is the velocity beside airspeed along the nose: sideslip, angle of
 attack, gusts. It walks at random while the plane flies.
 
 The first ``align_time`` seconds vectors are averaged in axes that the gyro holds still, so that a start in the middle
@@ -30,7 +30,7 @@ counts, and only without magnetometer. The covariance moves in blocks of ``block
 sample.
 
 ``sigma_tilt`` is that of the angle between true and estimated vertical (two axes together), ``sigma_heading`` that of
-the heading, both in rad: of the covariance, and of what it leaves out (``inertial/doubt.py``).
+the heading, both in rad: of the covariance, and of what it leaves out (``inertial/compass.py``).
 """
 
 from __future__ import annotations

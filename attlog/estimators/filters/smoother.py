@@ -9,7 +9,7 @@ and rest; without GNSS it is the model of ``mekf`` forth and back. What follows 
 a crash does not reach back. Looks ahead: it is a reference and not a filter that could fly.
 
 Run twice, with and without the compass: a wrong one is left out where motion shows the heading, and where neither can
-be trusted there is none (``pair.py``). ``quality["heading_from"]`` says which. Where the likelihood wants a jump of the
+be trusted there is none. ``quality["heading_from"]`` says which. Where the likelihood wants a jump of the
 gyro bias the passes begin anew with one, which a faulty gyro needs (``navigation/passes/jumps.py``).
 
 Without GNSS it is the model of ``mekf``, which expects the body not to fly away, with a backward pass (Rauch1965;
@@ -37,7 +37,7 @@ from attlog.estimators.filters.navigation.inputs import GATE, PRIORS, Inputs, pr
 from attlog.estimators.filters.navigation.jumps import BIAS_CHANGED_DPS, bias_change_dps
 from attlog.estimators.interface import Array, Estimate, Parameter
 
-# Which of two smoothed runs stands, with the compass or without it, and what its heading rests on.
+# Which of two smoothed runs is kept, with the compass or without it, and what its heading is from.
 #
 # A compass that is turned or offset misleads a smoother that stays sure of itself, in tilt as well. A run without it
 # finds heading from motion, surely where the vehicle moved by steps, turns or wind. With
@@ -45,7 +45,7 @@ from attlog.estimators.interface import Array, Estimate, Parameter
 #     Dz = rms of (heading with - heading without) / joint sigma
 #
 # ======================= ============ =======================================================================
-# run without the compass Dz           what stands
+# run without the compass Dz           what is kept
 # ======================= ============ =======================================================================
 # sure                    up to 1      the run with it: heading from ``both``
 # sure                    above 1      the run without it: ``motion``
@@ -54,8 +54,7 @@ from attlog.estimators.interface import Array, Estimate, Parameter
 # ======================= ============ =======================================================================
 #
 # Sigmas hold the difference of the runs, sigma = hypot(own, difference): of the heading where both are sure of it and
-# Dz
-# is up to 2, of the tilt unless the compass is beyond doubt the one that errs.
+# Dz is up to 2, of the tilt unless the compass is beyond doubt the one that errs.
 
 HeadingFrom = Literal["both", "compass", "motion", "nobody"]
 # Joint sigmas between two headings of which one shares every sensor with the other: sound compasses stay below 0.85 (24
@@ -72,7 +71,7 @@ OPEN = 2.0
 
 
 def without_compass_twin(run: Estimate) -> Estimate:
-    """The run of a log without a compass: its heading is from motion where it is sure of it, else from nobody."""
+    """Return the run of a log without a compass: heading from motion where its sigma allows, else none."""
     if own_deg(run) <= SURE_DEG:
         return _with_heading(run, "motion")
     unsure = without_heading(run, "no compass, and motion does not show it")
@@ -80,12 +79,12 @@ def without_compass_twin(run: Estimate) -> Estimate:
 
 
 def by_compass(run: Estimate) -> Estimate:
-    """A run without GNSS: nothing confirms its compass."""
+    """Return a run without GNSS, whose compass nothing confirms."""
     return _with_heading(run, "compass")
 
 
 def choose_heading(with_compass: Estimate, without: Estimate) -> Estimate:
-    """The run that stands of two over the same samples, and what its heading rests on."""
+    """Choose between two runs over the same samples; note what its heading is from."""
     differ = differences(with_compass, without)
     disagreement = rms(differ[1] / _joint_sigma(with_compass, without, "sigma_heading"))
     tilt, heading = (rms(x) for x in differ)
@@ -105,7 +104,7 @@ def choose_heading(with_compass: Estimate, without: Estimate) -> Estimate:
 
 
 def without_heading(run: Estimate, why: str, told: Mapping[str, float | str] | None = None) -> Estimate:
-    """The run with a heading that nobody vouches for; ``why`` completes "no heading: "."""
+    """Return the run without a heading; ``why`` completes "no heading: "."""
     unknown = np.full(len(run.t), np.pi)
     told = {**(told or {}), "heading_why": why, "sigma_heading_deg": 180.0}
     run = replace(run, aux=run.aux | {"sigma_heading": unknown, OWN_HEADING: unknown})
@@ -113,18 +112,18 @@ def without_heading(run: Estimate, why: str, told: Mapping[str, float | str] | N
 
 
 def differences(a: Estimate, b: Estimate) -> tuple[Array, Array]:
-    """Tilt and, with its sign, heading (k,) in rad of one run against another over the same samples, thinned."""
+    """Return tilt and signed heading (k,) in rad of one run against another over the same samples, thinned."""
     e = rotation.earth_error(_thinned(a.q), _thinned(b.q))
     return rotation.tilt_angle(e), rotation.heading_angle(e)
 
 
 def rms(x: Array) -> float:
-    """Root mean square; 0 of nothing."""
+    """Return the root mean square, 0 without values."""
     return float(np.sqrt(np.mean(x * x))) if len(x) else 0.0
 
 
 def own_deg(run: Estimate, name: str = "sigma_heading") -> float:
-    """What a run says of its errors, RMS in deg; no number is not sure."""
+    """Return the RMS in deg of a run's own sigma; infinite for NaN."""
     own = math.degrees(rms(run.aux[name]))
     return own if math.isfinite(own) else math.inf
 
@@ -139,7 +138,7 @@ def _thinned(x: Array) -> Array:
 
 
 def _widened(run: Estimate, tilt: float, heading: float) -> Estimate:
-    """The run with sigmas that hold the difference (rad, RMS) to the run without the compass."""
+    """Widen the run's sigmas by the difference (rad, RMS) to the run without the compass."""
     sigmas = {
         name: np.hypot(run.aux[name], difference)
         for name, difference in (("sigma_tilt", tilt), ("sigma_heading", heading))
@@ -148,16 +147,16 @@ def _widened(run: Estimate, tilt: float, heading: float) -> Estimate:
 
 
 def _with_heading(run: Estimate, found: HeadingFrom, told: Mapping[str, float | str] | None = None) -> Estimate:
-    """The run, saying what its heading rests on."""
+    """Note in the run's quality what its heading is from."""
     quality = run.quality | {"heading_from": found, **(told or {})}
     return replace(run, quality=quality | {"refused": refusal(quality)})
 
 
-# May a smoothed heading stand? GNSS acceleration and the gyro at rest, which no filter's model has part in, say so.
+# Checks of a smoothed heading by GNSS acceleration and the gyro at rest, without a filter's model.
 #
 # A gyro whose bias jumps turns the heading of every run alike, with the compass or without it, and both stay sure.
 
-# A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, does not stand.
+# A heading that is off by more than this by GNSS acceleration, in deg and in joint sigmas, is dropped.
 MIN_HEADING_OFFSET_DEG, MAX_HEADING_SIGMAS = 3.0, 3.0
 
 # A heading by motion alone that is no reference still judges a compass up to this sigma: it is checked as well.
@@ -165,7 +164,7 @@ MAX_USEFUL_SIGMA_DEG = 5.0
 
 
 def check_heading(run: Estimate, inputs: Inputs) -> Estimate:
-    """The run, without its heading where something contradicts it; in its quality what GNSS says of the heading."""
+    """Drop the run's heading where something contradicts it; note the offset by GNSS in its quality."""
     own = own_deg(run, OWN_HEADING if OWN_HEADING in run.aux else "sigma_heading")
     if run.quality["heading_from"] == "nobody" and own > MAX_USEFUL_SIGMA_DEG:
         return run
@@ -183,7 +182,7 @@ def check_heading(run: Estimate, inputs: Inputs) -> Estimate:
 
 
 def heading_offset_by_gnss(run: Estimate, inputs: Inputs) -> HeadingOffset | None:
-    """How far the run's heading is off by GNSS acceleration; None without GNSS velocity."""
+    """Return the run's heading offset by GNSS acceleration; None without GNSS velocity."""
     fixes = inputs.velocity
     if fixes is None:
         return None
@@ -205,7 +204,7 @@ LEAST_S = 5.0
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
-    """The smoothed attitude at ``t`` (n,) of one segment without gaps; ``mag`` has NaN rows where it has no sample."""
+    """Smooth one segment without gaps: the attitude at ``t`` (n,); ``mag`` has NaN rows where it has no sample."""
     end = np.inf if aids.impact is None else aids.impact - BEFORE_IMPACT_S
     if not t[0] + LEAST_S < end <= t[-1]:
         return smooth_part(t, gyr, acc, mag, aids, params)
@@ -228,7 +227,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
 def smooth_part(
     t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]
 ) -> Estimate:
-    """One part of a run, by itself: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3), NaN where missing."""
+    """Smooth one part of a run: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3), NaN where missing."""
     clock = time.thread_time()
     inputs = prepare_inputs(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=True)
     if inputs.velocity is None and inputs.position is None:
@@ -246,7 +245,7 @@ def smooth_part(
 
 
 def smoothed(inputs: Inputs, solution: passes.Solution) -> Estimate:
-    """One smoothed run with the aids that the inputs hold."""
+    """Return one smoothed run with the aids of the inputs."""
     found = solution.found
     q, bias = attitude.smoothed_samples(found, inputs)
     tilt, heading = attitude.sigmas(inputs, found, found.spread, solution.jumps)
@@ -263,7 +262,7 @@ def smoothed(inputs: Inputs, solution: passes.Solution) -> Estimate:
 
 
 def inertial(inputs: Inputs, mag: Array, airspeed: Measurements | None) -> Estimate:
-    """Without GNSS: a body that does not fly away; ``mag`` (n, 3), NaN where missing, true ``airspeed`` in m/s.
+    """Smooth without GNSS: a body that does not fly away; ``mag`` (n, 3), NaN where missing, true ``airspeed`` in m/s.
 
     One run: the tilt is the same without the compass, and nothing else shows where north is.
     """

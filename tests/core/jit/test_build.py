@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import pkgutil
-import platform
 import subprocess
 import sys
 from pathlib import Path
@@ -50,19 +49,6 @@ def building(hook: Any, target: str = "wheel") -> tuple[Any, dict[str, Any], lis
     }.items():
         setattr(made, name, value)
     return made, {"artifacts": [], "pure_python": True}, warnings
-
-
-def test_a_wheel_with_kernels_is_for_one_system_and_every_python(hook: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[bool] = []
-    monkeypatch.setenv("ATTLOG_BUNDLE", "full")
-    monkeypatch.setattr(hook, "compile_kernels", lambda root, editable: asked.append(editable))
-    made, data, warnings = building(hook)
-    made.initialize("standard", data)
-    assert (asked, warnings, data["pure_python"]) == ([False], [], False)
-    assert data["tag"] == f"py3-none-{hook.system()}"
-    assert data["tag"].endswith(platform.machine().lower())
-    assert any("jit/objects" in a for a in data["artifacts"])
-    assert any("numba" in d for d in made.dependencies())
 
 
 def test_an_editable_install_compiles_for_its_machine_and_an_sdist_nothing(

@@ -235,17 +235,6 @@ def test_a_bias_that_changed_by_half_a_degree_per_second_leaves_no_heading(
     assert checked_run(monkeypatch, run(gyro_jump_s=5.0), changed=9.0).quality["heading_from"] == "both"
 
 
-@pytest.mark.parametrize(("own", "asked"), [(4.9, True), (5.1, False)])
-def test_a_heading_from_nobody_is_checked_up_to_five_degrees(
-    monkeypatch: pytest.MonkeyPatch, own: float, asked: bool
-) -> None:
-    unsure = run(own, heading_from="nobody", heading_why="so")
-    assert ("heading_gnss_deg" in checked_run(monkeypatch, unsure, gnss(1.0)).quality) == asked
-    unsure = run(0.1, heading_from="nobody", heading_why="so")
-    unsure.aux[smoother.OWN_HEADING] = np.radians(np.full(N, own))
-    assert ("heading_gnss_deg" in checked_run(monkeypatch, unsure, gnss(1.0)).quality) == asked
-
-
 @pytest.mark.parametrize(("sigma", "found"), [(0.99, "motion"), (1.01, "nobody"), (np.nan, "nobody")])
 def test_without_a_compass_a_heading_stands_that_is_sure_to_a_degree(sigma: float, found: str) -> None:
     alone = smoother.without_compass_twin(run(sigma))

@@ -343,7 +343,7 @@ def forward(data: list[Array], values: Array, known: Array | None, keep: bool = 
     n, blocks = len(dt), int(np.sum(dt) / (0.75 * values[K.block])) + 3
     blocks = min(blocks, n + 1) if keep else 1
     state = mekf.start(values, np.zeros(3), np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
-    # The rounds look for the prior of the accelerometer bias; within a run it stands.
+    # The rounds look for the prior of the accelerometer bias; within a run it is fixed.
     state[S.expect_time] = -np.inf
     if known is not None and known[S.unit] > 0.0:
         state[S.cal : S.cal + 3] = known[S.cal : S.cal + 3]

@@ -1,4 +1,4 @@
-"""What a run tells: attitudes at the times they are asked for, how sure they are, and whether to trust them."""
+"""Results of a run: attitudes at the wanted times, their sigmas, quality numbers, reasons to refuse it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from attlog.core import rotation
 from attlog.estimators.filters.navigation import turns
 from attlog.estimators.filters.navigation.inputs import LEAST_R, Inputs, NoiseLevels
 from attlog.estimators.filters.navigation.jumps import Jump
-from attlog.estimators.filters.navigation.model import BA, BG, KICKED, OPENED, SEEN, SOFTENED
+from attlog.estimators.filters.navigation.model import MEM, E
 from attlog.estimators.filters.navigation.passes import Solution
 from attlog.estimators.filters.navigation.solve import Pass
 from attlog.estimators.interface import Array
@@ -28,12 +28,12 @@ BLOCK = 50_000
 
 
 def node_before(found: Pass, n: int) -> NDArray[np.int64]:
-    """The node (n,) at or before each of n samples."""
+    """Return the node (n,) at or before each of n samples."""
     return np.maximum(np.searchsorted(found.schedule.node_at, np.arange(n), side="right") - 1, 0)
 
 
 def smoothed_samples(found: Pass, inputs: Inputs) -> tuple[Array, Array]:
-    """Smoothed attitude (n, 4) and gyro bias (n, 3) of every sample.
+    """Return smoothed attitude (n, 4) and gyro bias (n, 3) of every sample.
 
     The filter's attitude, corrected by the smoothed error at the node before: corrections vary slowly, and the
     filter's own jumps cancel.
@@ -53,8 +53,10 @@ def smoothed_samples(found: Pass, inputs: Inputs) -> tuple[Array, Array]:
 
 
 def at_stamps(inputs: Inputs, q: Array, bias: Array) -> Array:
-    """Attitudes (n, 4) at the stamps from ``q`` (n, 4) at the times the samples were taken, which a low-pass makes
-    earlier, turned by the gyro less ``bias`` (n, 3) rad/s."""
+    """Return attitudes (n, 4) at the stamps from ``q`` (n, 4) at the times of sensing, which a low-pass makes earlier.
+
+    They are turned by the gyro less ``bias`` (n, 3) rad/s.
+    """
     if inputs.lag == 0.0:
         return q
     sensed, out = inputs.sensed_at, np.empty_like(q)
@@ -68,7 +70,7 @@ def at_stamps(inputs: Inputs, q: Array, bias: Array) -> Array:
 
 
 def sigmas(inputs: Inputs, found: Pass, spread: Array, jumps: Sequence[Jump] = ()) -> tuple[Array, Array]:
-    """Standard deviations (n,) in rad of tilt and heading from variances (m, 3) of the attitude at the nodes.
+    """Return sigmas (n,) in rad of tilt and heading from variances (m, 3) of the attitude at the nodes.
 
     Within two sigma of the time of a jump of the gyro bias, what it turns in one sigma of it is added.
     """
@@ -86,7 +88,7 @@ def sigmas(inputs: Inputs, found: Pass, spread: Array, jumps: Sequence[Jump] = (
 
 
 def test_ratios(found: Pass, n: int) -> dict[str, Array]:
-    """Squared innovation over its gate (n,) of each aid, held from event to event; NaN before the first."""
+    """Return squared innovation over its gate (n,) of each aid, held from event to event; NaN before the first."""
     k = node_before(found, n)
     out = {}
     for i, name in enumerate(("velocity", "position", "baro", "mag")):
@@ -100,26 +102,25 @@ def test_ratios(found: Pass, n: int) -> dict[str, Array]:
 
 
 def predicted(inputs: Inputs, q: Array, bias: Array, first_bias: Array, horizon: float) -> Array:
-    """What a causal user knows at each stamp: the filter's attitude of ``horizon`` s before, carried on by the gyro.
+    """Return the causal attitude at each stamp: that of ``horizon`` s before, carried on by the gyro.
 
     ``q`` (n, 4), ``bias`` (n, 3) of the filter at every sample; ``first_bias`` (3,) what was known at the start.
     """
     n, sensed = len(inputs.t), inputs.sensed_at
     then = np.maximum(np.searchsorted(sensed, inputs.t - horizon, side="right") - 1, 0)
     out, ring = np.empty((n, 4)), np.empty((int(np.max(np.arange(n) - then)) + 1, turns.RING))
-    scratch = np.empty(4), np.empty(9), np.empty(4), np.empty(4)
-    turns.ahead(inputs.lag, then, inputs.motion, q, bias, first_bias.copy(), ring, out, *scratch)
+    turns.ahead(inputs.lag, then, inputs.motion, q, bias, first_bias.copy(), ring, out, np.empty(9))
     return out
 
 
 def quality(inputs: Inputs, found: Pass, tuned: NoiseLevels, tilt: Array, heading: Array) -> dict[str, float | str]:
-    """The words and numbers of one run; ``tilt``, ``heading`` (n,) its own sigmas in rad."""
-    seen = float(found.memory[SEEN])
+    """Return quality numbers of one run; ``tilt``, ``heading`` (n,) are its own sigmas in rad."""
+    seen = float(found.memory[MEM.seen])
     told: dict[str, float | str] = {
         "aided_by": inputs.aided_by or "gravity",
-        "openings": float(found.memory[OPENED]),
-        "kicks": float(found.memory[KICKED]),
-        "soft_gated_pct": 100.0 * float(found.memory[SOFTENED]) / seen if seen else 0.0,
+        "openings": float(found.memory[MEM.opened]),
+        "kicks": float(found.memory[MEM.kicked]),
+        "soft_gated_pct": 100.0 * float(found.memory[MEM.softened]) / seen if seen else 0.0,
         **own_sigma(tilt, heading),
         **lag_corrected(inputs),
         "likelihood": found.likelihood,
@@ -134,7 +135,7 @@ def quality(inputs: Inputs, found: Pass, tuned: NoiseLevels, tilt: Array, headin
 
 
 def quality_of_passes(solution: Solution) -> dict[str, float | str]:
-    """What only a run with passes knows: how many, which was kept, the worst misfit of a noise level."""
+    """Return quality numbers of passes: how many, which was kept, the worst misfit of a noise level."""
     at_floor = solution.tuned.r <= np.array(LEAST_R) * 1.001
     known = np.where(at_floor, np.minimum(solution.ratios, 1.0), solution.ratios)
     known = known[:7][np.isfinite(known[:7])]
@@ -148,25 +149,25 @@ def quality_of_passes(solution: Solution) -> dict[str, float | str]:
 
 
 def quality_of_biases(inputs: Inputs, solution: Solution, gyro_bias: Array) -> dict[str, float | str]:
-    """What the sensors read too much along x, y, z, and the model's own sigma of it as the run begins.
+    """Return the biases of the sensors along x, y, z, and the model's own sigma as the run begins.
 
     Of the accelerometer [m/s^2] as the run begins, of the gyro [deg/s] the median of ``gyro_bias`` (n, 3) rad/s while
     the vehicle moves.
     """
     begin, found, moving = solution.begin, solution.found, inputs.rest == 0
     sigma = np.sqrt(np.maximum(found.first_spread, 0.0))
-    acc = begin.x[BA : BA + 3] + found.first[BA : BA + 3]
+    acc = begin.x[E.ba : E.ba + 3] + found.first[E.ba : E.ba + 3]
     gyro = np.median(gyro_bias[moving] if moving.any() else gyro_bias, axis=0)
     told: dict[str, float | str] = {}
     for k, axis in enumerate("xyz"):
-        told[f"acc_bias_{axis}_m_s2"], told[f"acc_bias_{axis}_sigma_m_s2"] = float(acc[k]), float(sigma[BA + k])
+        told[f"acc_bias_{axis}_m_s2"], told[f"acc_bias_{axis}_sigma_m_s2"] = float(acc[k]), float(sigma[E.ba + k])
         told[f"gyro_bias_{axis}_dps"] = float(np.degrees(gyro[k]))
-        told[f"gyro_bias_{axis}_sigma_dps"] = float(np.degrees(sigma[BG + k]))
+        told[f"gyro_bias_{axis}_sigma_dps"] = float(np.degrees(sigma[E.bg + k]))
     return told
 
 
 def quality_of_jumps(jumps: Sequence[Jump]) -> dict[str, float | str]:
-    """How many jumps the gyro bias makes; of the largest when, about which axes, how sure."""
+    """Return the number of jumps of the gyro bias; of the largest its time, axes and sigmas."""
     jumps = [jump for jump in jumps if jump.counts]
     if not jumps:
         return {"gyro_jumps": 0.0}
@@ -184,17 +185,17 @@ def quality_of_jumps(jumps: Sequence[Jump]) -> dict[str, float | str]:
 
 
 def own_sigma(tilt: Array, heading: Array) -> dict[str, float | str]:
-    """Root mean squares in deg of what a run says of its errors: ``tilt`` and ``heading`` (n,) rad, one sigma."""
+    """Return the root mean squares in deg of the sigmas ``tilt`` and ``heading`` (n,) rad."""
     return {"sigma_tilt_deg": _rms_deg(tilt), "sigma_heading_deg": _rms_deg(heading)}
 
 
 def lag_corrected(inputs: Inputs) -> dict[str, float | str]:
-    """By how much the attitude was turned on so that it is not late by the IMU's low-pass."""
+    """Return the time by which the attitude was turned on for the IMU's low-pass."""
     return {"imu_lag_corrected_ms": 1e3 * inputs.lag}
 
 
 def refusal(told: dict[str, float | str]) -> str:
-    """Why a smoothed run is no reference; empty where it is one."""
+    """Return why a smoothed run is no reference; empty where it is one."""
     reasons = []
     heading = "its own heading sigma is {:.1f} deg"
     if told.get("heading_from") == "nobody":

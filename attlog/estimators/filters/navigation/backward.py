@@ -17,8 +17,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from attlog.core import jit
-from attlog.core.jit import B1, F1, Out1, Out2, Out3, aligned_zeros
-from attlog.estimators.filters.navigation.model import BG, ROW, SUM_T, WANDER_TAU, Kept, N, adjoint_predict, dot
+from attlog.core.jit import B1, Out1, Out2, Out3, aligned_zeros
+from attlog.estimators.filters.navigation.model import ROW, SUM, E, Kept, N, Settings, adjoint_predict, dot
 
 # A disturbance counts as at most three sigma: faults must not calibrate.
 CLIP = 9.0
@@ -61,7 +61,7 @@ def new_work() -> Work:
 
 @jit.loop("the navigation filter, backward")
 def backward(
-    begins: bool, wanted: bool, par: F1, rest_of: B1, kept: Kept, adjoint: Adjoint, out: Smoothed, work: Work
+    begins: bool, wanted: bool, par: Settings, rest_of: B1, kept: Kept, adjoint: Adjoint, out: Smoothed, work: Work
 ) -> None:
     """Go back through the stored nodes, last first.
 
@@ -80,21 +80,21 @@ def backward(
                 out.variance[node, i] = kept.P_rows[at + i] - dot(kept.P_rows, at, Lk, i * ROW)
         undo_updates(kept.update_of[node], kept.update_of[node + 1], kept, lam, Lam, out.score, work)
         for i in range(3):
-            out.shocks[node, i] = lam[BG + i]
+            out.shocks[node, i] = lam[E.bg + i]
             for j in range(3):
-                out.shocks[node, 3 + 3 * i + j] = Lam[(BG + i) * ROW + BG + j]
+                out.shocks[node, 3 + 3 * i + j] = Lam[(E.bg + i) * ROW + E.bg + j]
         if begins and node == 0:
             break
-        T = kept.sums[node, SUM_T]
+        T = kept.sums[node, SUM.t]
         if rest_of[node] == 0:
             for i in range(N):
                 out.scores[0, i] += T * min(lam[i] * lam[i], CLIP * Lam[(ROW + 1) * i])
                 out.scores[1, i] += T * Lam[(ROW + 1) * i]
-        adjoint_predict(lam, Lam, kept.sums[node], rest_of[node], par[WANDER_TAU], M)
+        adjoint_predict(lam, Lam, kept.sums[node], rest_of[node], par.wander_tau, M)
 
 
 def times_three(L: Any, x: Any, at: int, count: int, out: Any) -> None:
-    """out = L x for up to three vectors x that stand one after the other from ``at`` on; L is symmetric."""
+    """Compute out = L x for up to three vectors x, one after the other from ``at`` on; L is symmetric."""
     for m in range(3 * ROW):
         out[m] = 0.0
     for j in range(0, N, 3):
@@ -143,7 +143,7 @@ def undo_updates(a: int, b: int, kept: Any, lam: Any, Lam: Any, score: Any, work
 
 
 def change(L: Any, h: Any, w: Any) -> None:
-    """L += h w^T + w h^T for three pairs at once; what is symmetric stays so to the bit."""
+    """Add h w^T + w h^T to L for three pairs at once; what is symmetric stays so to the bit."""
     for i in range(N):
         h0, h1, h2 = h[i], h[ROW + i], h[2 * ROW + i]
         w0, w1, w2 = w[i], w[ROW + i], w[2 * ROW + i]

@@ -24,20 +24,7 @@ from attlog.estimators.filters.navigation.inputs import (
     PriorSpreads,
     RunningMean,
 )
-from attlog.estimators.filters.navigation.model import (
-    BA,
-    BARO_BIAS,
-    BG,
-    EARTH,
-    GNSS_DELAY,
-    GROUPS,
-    HARD,
-    MAG_DELAY,
-    PHI,
-    SOFT,
-    WANDER,
-    V,
-)
+from attlog.estimators.filters.navigation.model import GROUPS, E
 from attlog.estimators.filters.navigation.schedule import rest_times
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState
@@ -52,17 +39,17 @@ FIXED_GROUP = 7
 GYRO_RANGE, ACC_RANGE = (2e-5, 3e-2), (1e-3, 1.0)
 # State rows, and the range of the random walk as parts of its start.
 WALKS = {
-    "gyro_walk": (BG, 3, 0.3, 10.0),
-    "acc_walk": (BA, 3, 0.3, 10.0),
-    "hard_walk": (HARD, 3, 0.1, 30.0),
-    "wander_walk": (WANDER, 3, 0.1, 3.0),
-    "baro_walk": (BARO_BIAS, 1, 0.1, 5.0),
+    "gyro_walk": (E.bg, 3, 0.3, 10.0),
+    "acc_walk": (E.ba, 3, 0.3, 10.0),
+    "hard_walk": (E.hard, 3, 0.1, 30.0),
+    "wander_walk": (E.wander, 3, 0.1, 3.0),
+    "baro_walk": (E.baro, 1, 0.1, 5.0),
 }
 SPREADS = {
-    "hard": (HARD, 3, 0.004, 0.150),
-    "soft": (SOFT, 6, 0.003, 0.05),
-    "acc_bias": (BA, 3, 0.03, 0.5),
-    "gyro_bias": (BG, 3, np.deg2rad(0.3), np.deg2rad(10.0)),
+    "hard": (E.hard, 3, 0.004, 0.150),
+    "soft": (E.soft, 6, 0.003, 0.05),
+    "acc_bias": (E.ba, 3, 0.03, 0.5),
+    "gyro_bias": (E.bg, 3, np.deg2rad(0.3), np.deg2rad(10.0)),
 }
 DECLINATION_RANGE = (np.deg2rad(0.6), np.deg2rad(3.0))
 PRIOR_WEIGHT = 0.5
@@ -76,7 +63,7 @@ MARGIN_S = 0.7
 
 
 def first_guess(inputs: Inputs, tuned: NoiseLevels) -> NoiseLevels:
-    """Inertial noise from second differences of the samples, zero-rate noise from successive means at rest."""
+    """Guess inertial noise from second differences of the samples, zero-rate noise from successive means at rest."""
     dt = float(np.median(inputs.dt[1:])) if len(inputs.dt) > 1 else 0.01
     levels = []
     for x in (inputs.gyr, inputs.acc):
@@ -97,7 +84,7 @@ def first_guess(inputs: Inputs, tuned: NoiseLevels) -> NoiseLevels:
 
 
 def ratios(found: Pass) -> Array:
-    """u^2 / D of each group (8,) at its median, one where the noise is right; NaN where too few updates tell."""
+    """Return the median of u^2 / D of each group (8,), one where the noise is right; NaN with too few updates."""
     out = np.full(GROUPS, np.nan)
     score = np.where(found.soft == 1, np.maximum(found.score, SOFT_COUNTS), found.score)
     for g in range(GROUPS):
@@ -108,7 +95,7 @@ def ratios(found: Pass) -> Array:
 
 
 def calibrated(found: Pass, tuned: NoiseLevels, begun: NoiseLevels, flight_s: float, early: bool) -> NoiseLevels:
-    """The levels after one pass; ``begun`` are those of the first, ``early`` the passes that may move far."""
+    """Calibrate the levels after one pass; ``begun`` are those of the first, ``early`` passes may move far."""
     clip = WIDE_CLIP if early else NARROW_CLIP
     r = tuned.r.copy()
     for g, ratio in enumerate(ratios(found)):
@@ -124,8 +111,8 @@ def calibrated(found: Pass, tuned: NoiseLevels, begun: NoiseLevels, flight_s: fl
         return float(np.sqrt(np.clip(ratio, 1.0 / clip, clip)))
 
     values = {
-        "gyro": float(np.clip(tuned.gyro * step(PHI, 3), *GYRO_RANGE)),
-        "acc": float(np.clip(tuned.acc * step(V, 3), *ACC_RANGE)),
+        "gyro": float(np.clip(tuned.gyro * step(E.phi, 3), *GYRO_RANGE)),
+        "acc": float(np.clip(tuned.acc * step(E.v, 3), *ACC_RANGE)),
     }
     for name, (row, count, low, high) in WALKS.items():
         start = float(getattr(begun, name))
@@ -134,7 +121,7 @@ def calibrated(found: Pass, tuned: NoiseLevels, begun: NoiseLevels, flight_s: fl
 
 
 def prior_of(found: Pass, x: Array, prior: PriorSpreads, begun: PriorSpreads) -> PriorSpreads:
-    """Spreads of the constant parts by empirical Bayes; ``x`` (39,) is the state the pass began with."""
+    """Estimate spreads of the constant parts by empirical Bayes; ``x`` (39,) is the state the pass began with."""
     values = {}
     for name, (row, count, low, high) in SPREADS.items():
         own = slice(row, row + count)
@@ -143,10 +130,10 @@ def prior_of(found: Pass, x: Array, prior: PriorSpreads, begun: PriorSpreads) ->
         square = float(np.sum((x[own] + found.first[own]) ** 2 + np.maximum(found.first_spread[own], 0.0)))
         s0 = float(getattr(begun, name))
         values[name] = float(np.clip(np.sqrt((square + PRIOR_WEIGHT * s0**2) / (count + PRIOR_WEIGHT)), low, high))
-    level = float(np.hypot(x[EARTH], x[EARTH + 1]))
+    level = float(np.hypot(x[E.earth], x[E.earth + 1]))
     if level > 0.0:
-        across = np.array([-x[EARTH + 1], x[EARTH]]) / level
-        own = slice(EARTH, EARTH + 2)
+        across = np.array([-x[E.earth + 1], x[E.earth]]) / level
+        own = slice(E.earth, E.earth + 2)
         square = (
             float((across @ found.first[own]) ** 2 + across**2 @ np.maximum(found.first_spread[own], 0.0)) / level**2
         )
@@ -156,11 +143,11 @@ def prior_of(found: Pass, x: Array, prior: PriorSpreads, begun: PriorSpreads) ->
 
 
 def delays_by_state(found: Pass, tuned: NoiseLevels) -> NoiseLevels:
-    """Delays moved by their smoothed states, each prior staying where it was (0.12 s for GNSS, 0 for the field)."""
+    """Move delays by their smoothed states, each prior fixed (0.12 s for GNSS, 0 for the field)."""
     values: dict[str, Any] = {}
     for name, row, usual, sigma, most in (
-        ("gnss_delay", GNSS_DELAY, USUAL_S, tuned.prior.gnss_delay, LONGEST_S),
-        ("mag_delay", MAG_DELAY, 0.0, tuned.prior.mag_delay, LONGEST_MAG_S),
+        ("gnss_delay", E.gnss_delay, USUAL_S, tuned.prior.gnss_delay, LONGEST_S),
+        ("mag_delay", E.mag_delay, 0.0, tuned.prior.mag_delay, LONGEST_MAG_S),
     ):
         spread = float(found.first_spread[row])
         if spread <= 0.0 or sigma <= 0.0:
@@ -174,14 +161,14 @@ def delays_by_state(found: Pass, tuned: NoiseLevels) -> NoiseLevels:
 def delay_by_likelihood(
     runner: Runner, inputs: Inputs, tuned: NoiseLevels, begin: StartState, gate: float, step: float
 ) -> NoiseLevels:
-    """The GNSS delay of the highest likelihood on a grid of ``step`` s around the present one, then of a parabola."""
+    """Search the GNSS delay of the highest likelihood on a grid of ``step`` s, then on a parabola."""
     t = inputs.sensed_at
     inner = float(t[0]) + MARGIN_S, float(t[-1]) - MARGIN_S
     if inputs.velocity is None or inputs.velocity.between(*inner) is None:
         return tuned
     held = begin.copy()
-    held.P[GNSS_DELAY, :] = held.P[:, GNSS_DELAY] = 0.0
-    par = tuned.packed(inputs.gravity, gate)
+    held.P[E.gnss_delay, :] = held.P[:, E.gnss_delay] = 0.0
+    par = tuned.settings(inputs.gravity, gate)
     known: dict[int, float] = {}
 
     def value(k: int) -> float:

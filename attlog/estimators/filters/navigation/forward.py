@@ -18,55 +18,24 @@ from numpy.typing import NDArray
 from attlog.core import jit
 from attlog.core.jit import F1, Cells, Out1, Out2, Out3, aligned_zeros
 from attlog.estimators.filters.navigation.model import (
-    BA,
     BARO,
-    BARO_BIAS,
-    BG,
-    FROZEN,
-    GRAVITY_AT,
-    HARD,
-    HARD_GATE,
-    KICKED,
-    LIKELIHOOD,
     MAG,
-    MAG_MEAN,
-    OPENED,
-    PHI,
-    POS,
+    MEM,
     POSITION,
-    Q_ACC,
-    Q_ACC_REST,
-    Q_BA,
-    Q_BARO,
-    Q_BG,
-    Q_GYRO,
-    Q_HARD,
-    Q_WANDER,
-    RESTING,
     ROW,
-    SCALE,
-    SEEN,
-    SINCE_KICK,
-    SKIPS,
-    SOFT_GATE,
-    SOFTENED,
-    SUM_A,
-    SUM_D,
-    SUM_T,
-    SUM_W,
+    SUM,
     SUMS,
     VELOCITY,
-    WANDER,
-    WANDER_TAU,
     WIDE,
+    E,
     Events,
     Filtered,
     Kept,
     Motion,
     N,
     Nodes,
+    Settings,
     State,
-    V,
     between,
     field_rows,
     group_of,
@@ -133,14 +102,14 @@ def open_covariance(P: Any, kind: int, r: Any) -> None:
     """Additive noise where an aid was refused for long; P (39 * ROW,) flat, ``r`` (3,) its residual."""
     for i in range(3):
         if kind == VELOCITY:
-            P[(ROW + 1) * (V + i)] += r[i] * r[i]
-            P[(ROW + 1) * (PHI + i)] += OPEN_PHI * OPEN_PHI
+            P[(ROW + 1) * (E.v + i)] += r[i] * r[i]
+            P[(ROW + 1) * (E.phi + i)] += OPEN_PHI * OPEN_PHI
         elif kind == POSITION:
-            P[(ROW + 1) * (POS + i)] += r[i] * r[i]
+            P[(ROW + 1) * (E.pos + i)] += r[i] * r[i]
         elif kind == MAG:
-            P[(ROW + 1) * (HARD + i)] += OPEN_HARD_G * OPEN_HARD_G
+            P[(ROW + 1) * (E.hard + i)] += OPEN_HARD_G * OPEN_HARD_G
     if kind == BARO:
-        P[(ROW + 1) * BARO_BIAS] += r[0] * r[0]
+        P[(ROW + 1) * E.baro] += r[0] * r[0]
 
 
 def project(P: Any, count: int, wide: int, hi: Any, hv: Any, ph: Any) -> None:
@@ -194,20 +163,20 @@ def apply_gain(P: Any, count: int, u: Any) -> None:
 
 
 def add_process_noise(P: Any, T: float, par: Any, rest: int) -> None:
-    """Process noise of an interval of ``T`` s into P (39 * ROW,); ``par`` see layout."""
-    qg = 1e-12 if rest == 1 else par[Q_GYRO] * par[Q_GYRO]
-    qa = par[Q_ACC_REST] * par[Q_ACC_REST] if rest == 1 else par[Q_ACC] * par[Q_ACC]
+    """Process noise of an interval of ``T`` s into P (39 * ROW,); ``par`` the noise."""
+    qg = 1e-12 if rest == 1 else par.q_gyro * par.q_gyro
+    qa = par.q_acc_rest * par.q_acc_rest if rest == 1 else par.q_acc * par.q_acc
     for i in range(3):
-        P[(ROW + 1) * (PHI + i)] += T * qg
-        P[(ROW + 1) * (V + i)] += T * qa
-        P[(ROW + 1) * (POS + i)] += qa * T * T * T / 3.0
-        P[ROW * (POS + i) + V + i] += 0.5 * qa * T * T
-        P[ROW * (V + i) + POS + i] += 0.5 * qa * T * T
-        P[(ROW + 1) * (BG + i)] += T * par[Q_BG] * par[Q_BG]
-        P[(ROW + 1) * (BA + i)] += T * par[Q_BA] * par[Q_BA]
-        P[(ROW + 1) * (HARD + i)] += T * par[Q_HARD] * par[Q_HARD]
-        P[(ROW + 1) * (WANDER + i)] += T * par[Q_WANDER] * par[Q_WANDER]
-    P[(ROW + 1) * BARO_BIAS] += T * par[Q_BARO] * par[Q_BARO]
+        P[(ROW + 1) * (E.phi + i)] += T * qg
+        P[(ROW + 1) * (E.v + i)] += T * qa
+        P[(ROW + 1) * (E.pos + i)] += qa * T * T * T / 3.0
+        P[ROW * (E.pos + i) + E.v + i] += 0.5 * qa * T * T
+        P[ROW * (E.v + i) + E.pos + i] += 0.5 * qa * T * T
+        P[(ROW + 1) * (E.bg + i)] += T * par.q_bg * par.q_bg
+        P[(ROW + 1) * (E.ba + i)] += T * par.q_ba * par.q_ba
+        P[(ROW + 1) * (E.hard + i)] += T * par.q_hard * par.q_hard
+        P[(ROW + 1) * (E.wander + i)] += T * par.q_wander * par.q_wander
+    P[(ROW + 1) * E.baro] += T * par.q_baro * par.q_baro
 
 
 def propagate(motion: Any, a: int, b: int, g: float, q: Any, x: Any, R: Any, out: Any, sums: Any) -> None:
@@ -218,34 +187,34 @@ def propagate(motion: Any, a: int, b: int, g: float, q: Any, x: Any, R: Any, out
     for k in range(a, b + 1):
         h = dt[k]
         moving = 0.0 if rest[k] == 1 else 1.0
-        wx = moving * (gyr[k, 0] - x[BG]) * (1.0 - x[SCALE])
-        wy = moving * (gyr[k, 1] - x[BG + 1]) * (1.0 - x[SCALE + 1])
-        wz = moving * (gyr[k, 2] - x[BG + 2]) * (1.0 - x[SCALE + 2])
-        fx, fy, fz = acc[k, 0] - x[BA], acc[k, 1] - x[BA + 1], acc[k, 2] - x[BA + 2]
+        wx = moving * (gyr[k, 0] - x[E.bg]) * (1.0 - x[E.scale])
+        wy = moving * (gyr[k, 1] - x[E.bg + 1]) * (1.0 - x[E.scale + 1])
+        wz = moving * (gyr[k, 2] - x[E.bg + 2]) * (1.0 - x[E.scale + 2])
+        fx, fy, fz = acc[k, 0] - x[E.ba], acc[k, 1] - x[E.ba + 1], acc[k, 2] - x[E.ba + 2]
         turn_body(q, 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz)
         to_matrix3(q, R)
-        sums[SUM_T] += h
+        sums[SUM.t] += h
         for i in range(3):
             f = R[i, 0] * fx + R[i, 1] * fy + R[i, 2] * fz
             a_i = f + g if i == 2 else f
-            x[POS + i] += h * (x[V + i] + 0.5 * h * a_i)
-            x[V + i] += h * a_i
-            sums[SUM_A + i] += h * f
-            sums[SUM_D + 3 * i] += h * R[i, 0]
-            sums[SUM_D + 3 * i + 1] += h * R[i, 1]
-            sums[SUM_D + 3 * i + 2] += h * R[i, 2]
-            sums[SUM_W + 3 * i] += h * R[i, 0] * wx
-            sums[SUM_W + 3 * i + 1] += h * R[i, 1] * wy
-            sums[SUM_W + 3 * i + 2] += h * R[i, 2] * wz
+            x[E.pos + i] += h * (x[E.v + i] + 0.5 * h * a_i)
+            x[E.v + i] += h * a_i
+            sums[SUM.A + i] += h * f
+            sums[SUM.D + 3 * i] += h * R[i, 0]
+            sums[SUM.D + 3 * i + 1] += h * R[i, 1]
+            sums[SUM.D + 3 * i + 2] += h * R[i, 2]
+            sums[SUM.W + 3 * i] += h * R[i, 0] * wx
+            sums[SUM.W + 3 * i + 1] += h * R[i, 1] * wy
+            sums[SUM.W + 3 * i + 2] += h * R[i, 2] * wz
         turn_body(q, 0.5 * h * wx, 0.5 * h * wy, 0.5 * h * wz)
         for i in range(4):
             out[k, i] = q[i]
 
 
 def turned_sums(R: Any, L: Any, sums: Any, work: Any) -> None:
-    """The sums (SUMS,) as they would be along the attitude L (3, 3) instead of R: turned by L R^T."""
+    """Turn the sums (SUMS,) by L R^T, to be along the attitude L (3, 3) instead of R."""
     for block in range(7):
-        at = SUM_A if block == 0 else SUM_D + (block - 1) % 3 + (9 if block > 3 else 0)
+        at = SUM.A if block == 0 else SUM.D + (block - 1) % 3 + (9 if block > 3 else 0)
         step = 1 if block == 0 else 3
         for i in range(3):
             work[0, i] = R[0, i] * sums[at] + R[1, i] * sums[at + step] + R[2, i] * sums[at + 2 * step]
@@ -255,28 +224,28 @@ def turned_sums(R: Any, L: Any, sums: Any, work: Any) -> None:
 
 def opened_hard_iron(c: float, memory: Any, P: Any) -> bool:
     """Open the hard iron where a field did not fit for a while; ``c`` as of :func:`largest_innovation`."""
-    memory[MAG_MEAN] += KICK_WEIGHT * (min(c, KICK_CLIP) - memory[MAG_MEAN])
-    if memory[MAG_MEAN] <= KICK_MEAN or memory[SINCE_KICK] < KICK_EVERY_S:
+    memory[MEM.mag_mean] += KICK_WEIGHT * (min(c, KICK_CLIP) - memory[MEM.mag_mean])
+    if memory[MEM.mag_mean] <= KICK_MEAN or memory[MEM.since_kick] < KICK_EVERY_S:
         return False
     for i in range(3):
-        P[(ROW + 1) * (HARD + i)] += KICK_G * KICK_G
-    memory[MAG_MEAN] = KICK_AFTER
-    memory[SINCE_KICK] = 0.0
-    memory[KICKED] += 1.0
+        P[(ROW + 1) * (E.hard + i)] += KICK_G * KICK_G
+    memory[MEM.mag_mean] = KICK_AFTER
+    memory[MEM.since_kick] = 0.0
+    memory[MEM.kicked] += 1.0
     return True
 
 
 def refused(kind: int, c: float, r: Any, par: Any, memory: Any, P: Any) -> int:
     """Return 1 for an event beyond the hard gate, 0 for one within, 2 where P was opened after many refusals."""
-    if c <= par[HARD_GATE] * par[HARD_GATE]:
-        memory[SKIPS + kind] = max(memory[SKIPS + kind] - 2.0, 0.0)
+    if c <= par.hard_gate * par.hard_gate:
+        memory[MEM.skips + kind] = max(memory[MEM.skips + kind] - 2.0, 0.0)
         return 0
-    memory[SKIPS + kind] += 1.0
-    if memory[SKIPS + kind] <= (MOST_SKIPS_MAG if kind == MAG else MOST_SKIPS):
+    memory[MEM.skips + kind] += 1.0
+    if memory[MEM.skips + kind] <= (MOST_SKIPS_MAG if kind == MAG else MOST_SKIPS):
         return 1
     open_covariance(P, kind, r)
-    memory[SKIPS + kind] = 0.0
-    memory[OPENED] += 1.0
+    memory[MEM.skips + kind] = 0.0
+    memory[MEM.opened] += 1.0
     return 2
 
 
@@ -296,7 +265,7 @@ def gated(state: Any, kind: int, count: int, wide: int, sigma: Any, row: Any, pa
         project(state.P, count, wide, row.hi, row.hv, row.ph)
         c = largest_innovation(row, count, wide, sigma)
         if look == 0 and kind <= MAG:
-            ratio[kind] = c / (par[SOFT_GATE] * par[SOFT_GATE])
+            ratio[kind] = c / (par.soft_gate * par.soft_gate)
     return c
 
 
@@ -318,7 +287,7 @@ def gains(i: int, wide: int, noise: float, row: Any, memory: Any) -> None:
     for m in range(ROW):
         u[at + m] = ph[at + m] * root
         dx[m] += ph[at + m] * step
-    memory[LIKELIHOOD] -= 0.5 * (nu * nu * gain + math.log(s))
+    memory[MEM.likelihood] -= 0.5 * (nu * nu * gain + math.log(s))
     row.last[0], row.last[1], row.last[2] = s, nu, gain
 
 
@@ -328,7 +297,7 @@ def forward(
     last: int,
     use_along: bool,
     keep: bool,
-    par: F1,
+    par: Settings,
     x0: F1,
     motion: Motion,
     nodes: Nodes,
@@ -341,7 +310,7 @@ def forward(
 ) -> int:
     """Run the nodes ``first`` to ``last`` (exclusive); return how many updates were kept.
 
-    ``par`` see model; ``x0`` (39,) the state at the start of the pass. ``use_along``: linearise along ``nodes.along``.
+    ``x0`` (39,) the state at the start of the pass. ``use_along``: linearise along ``nodes.along``.
     ``keep``: write ``kept`` as well, counted from ``first``.
     """
     used = 0
@@ -349,16 +318,16 @@ def forward(
     for node in range(first, last):
         b = nodes.at[node]
         resting = motion.rest[b]
-        if resting == 1 and memory[RESTING] == 0.0:
+        if resting == 1 and memory[MEM.resting] == 0.0:
             for i in range(4):
-                memory[FROZEN + i] = q[i]
-        memory[RESTING] = float(resting)
+                memory[MEM.frozen + i] = q[i]
+        memory[MEM.resting] = float(resting)
         if node == 0:
             for i in range(4):
                 out.q[0, i] = q[i]
         # Before the first node nothing moves: an empty span leaves sums of zero.
         a = nodes.at[node - 1] + 1 if node > 0 else b + 1
-        propagate(motion, a, b, par[GRAVITY_AT], q, x, work.R, out.q, work.sums)
+        propagate(motion, a, b, par.gravity, q, x, work.R, out.q, work.sums)
         to_matrix3(q, work.R)
         follow = False
         if use_along:
@@ -367,14 +336,14 @@ def forward(
         if node > 0:
             if follow:
                 turned_sums(work.R, work.L, work.sums, work.vectors)
-            fade = math.exp(-work.sums[SUM_T] / par[WANDER_TAU])
+            fade = math.exp(-work.sums[SUM.t] / par.wander_tau)
             for i in range(3):
-                x[WANDER + i] *= fade
-            predict(P, work.sums, resting, par[WANDER_TAU], work.M)
-            add_process_noise(P, work.sums[SUM_T], par, resting)
+                x[E.wander + i] *= fade
+            predict(P, work.sums, resting, par.wander_tau, work.M)
+            add_process_noise(P, work.sums[SUM.t], par, resting)
             for i in range(3):
-                P[(ROW + 1) * (BG + i)] += nodes.jump[node] * nodes.jump[node]
-            memory[SINCE_KICK] += work.sums[SUM_T]
+                P[(ROW + 1) * (E.bg + i)] += nodes.jump[node] * nodes.jump[node]
+            memory[MEM.since_kick] += work.sums[SUM.t]
         if keep:
             for i in range(SUMS):
                 kept.sums[node - first, i] = work.sums[i]
@@ -410,13 +379,13 @@ def take_event(
     kind = events.kind[e]
     count = 1 if kind == BARO else 3
     for i in range(3):
-        work.w[i] = events.rate[e, i] - x[BG + i]
+        work.w[i] = events.rate[e, i] - x[E.bg + i]
     to_matrix3(q, work.R)
     if kind == MAG:
         if follow:
             to_matrix3(nodes.along[node], work.J)
         elif resting == 1:
-            to_matrix3(memory[FROZEN : FROZEN + 4], work.J)
+            to_matrix3(memory[MEM.frozen : MEM.frozen + 4], work.J)
         else:
             to_matrix3(q, work.J)
         wide = field_rows(x, x0, work.R, work.J, events.offset[e], work.w, events.z[e], follow, work.vectors, row)
@@ -424,13 +393,13 @@ def take_event(
         force = events.force[e]
         wide = rows(kind, x, work.R, events.offset[e], force, work.w, events.z[e], par, work.vectors, row)
     if kind == VELOCITY:
-        memory[SEEN] += 1.0
+        memory[MEM.seen] += 1.0
     c = gated(state, kind, count, wide, events.sigma[e], row, par, out.ratio[node])
     if c < 0.0:
         return used
-    grown = max(c / (par[SOFT_GATE] * par[SOFT_GATE]), 1.0)
+    grown = max(c / (par.soft_gate * par.soft_gate), 1.0)
     if grown > 1.0 and kind == VELOCITY:
-        memory[SOFTENED] += 1.0
+        memory[MEM.softened] += 1.0
     for i in range(ROW):
         row.dx[i] = 0.0
     for i in range(count):
@@ -451,8 +420,8 @@ def take_event(
             kept.soft[used] = 1 if grown > 1.0 else 0
             used += 1
     apply_gain(P, count, row.u)
-    turn_earth(q, row.dx[PHI], row.dx[PHI + 1], row.dx[PHI + 2])
-    for i in range(V, N):
+    turn_earth(q, row.dx[E.phi], row.dx[E.phi + 1], row.dx[E.phi + 2])
+    for i in range(E.v, N):
         x[i] += row.dx[i]
     return used
 
@@ -463,11 +432,11 @@ def keep_node(node: int, own: int, b: int, state: Any, out: Any, keep: bool, P_r
     for i in range(4):
         out.q[b, i] = state.q[i]
     for i in range(3):
-        out.bias[node, i] = state.x[BG + i]
-        out.variance[node, i] = P[(ROW + 1) * (PHI + i)]
+        out.bias[node, i] = state.x[E.bg + i]
+        out.variance[node, i] = P[(ROW + 1) * (E.phi + i)]
     if keep:
         for i in range(3):
             at = (6 * own + i) * ROW
             for m in range(ROW):
-                P_rows[at + m] = P[(PHI + i) * ROW + m]
-                P_rows[at + 3 * ROW + m] = P[(BG + i) * ROW + m]
+                P_rows[at + m] = P[(E.phi + i) * ROW + m]
+                P_rows[at + 3 * ROW + m] = P[(E.bg + i) * ROW + m]

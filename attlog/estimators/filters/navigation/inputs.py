@@ -1,4 +1,4 @@
-"""The one set of numbers for every vehicle and firmware, what users and calibration change of it."""
+"""Noise levels and priors for every vehicle, and a run's samples and aids made ready."""
 
 from __future__ import annotations
 
@@ -11,23 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.core import earth
 from attlog.estimators.aids import Aids, Measurements
-from attlog.estimators.filters.navigation.model import (
-    GRAVITY_AT,
-    GROUPS,
-    HARD_GATE,
-    Q_ACC,
-    Q_ACC_REST,
-    Q_BA,
-    Q_BARO,
-    Q_BG,
-    Q_GYRO,
-    Q_HARD,
-    Q_WANDER,
-    SETTINGS,
-    SOFT_GATE,
-    WANDER_TAU,
-    Motion,
-)
+from attlog.estimators.filters.navigation.model import GROUPS, Motion, Settings
 from attlog.estimators.interface import Array, Parameter
 
 MEASURED = "attlog; measured on simulated flights of both firmwares"
@@ -38,7 +22,7 @@ PRIORS = (
 )
 # Parameters of ``eskf`` and ``smoother`` alike.
 GATE = Parameter("soft_gate", 2.5, "", 1, 100, "innovations beyond so many sigma count less", MEASURED)
-# Longest time between nodes, and where a smoothed attitude is told: in between its correction is that of a node.
+# Longest time between nodes, and between those of a smoothed attitude, whose correction holds from node to node.
 NODE_S, FINE_S = 0.04, 0.02
 MAG_BLOCK_S, BARO_BLOCK_S = 0.04, 0.05
 HARD_SIGMA = 30.0
@@ -91,18 +75,26 @@ class NoiseLevels:
     mag_delay: float = 0.0
     prior: PriorSpreads = PriorSpreads()
 
-    def packed(self, gravity: float, soft_gate: float) -> Array:
-        """The numbers as the kernels take them."""
-        par = np.zeros(SETTINGS)
-        par[GRAVITY_AT], par[SOFT_GATE], par[HARD_GATE] = gravity, soft_gate, HARD_SIGMA
-        par[Q_GYRO], par[Q_ACC], par[Q_ACC_REST] = self.gyro, self.acc, self.acc_rest
-        par[Q_BG], par[Q_BA], par[Q_HARD] = self.gyro_walk, self.acc_walk, self.hard_walk
-        par[Q_WANDER], par[Q_BARO], par[WANDER_TAU] = self.wander_walk, self.baro_walk, WANDER_S
-        return par
+    def settings(self, gravity: float, soft_gate: float) -> Settings:
+        """Return the numbers as the loops take them."""
+        return Settings(
+            gravity=gravity,
+            q_gyro=self.gyro,
+            q_acc=self.acc,
+            q_acc_rest=self.acc_rest,
+            q_bg=self.gyro_walk,
+            q_ba=self.acc_walk,
+            q_hard=self.hard_walk,
+            q_wander=self.wander_walk,
+            q_baro=self.baro_walk,
+            wander_tau=WANDER_S,
+            soft_gate=soft_gate,
+            hard_gate=HARD_SIGMA,
+        )
 
 
 def started(params: Mapping[str, float | str]) -> NoiseLevels:
-    """The defaults with what a user may set by hand."""
+    """Return the defaults with what a user may set by hand."""
     prior = PriorSpreads(
         gyro_bias=np.deg2rad(float(params["gyro_bias_sigma"])),
         acc_bias=float(params["acc_bias_sigma"]),
@@ -139,7 +131,7 @@ class Inputs:
 
     ``dt`` (n,), ``gyr``, ``acc`` (n, 3) as the model takes them, ``rest`` (n,) 1 where the interval before is rest;
     ``still`` (n,) the same without margins. ``velocity``, ``position``, ``baro``, ``mag`` in local axes, None where
-    missing; ``field`` (3,) G is the earth's by a model, None where nobody tells it.
+    missing; ``field`` (3,) G is the earth's by a model, None where unknown.
     """
 
     t: Array
@@ -157,7 +149,7 @@ class Inputs:
     gravity: float
 
     def part(self, begin: int, end: int) -> Inputs:
-        """The samples ``begin`` to ``end`` with what helped meanwhile, as a run of their own."""
+        """Return the samples ``begin`` to ``end`` with their aids, as a run of their own."""
         own, (a, b) = slice(begin, end), self.sensed_at[[begin, end - 1]]
         dt = self.dt[own].copy()
         dt[:1] = 0.0
@@ -199,7 +191,7 @@ class Inputs:
 
 
 def prepare_inputs(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, declination: float, ahead: bool) -> Inputs:
-    """The inputs of one segment: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3) with NaN rows.
+    """Prepare the inputs of one segment: ``t`` (n,) s, ``gyr`` rad/s, ``acc`` m/s^2, ``mag`` (n, 3) with NaN rows.
 
     ``declination`` rad; ``ahead``: whether levels may be taken from the whole run.
     """
@@ -239,7 +231,7 @@ def prepare_inputs(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, dec
 
 
 def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8], NDArray[np.bool_]]:
-    """Which sample intervals (n,) lie in rest: with half a second of margin on both sides, and without.
+    """Select sample intervals (n,) at rest: with half a second of margin on both sides, and without.
 
     ``t`` (n,) s, ``gyr`` (n, 3) rad/s, ``spans`` (k, 2) s in which the vehicle says that it stands.
     A span ends where the gyro contradicts it.
@@ -296,14 +288,14 @@ def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measure
 
 
 def _turned(x: Array, turn: Array) -> Array:
-    """Level components turned; a vertical one that is missing stays missing alone."""
+    """Turn level components; a missing vertical one stays missing alone."""
     out = np.array(x)
     out[:, :2] = x[:, :2] @ turn[:2, :2].T
     return out
 
 
 def _shape(sigma: Array | None, n: int, columns: int, ahead: bool) -> Array:
-    """How accuracies (n, columns) change over time, around one: only that is believed of them."""
+    """Return how accuracies (n, columns) change over time, around one: their level is not used."""
     if sigma is None:
         return np.ones((n, columns))
     s = sigma.reshape(n, columns).copy()
@@ -329,7 +321,7 @@ def _baro(aids: Aids) -> Measurements | None:
 
 
 def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measurements | None:
-    """Block means of the field in gauss; None where there is none."""
+    """Return block means of the field in gauss; None without a field."""
     size = np.sqrt(np.sum(mag * mag, axis=1))
     good = np.isfinite(size) & (size > 0.0)
     if np.count_nonzero(good) < 2:
@@ -349,7 +341,7 @@ def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measurements
 
 
 def blocks(t: Array, x: Array, length: float) -> tuple[Array, Array, Array]:
-    """Mean times (k,), means (k, c) and counts (k,) of samples in blocks of ``length`` s."""
+    """Return mean times (k,), means (k, c) and counts (k,) of samples in blocks of ``length`` s."""
     number = np.floor((t - t[0]) / length + 1e-6).astype(np.int64)
     begin = np.flatnonzero(np.r_[True, np.diff(number) > 0])
     count = np.diff(np.append(begin, len(t))).astype(np.float64)
@@ -358,7 +350,7 @@ def blocks(t: Array, x: Array, length: float) -> tuple[Array, Array, Array]:
 
 
 def _filled(t: Array, acc: Array) -> Array:
-    """The specific force with what is missing (zero vectors) interpolated."""
+    """Interpolate missing specific force (zero vectors)."""
     there = np.any(acc != 0.0, axis=1)
     if there.all() or not there.any():
         return acc

@@ -20,7 +20,7 @@ from itertools import pairwise
 import numpy as np
 
 from attlog.estimators.filters.navigation.inputs import JUMP_RAD_S, Inputs
-from attlog.estimators.filters.navigation.model import LIKELIHOOD, PHI, ROW, State
+from attlog.estimators.filters.navigation.model import MEM, ROW, E, Settings, State
 from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState
@@ -30,7 +30,7 @@ from attlog.estimators.interface import Array
 # below 15; with one that is turned or offset they reach 113.
 MIN_GAIN, GAIN_COMPASS = 20.0, 200.0
 MAX_JUMPS = 4
-# So near to the ends, or to another jump, none is looked for: it could not be told from a blow.
+# So near to the ends, or to another jump, none is looked for: a blow looks the same.
 EDGE_S = 2.0
 # What is smaller the bias' random walk follows; what is larger is a blow or a clipped gyro, what is less sure no step
 # of a constant bias.
@@ -57,22 +57,22 @@ class Jump:
 
     @property
     def counts(self) -> bool:
-        """Whether it is worth telling."""
+        """Return whether the jump is large enough to report."""
         return bool(self.rate > SMALLEST_RAD_S)
 
     @property
     def believable(self) -> bool:
-        """Whether a bias can step so."""
+        """Return whether a bias can step so."""
         return bool(self.rate < LARGEST_RAD_S and np.max(self.sigma) < LEAST_SURE_RAD_S)
 
     @property
     def rate(self) -> float:
-        """How large it is about any axis, rad/s."""
+        """The size about any axis, rad/s."""
         return float(np.sqrt(np.sum(self.size**2)))
 
 
 def gains(shocks: Array) -> tuple[Array, Array]:
-    """What a jump at each node (m,) would add to the logarithm of the likelihood, and its size (m, 3) in rad/s.
+    """Return the gain in log likelihood by a jump at each node (m,), and its size (m, 3) in rad/s.
 
     ``shocks`` (m, 12) as of :class:`Pass`.
     """
@@ -83,7 +83,7 @@ def gains(shocks: Array) -> tuple[Array, Array]:
 
 
 def candidate(found: Pass, when: Array, known: Times) -> tuple[float, float]:
-    """Time in s of the most likely further jump, and what it would gain; ``when`` (m,) s of the nodes."""
+    """Return time in s and gain of the most likely further jump; ``when`` (m,) s of the nodes."""
     usable = (when > when[0] + EDGE_S) & (when < when[-1] - EDGE_S)
     for t in known:
         usable &= np.abs(when - t) > EDGE_S
@@ -96,7 +96,7 @@ def candidate(found: Pass, when: Array, known: Times) -> tuple[float, float]:
 
 
 def modelled(found: Pass, when: Array, times: Times, t_sigmas: Times) -> tuple[Jump, ...]:
-    """The jumps that a pass was run with, at ``times`` s; ``when`` (m,) s of its nodes."""
+    """Return the jumps that a pass was run with, at ``times`` s; ``when`` (m,) s of its nodes."""
     out = []
     nodes = np.flatnonzero(found.schedule.jump > 0.0)
     for t, t_sigma in zip(times, t_sigmas, strict=True):
@@ -108,7 +108,7 @@ def modelled(found: Pass, when: Array, times: Times, t_sigmas: Times) -> tuple[J
 
 
 def placed(times: Times, likelihood: Callable[[Times], float]) -> tuple[Times, Times]:
-    """Times of jumps moved to where they are likeliest, and their sigmas, s."""
+    """Move times of jumps to where they are likeliest; return them and their sigmas, s."""
     best = likelihood(times)
     sigmas = []
     for k in range(len(times)):
@@ -128,7 +128,7 @@ def _with_moved_time(times: Times, k: int, by: float) -> Times:
 
 
 def agree(found: tuple[Jump, ...], others: tuple[Jump, ...]) -> bool:
-    """Whether two runs with jumps at the same times find the same sizes, as far as they can tell."""
+    """Return whether two runs with jumps at the same times find the same sizes within their sigmas."""
     return all(
         np.all(np.abs(a.size - b.size) < AGREE_SIGMAS * np.hypot(a.sigma, b.sigma) + SAME_RAD_S)
         for a in found
@@ -138,12 +138,12 @@ def agree(found: tuple[Jump, ...], others: tuple[Jump, ...]) -> bool:
 
 
 def changed_at_rest(inputs: Inputs) -> bool:
-    """Whether the bias that the gyro shows at rest changed by more over the run than it drifts."""
+    """Return whether the gyro bias at rest changed by more over the run than it drifts."""
     return bias_change_dps(inputs) > BIAS_CHANGED_DPS
 
 
 def bias_change_dps(inputs: Inputs) -> float:
-    """By how much in deg/s the mean gyro of the last rest differs from that of the first; 0 without two rests."""
+    """Return the change in deg/s of the mean gyro from the first rest to the last; 0 without two rests."""
     edges = np.flatnonzero(np.diff(inputs.still.astype(np.int8), prepend=0, append=0))
     means: list[Array] = []
     for a, b in zip(edges[::2], edges[1::2], strict=True):
@@ -158,7 +158,7 @@ def bias_change_dps(inputs: Inputs) -> float:
 #
 # Each second the filter asks whether its innovations have grown. Then the scores of the last seconds (see
 # :mod:`jumps`) say whether a jump of the bias explains it; where one does, these seconds are filtered again with it,
-# and the filter goes on from there. What it said before stands. A compass that is turned or offset looks like a jump
+# and the filter goes on from there. Earlier attitudes stay. A compass that is turned or offset looks like a jump
 # too, but such a jump worsens the fit of GNSS: then there is none.
 
 # How often the filter asks, and how far back it looks.
@@ -174,12 +174,12 @@ GNSS, GNSS_GAIN = slice(0, 4), -5.0
 LOOKS, SELDOM = 5, 5
 # How well the time of a jump is known, about.
 UNSURE_S = 0.5
-# So near to the end a jump is not told from a single odd fix.
+# So near to the end a jump looks like a single odd fix.
 FRESH_S = 0.3
 
 
-def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Array) -> tuple[Pass, tuple[Jump, ...]]:
-    """The way forth with jumps of the gyro bias where the innovations ask for them, and these jumps."""
+def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Settings) -> tuple[Pass, tuple[Jump, ...]]:
+    """Run forward with jumps of the gyro bias where the innovations grow; return the pass and the jumps."""
     schedule = replace(schedule, jump=schedule.jump.copy())
     found, state = runner.begun(schedule, begin)
     when = runner.inputs.sensed_at[schedule.node_at]
@@ -206,12 +206,12 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Array) 
         opened = replace(schedule, jump=schedule.jump.copy())
         opened.jump[first + k] = JUMP_RAD_S
         _, after, with_it = runner.shocks(opened, begin, par, before, first, int(b))
-        if after.memory[LIKELIHOOD] - state.memory[LIKELIHOOD] < ONLINE_MIN_GAIN:
+        if after.memory[MEM.likelihood] - state.memory[MEM.likelihood] < ONLINE_MIN_GAIN:
             continue
         if np.sum((with_it - without)[GNSS]) < GNSS_GAIN:
             continue
         for i in range(3):  # what it turned while its time is unsure
-            after.P[(ROW + 1) * (PHI + i)] += (UNSURE_S * size[k, i]) ** 2
+            after.P[(ROW + 1) * (E.phi + i)] += (UNSURE_S * size[k, i]) ** 2
         for old, new in zip(state, after, strict=True):
             old[:] = new
         schedule.jump[:] = opened.jump
@@ -223,7 +223,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Array) 
 
 
 def grown(ratio: Array) -> bool:
-    """Whether velocities or fields did not fit of late; ``ratio`` (k, 4) at some nodes, NaN without an aid."""
+    """Return whether velocities or fields did not fit of late; ``ratio`` (k, 4) at some nodes, NaN without an aid."""
     for column in (0, 3):
         known = ratio[np.isfinite(ratio[:, column]), column]
         if len(known) and float(np.mean(np.minimum(known, 9.0))) > GROWN:

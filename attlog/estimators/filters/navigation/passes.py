@@ -11,32 +11,17 @@ import numpy as np
 from attlog.core import rotation
 from attlog.estimators.filters.navigation import calibration
 from attlog.estimators.filters.navigation import jumps as jumping
-from attlog.estimators.filters.navigation import jumps as online
 from attlog.estimators.filters.navigation.inputs import FINE_S, NODE_S, Inputs, NoiseLevels
 from attlog.estimators.filters.navigation.jumps import Jump
-from attlog.estimators.filters.navigation.model import ARM, BA, EARTH, HARD, KICKED, POS, SCALE, SOFT, V
+from attlog.estimators.filters.navigation.model import MEM, E
 from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState, covariance, start
 from attlog.estimators.interface import Array
 
-__all__ = [
-    "CONSTANTS",
-    "Constants",
-    "Solution",
-    "causal",
-    "constants_of_log",
-    "constants_of_past",
-    "first_start",
-    "solved",
-    "solved_twice",
-    "stages",
-]
-
-
 # The passes of the smoother: five, or more where the gyro bias jumps.
 
-# Passes, and how many of them the filter linearises about itself; the others, which a smoother tells, about the pass
+# Passes, and how many of them the filter linearises about itself; the others about the pass
 # before.
 PASSES, OWN_LINEARISATION = 5, 3
 # After so many passes jumps of the gyro bias are looked for: noise levels are calibrated, and not yet to a jump.
@@ -78,7 +63,7 @@ def solved(
     suspected: bool = False,
     known: jumping.Times = (),
 ) -> Solution:
-    """All passes of the smoother over one run; ``spread``: whether the attitude's variance is asked for.
+    """Run all passes of the smoother; ``spread``: whether the attitude's variance is needed.
 
     Jumps of the gyro bias are looked for after LOOK passes; with one that is found the passes begin anew.
     ``suspected``: another run over the same gyro finds one; then, or if the bias at rest changed, less evidence is
@@ -147,14 +132,14 @@ class Sequence:
         return self.kept
 
     def advance(self, to: int) -> None:
-        """Passes until there were so many."""
+        """Run passes until there were so many."""
         self.runner.timetable.jumps = self.jumps
         while self.number < to:
             self._once()
             self.number += 1
 
     def _once(self) -> None:
-        """One pass and, unless it is the last, the calibration for the next."""
+        """Run one pass and, unless it is the last, calibrate for the next."""
         inputs, number, tuned = self.runner.inputs, self.number, self.tuned
         if number > 0:
             self.begin = start(inputs, tuned, self.begin if self.moving else None)
@@ -163,7 +148,7 @@ class Sequence:
         use = self.along if number >= OWN_LINEARISATION and not self.kicked else None
         if use is not None and self.schedule is not None:
             use = _at_nodes(use, self.schedule, schedule, inputs)
-        found = self.runner.both(schedule, self.begin, tuned.packed(inputs.gravity, self.gate), use, self.spread)
+        found = self.runner.both(schedule, self.begin, tuned.settings(inputs.gravity, self.gate), use, self.spread)
         before = self.kept
         better = before is None or found.likelihood >= before.found.likelihood - WORSE * abs(before.found.likelihood)
         ratios = calibration.ratios(found)
@@ -173,7 +158,7 @@ class Sequence:
             self.kept = Solution(found, tuned, self.begin, self.runner, following, number + 1, number, ratios)
             self.along, self.schedule = found.smoothed_nodes(), schedule
         self.best.passes = number + 1
-        self.kicked = found.memory[KICKED] > 0
+        self.kicked = found.memory[MEM.kicked] > 0
         if self.moving:
             self.begin = _moved(self.begin, found)
         if number + 1 == self.passes:
@@ -193,29 +178,29 @@ class Sequence:
 
     @property
     def believable(self) -> bool:
-        """Whether its jumps are such as a gyro bias makes."""
+        """Return whether a gyro bias can make all its jumps."""
         return all(jump.believable for jump in self.modelled)
 
     def candidate(self) -> tuple[float, float]:
-        """When in s a further jump is likeliest, and what it would add to the logarithm of the likelihood."""
+        """Return when in s a further jump is likeliest, and its gain in log likelihood."""
         found = self.best.found
         return jumping.candidate(found, self.runner.inputs.sensed_at[found.schedule.node_at], self.jumps)
 
     def tried(self, when: float) -> tuple[jumping.Times, float]:
-        """The jumps with one more near ``when`` s, and what that adds to the way forth."""
+        """Return the jumps with one more near ``when`` s, and its gain in log likelihood."""
         likelihood = self._likelihood()
         times, _ = jumping.placed(tuple(sorted((*self.jumps, when))), likelihood)
         return times, likelihood(times) - likelihood(self.jumps)
 
     def place_jumps(self) -> None:
-        """Each jump moved to where the way forth is likeliest."""
+        """Move each jump to where the forward pass is likeliest."""
         self.jumps, self.jump_sigmas = jumping.placed(self.jumps, self._likelihood())
 
     def _likelihood(self) -> Callable[[jumping.Times], float]:
-        """The logarithm of the likelihood of the way forth by the times of jumps, with the levels of the best pass."""
+        """Return the log likelihood of the forward pass as a function of the times of jumps."""
         timetable, gravity = self.runner.timetable, self.runner.inputs.gravity
         begin, tuned = self.best.begin, self.best.tuned
-        schedule, par = timetable.scheduled(tuned), tuned.packed(gravity, self.gate)
+        schedule, par = timetable.scheduled(tuned), tuned.settings(gravity, self.gate)
 
         def likelihood(times: jumping.Times) -> float:
             at = replace(schedule, jump=timetable.jumps_at(schedule.node_at, times))
@@ -234,7 +219,7 @@ def _delays(
     gate: float,
     number: int,
 ) -> NoiseLevels:
-    """The delays for the next pass."""
+    """Return the delays for the next pass."""
     moved = calibration.delays_by_state(found, used)
     following = replace(following, mag_delay=moved.mag_delay)
     if inputs.velocity is None:
@@ -250,28 +235,28 @@ def _delays(
 
 
 def first_start(runner: Runner, inputs: Inputs, tuned: NoiseLevels, gate: float) -> StartState:
-    """The start by the sensors; without a magnetometer the likeliest of twelve headings where GNSS can tell."""
+    """Return the start by the sensors; without a magnetometer the likeliest of twelve headings."""
     begin = start(inputs, tuned)
     if inputs.mag is not None or inputs.velocity is None:
         return begin
-    schedule, par = runner.timetable.scheduled(tuned), tuned.packed(inputs.gravity, gate)
+    schedule, par = runner.timetable.scheduled(tuned), tuned.settings(inputs.gravity, gate)
     tried = [begin.turned(2.0 * np.pi * k / HEADINGS) for k in range(HEADINGS)]
     for one in tried:
-        one.P[:, :] = covariance(inputs, tuned, one.q, one.x, one.how, bool(one.P[POS, POS] < 100.0))
+        one.P[:, :] = covariance(inputs, tuned, one.q, one.x, one.how, bool(one.P[E.pos, E.pos] < 100.0))
     found = [runner.forward(schedule, one.copy(), par).likelihood for one in tried]
     return tried[int(np.argmax(found))]
 
 
 def _moved(begin: StartState, found: Pass) -> StartState:
-    """The start with smoothed attitude, velocity and position."""
+    """Return the start with smoothed attitude, velocity and position."""
     out = begin.copy()
     out.q = rotation.normalize(rotation.multiply(rotation.from_rotvec(found.first[:3]), out.q))
-    out.x[V : V + 6] += found.first[V : V + 6]
+    out.x[E.v : E.v + 6] += found.first[E.v : E.v + 6]
     return out
 
 
 def _at_nodes(q: Array, before: Schedule, now: Schedule, inputs: Inputs) -> Array:
-    """Attitudes at the nodes of another schedule."""
+    """Interpolate attitudes to the nodes of another schedule."""
     t = inputs.sensed_at
     a, b = t[before.node_at], t[now.node_at]
     return np.ascontiguousarray(rotation.slerp(a, q, np.clip(b, a[0], a[-1])))
@@ -286,7 +271,7 @@ def _at_nodes(q: Array, before: Schedule, now: Schedule, inputs: Inputs) -> Arra
 
 
 def solved_twice(inputs: Inputs, begun: NoiseLevels, gate: float, passes: int) -> tuple[Solution, Solution]:
-    """The runs with and without the compass over inputs that hold one."""
+    """Solve the runs with and without the compass over inputs that hold one."""
     blind = replace(inputs, mag=None)
     without = solved(blind, begun, gate, passes)
     suspected = without.unmodelled > 0.0 or any(jump.counts for jump in without.jumps)
@@ -304,19 +289,19 @@ def solved_twice(inputs: Inputs, begun: NoiseLevels, gate: float, passes: int) -
 
 # Constants of the sensors: their rows and how sure the whole log is of them.
 CONSTANTS = {
-    "acc_bias": (BA, 3, 0.01),
-    "hard": (HARD, 3, 1e-3),
-    "soft": (SOFT, 6, 1e-3),
-    "field": (EARTH, 3, np.deg2rad(0.1)),
-    "scale": (SCALE, 3, 5e-4),
-    "arm": (ARM, 3, 0.01),
+    "acc_bias": (E.ba, 3, 0.01),
+    "hard": (E.hard, 3, 1e-3),
+    "soft": (E.soft, 6, 1e-3),
+    "field": (E.earth, 3, np.deg2rad(0.1)),
+    "scale": (E.scale, 3, 5e-4),
+    "arm": (E.arm, 3, 0.01),
 }
 
 
 def causal(
     inputs: Inputs, tuned: NoiseLevels, gate: float, known: Array | None = None, constants: Collection[str] = ()
 ) -> tuple[Pass, StartState, tuple[Jump, ...]]:
-    """One pass forward. ``tuned`` says noise and delays; ``constants`` of a ``known`` state (39,) are begun with."""
+    """Run one pass forward with noise and delays ``tuned``, from ``constants`` of a ``known`` state (39,)."""
     runner = Runner(inputs)
     begin = first_start(runner, inputs, tuned, gate)
     if known is not None:
@@ -324,15 +309,15 @@ def causal(
     settling = begin.how == "motion" and inputs.velocity is not None
     schedule = runner.timetable.scheduled(tuned, settling, once=True)
     del runner.timetable
-    found, jumps = online.filtered(runner, schedule, begin, tuned.packed(inputs.gravity, gate))
+    found, jumps = jumping.filtered(runner, schedule, begin, tuned.settings(inputs.gravity, gate))
     found.schedule = schedule.nodes()
     return found, begin, jumps
 
 
 def _begun_with(begin: StartState, smoothed: Array, constants: Collection[str]) -> StartState:
-    """A start with some constants of the sensors where a smoothed state (39,) has them."""
+    """Return a start with some constants of the sensors from a smoothed state (39,)."""
     out = begin.copy()
-    level = float(np.hypot(smoothed[EARTH], smoothed[EARTH + 1]))
+    level = float(np.hypot(smoothed[E.earth], smoothed[E.earth + 1]))
     for name in constants:
         row, count, sigma = CONSTANTS[name]
         sigma *= max(level, 1e-3) if name == "field" else 1.0
@@ -346,10 +331,9 @@ def _begun_with(begin: StartState, smoothed: Array, constants: Collection[str]) 
 
 # What a filter learns of its sensors on the way: the passes of the smoother over what came so far, again and again.
 #
-# At some moments the log up to there tells noise levels, delays, prior spreads and scale factors. The filter then
-# runs
-# again from the start with these, and its attitudes count from that moment on: no attitude knows what comes after it.
-# What shows constants is motion, so these moments lie at 10, 16, 26, ... s of it, up to 400 s.
+# At some moments noise levels, delays, prior spreads and scale factors are estimated from the log up to there. The
+# filter then runs again from the start with these, and its attitudes count from that moment on: no attitude knows
+# what comes after it. What shows constants is motion, so these moments lie at 10, 16, 26, ... s of it, up to 400 s.
 
 # Of a longer log so much is looked at for the constants, where it turns most (measured: docs/smoother.md).
 MAX_LEARNING_S = 400.0
@@ -373,7 +357,7 @@ class Constants:
 
 
 def stages(inputs: Inputs) -> list[tuple[int, int]]:
-    """Begin and end (samples) of the parts of a run between which constants are learnt anew."""
+    """Return begin and end (samples) of the parts of a run between which constants are learnt anew."""
     motion = np.cumsum(np.where(inputs.rest == 0, inputs.dt, 0.0))
     looks, seconds = [0], FIRST_S
     while seconds < min(motion[-1], MAX_LEARNING_S):
@@ -385,7 +369,7 @@ def stages(inputs: Inputs) -> list[tuple[int, int]]:
 
 
 def constants_of_past(inputs: Inputs, begun: NoiseLevels, gate: float) -> Constants:
-    """What a run up to now tells of the sensors; ``begun`` are the levels of one who knows nothing of them."""
+    """Estimate constants of the sensors from a run up to now; ``begun`` are the default levels."""
     solution = solved(most_turning_part(inputs, MAX_LEARNING_S), begun, gate, passes=LEARNING_PASSES, spread=False)
     seen = float(np.sum(inputs.dt[inputs.rest == 0]))
     share = seen / (seen + DOUBT_S)
@@ -398,13 +382,13 @@ def constants_of_past(inputs: Inputs, begun: NoiseLevels, gate: float) -> Consta
 
 
 def constants_of_log(inputs: Inputs, begun: NoiseLevels, gate: float) -> Constants:
-    """What a whole run tells of the sensors, as a vehicle that was tuned before has them."""
+    """Estimate constants of the sensors from a whole run, as of a tuned vehicle."""
     solution = solved(most_turning_part(inputs, MAX_LEARNING_S), begun, gate, spread=False)
     return Constants(held(solution.next), solution.begin.x + solution.found.first)
 
 
 def most_turning_part(inputs: Inputs, longest: float) -> Inputs:
-    """What constants are found in: all of a run, or of a longer one the ``longest`` s with fixes that turn most.
+    """Return the part that shows constants: of a long run the ``longest`` s with fixes that turn most.
 
     Who accelerates has to turn before: without that nothing shows a delay, and without turns nothing soft iron. Rest
     and what lacks fixes count nothing, and no rate counts more than FASTEST, else a blow would win.
@@ -427,6 +411,6 @@ def most_turning_part(inputs: Inputs, longest: float) -> Inputs:
 
 
 def held(tuned: NoiseLevels) -> NoiseLevels:
-    """Delays that were found are held within 10 and 5 ms."""
+    """Hold delays that were found within 10 and 5 ms."""
     prior = replace(tuned.prior, gnss_delay=0.010, mag_delay=0.005)
     return replace(tuned, prior=prior)

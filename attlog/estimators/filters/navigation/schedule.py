@@ -1,8 +1,8 @@
-"""When the filter stops to look: nodes and the events at each."""
+"""Nodes of the filter and the events at each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from attlog.estimators.filters.navigation.inputs import (
     NoiseLevels,
     RunningMean,
 )
-from attlog.estimators.filters.navigation.model import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY
+from attlog.estimators.filters.navigation.model import BARO, MAG, NO_RATE, POSITION, STILL, VELOCITY, Events
 from attlog.estimators.interface import Array
 
 # Half widths of the centred means in an event's rows.
@@ -29,44 +29,32 @@ Ints = NDArray[np.int64]
 
 @dataclass(slots=True)
 class Schedule:
-    """Nodes and events as :func:`forward.forward` takes them; ``rest_of`` (m,) of the interval before each node."""
+    """Nodes (m,) and their events: sample and first event (m + 1,) of each node, rest in the interval before it.
+
+    ``scalars`` (m + 1,): how many scalar updates the events before each node can make; ``jump`` (m,) rad/s by which the
+    gyro bias may jump there, one sigma.
+    """
 
     node_at: Ints
     node_event: Ints
-    kind: Ints
-    offset: Array
-    z: Array
-    f_mean: Array
-    w_mean: Array
-    sigma: Array
+    events: Events
     rest_of: NDArray[np.int8]
-    # (m + 1,) how many scalar updates the events before each node can make.
     scalars: Ints
-    # (m,) rad/s by which the gyro bias may jump at each node, one sigma.
     jump: Array
 
     def nodes(self) -> Schedule:
-        """The nodes without the events, for who does not run again."""
-        none = np.zeros((0, 3))
-        return Schedule(
-            self.node_at,
-            np.zeros_like(self.node_event),
-            self.kind[:0].copy(),
-            self.offset[:0].copy(),
-            none,
-            none,
-            none,
-            none,
-            self.rest_of,
-            np.zeros_like(self.scalars),
-            self.jump,
-        )
+        """Return the nodes without the events, where nothing runs again."""
+        no_events = Events._make(x[:0].copy() for x in self.events)
+        return replace(self, node_event=0 * self.node_event, events=no_events, scalars=0 * self.scalars)
 
 
 @dataclass(slots=True)
 class PlacedEvents:
-    """Events of one kind at their samples: ``at`` (e,), ``offset`` (e,) s, ``z`` (e, 3), ``shape`` (e, 3) of the noise
-    around one, 0 where a component is not told; centred means ``force``, ``rate`` (e, 3), 0 where no row needs them."""
+    """Events of one kind at their samples: ``at`` (e,), ``offset`` (e,) s, ``z`` (e, 3).
+
+    ``shape`` (e, 3) of the noise around one, 0 for a missing component; centred means ``force``, ``rate`` (e, 3), 0
+    where no row needs them.
+    """
 
     kind: int
     when: Array
@@ -99,7 +87,7 @@ class Timetable:
         every: float = NODE_S,
         once: bool = False,
     ) -> Schedule:
-        """Every aid at the sample next to when it was true, and nodes between them at least ``every`` s.
+        """Place every aid at the sample next to its time, with nodes at least ``every`` s.
 
         ``settling``: aids count less in the first seconds, for a filter that starts degrees off would else be sure of
         what it linearised there. ``within``: of the fixes only those stamped in this span. ``once``: nothing will be
@@ -116,7 +104,7 @@ class Timetable:
         )
 
         def gathered(name: str, *shape: int, dtype: type = np.float64) -> NDArray[Any]:
-            """A column of all events in order; it leaves their kinds, which do not need it any more."""
+            """Gather a column of all events in order; with ``once`` it is dropped from the kinds."""
             out: NDArray[Any] = np.empty((len(place), *shape), dtype)
             for p, a, b in zip(placed, ends[:-1], ends[1:], strict=True):
                 out[place[a:b]] = getattr(p, name)
@@ -137,19 +125,14 @@ class Timetable:
         return Schedule(
             nodes,
             node_event,
-            kind,
-            gathered("offset"),
-            gathered("z", 3),
-            gathered("force", 3),
-            gathered("rate", 3),
-            sigma,
+            Events(kind, gathered("offset"), gathered("z", 3), gathered("force", 3), gathered("rate", 3), sigma),
             np.ascontiguousarray(self.inputs.rest[nodes]),
             scalars[node_event].astype(np.int64),
             self.jumps_at(nodes, self.jumps),
         )
 
     def _placed(self, tuned: NoiseLevels, within: tuple[float, float] | None) -> list[PlacedEvents]:
-        """The events of each kind, in order of the kinds."""
+        """Return the events of each kind, in order of the kinds."""
         i = self.inputs
         out = []
         for kind, m, columns in ((VELOCITY, i.velocity, [0, 0, 0]), (POSITION, i.position, [0, 0, 1])):
@@ -169,7 +152,7 @@ class Timetable:
         return out
 
     def _once(self, kind: int, delay: float, when: Array, z: Array, shape: Array) -> PlacedEvents:
-        """Events that stay where they are while their delay does."""
+        """Return events that move only with their delay."""
         if kind not in self.kept or self.kept[kind][0] != delay:
             self.kept[kind] = delay, self._place(kind, when - delay, z, shape)
         return self.kept[kind][1]
@@ -194,14 +177,14 @@ class Timetable:
         return PlacedEvents(kind, when, at, when - centre, z, shape, force, rate)
 
     def jumps_at(self, nodes: Ints, jumps: tuple[float, ...]) -> Array:
-        """How far the gyro bias may jump at each node (m,): the first at or after each of the times ``jumps`` in s."""
+        """Return how far the gyro bias may jump at each node (m,), the first at or after each time ``jumps`` in s."""
         out = np.zeros(len(nodes))
         at = np.searchsorted(self.t[nodes], np.array(jumps) - TIE_S)
         out[at[at < len(nodes)]] = JUMP_RAD_S
         return out
 
     def _nodes(self, at: Ints, every: float) -> Ints:
-        """Samples with events, the ends, where rest begins and ends, and enough others."""
+        """Select samples with events, the ends, where rest begins and ends, and enough others."""
         rest = self.inputs.rest
         node = np.zeros(len(self.t), bool)
         node[at] = True
@@ -217,7 +200,7 @@ class Timetable:
 
 
 def scheduled(inputs: Inputs, tuned: NoiseLevels, settling: bool = False) -> Schedule:
-    """The schedule of a run that needs only one."""
+    """Return the schedule of a run that needs only one."""
     return Timetable(inputs).scheduled(tuned, settling)
 
 
@@ -235,7 +218,7 @@ def _levels(tuned: NoiseLevels) -> dict[int, Array]:
 
 
 def rest_times(inputs: Inputs) -> Array:
-    """Times at rest, five a second, at which the vehicle is told to stand."""
+    """Return times at rest, five a second, of zero-velocity updates."""
     t = inputs.sensed_at
     at = np.flatnonzero(inputs.rest == 1)
     if len(at) == 0:
@@ -247,7 +230,7 @@ def rest_times(inputs: Inputs) -> Array:
 
 
 def _same(row: list[float], n: int) -> Array:
-    """One row (3,) as if it stood there n times, to be read."""
+    """Repeat one row (3,) n times, to be read."""
     return np.broadcast_to(row, (n, 3))
 
 

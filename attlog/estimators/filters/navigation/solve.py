@@ -1,4 +1,4 @@
-"""One run of the filter over a whole log, and back: what a pass finds.
+"""One pass: the filter forward over a whole log, and back.
 
 The way back needs what the way forth stored, a quarter of a megabyte per second of flight. A long log is therefore
 run in parts: the filter keeps its state at the beginning of each, and each part is run again just before the way back
@@ -17,18 +17,17 @@ from attlog.core import rotation
 from attlog.estimators.filters.navigation import backward, forward
 from attlog.estimators.filters.navigation.inputs import Inputs
 from attlog.estimators.filters.navigation.model import (
-    FROZEN,
     GROUPS,
-    LIKELIHOOD,
+    MEM,
     MEMORY,
     ROW,
     SUMS,
     WIDE,
-    Events,
     Filtered,
     Kept,
     N,
     Nodes,
+    Settings,
     State,
     padded,
     square,
@@ -68,11 +67,11 @@ class Pass:
 
     @property
     def likelihood(self) -> float:
-        """Logarithm of the likelihood of all innovations, without constants."""
-        return float(self.memory[LIKELIHOOD])
+        """Log likelihood of all innovations, without constants."""
+        return float(self.memory[MEM.likelihood])
 
     def smoothed_nodes(self) -> Array:
-        """Smoothed attitude (m, 4) at the nodes."""
+        """Return smoothed attitude (m, 4) at the nodes."""
         q = rotation.multiply(rotation.from_rotvec(self.d[:, 0:3]), self.q[self.schedule.node_at])
         return np.ascontiguousarray(rotation.normalize(q))
 
@@ -85,16 +84,16 @@ class Runner:
         self.timetable = Timetable(inputs)
         self.store: Kept | None = None
 
-    def forward(self, schedule: Schedule, begin: StartState, par: Array, along: Array | None = None) -> Pass:
-        """The way forth alone; ``par`` (k,) see layout, ``along`` (m, 4) the trajectory of linearisation at nodes."""
+    def forward(self, schedule: Schedule, begin: StartState, par: Settings, along: Array | None = None) -> Pass:
+        """Run forward alone; ``along`` (m, 4) is the trajectory of linearisation at nodes."""
         found, state = self.begun(schedule, begin)
         self.run(0, len(schedule.node_at), found, state, begin, par, along, None)
         return found
 
     def both(
-        self, schedule: Schedule, begin: StartState, par: Array, along: Array | None = None, spread: bool = True
+        self, schedule: Schedule, begin: StartState, par: Settings, along: Array | None = None, spread: bool = True
     ) -> Pass:
-        """Forth and back. ``along`` (m, 4): attitudes at the nodes about which it is linearised.
+        """Run forward and back. ``along`` (m, 4): attitudes at the nodes about which it is linearised.
 
         ``spread``: whether the smoothed variance of the attitude is asked for; else it is not found.
         """
@@ -124,9 +123,9 @@ class Runner:
         return found
 
     def shocks(
-        self, schedule: Schedule, begin: StartState, par: Array, state: State, a: int, b: int
+        self, schedule: Schedule, begin: StartState, par: Settings, state: State, a: int, b: int
     ) -> tuple[Array, State, Array]:
-        """Scores (b - a, 12) of a shock of the gyro bias at the nodes a to b, by what came up to b alone.
+        """Return scores (b - a, 12) of a shock of the gyro bias at the nodes a to b, from data up to b alone.
 
         ``state`` is that before node a, which stays; returned are also the state after node b - 1 and the logarithm of
         the likelihood (8,) of the innovations of each group.
@@ -145,10 +144,10 @@ class Runner:
         return found.shocks[a:b], state, by_group
 
     def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, State]:
-        """A pass with nothing in it yet, and the state that :meth:`run` carries on in place."""
+        """Return an empty pass, and the state that :meth:`run` carries on in place."""
         n, m = len(self.inputs.t), len(schedule.node_at)
         memory = np.zeros(MEMORY)
-        memory[FROZEN : FROZEN + 4] = begin.q
+        memory[MEM.frozen : MEM.frozen + 4] = begin.q
         found = Pass(schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory)
         return found, State(begin.q.copy(), begin.x.copy(), padded(begin.P), memory)
 
@@ -159,7 +158,7 @@ class Runner:
         found: Pass,
         state: State,
         begin: StartState,
-        par: Array,
+        par: Settings,
         along: Array | None,
         store: Kept | None,
     ) -> int:
@@ -174,7 +173,7 @@ class Runner:
             begin.x,
             self.inputs.motion,
             Nodes(s.node_at, s.node_event, s.jump, np.zeros((1, 4)) if along is None else along),
-            Events(s.kind, s.offset, s.z, s.f_mean, s.w_mean, s.sigma),
+            s.events,
             state,
             Filtered(found.q, found.bias, found.variance, found.ratio),
             self._storage(s, 0, 0) if store is None else store,
@@ -187,7 +186,7 @@ class Runner:
         a: int,
         b: int,
         found: Pass,
-        par: Array,
+        par: Settings,
         store: Kept,
         adjoint: backward.Adjoint,
         score: Array,

@@ -22,23 +22,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, RunningMean
-from attlog.estimators.filters.navigation.model import (
-    ARM,
-    BA,
-    BARO_BIAS,
-    BG,
-    EARTH,
-    GNSS_DELAY,
-    HARD,
-    MAG_DELAY,
-    PHI,
-    POS,
-    SCALE,
-    SOFT,
-    WANDER,
-    N,
-    V,
-)
+from attlog.estimators.filters.navigation.model import E, N
 from attlog.estimators.filters.navigation.turns import chain
 from attlog.estimators.interface import Array
 
@@ -64,33 +48,33 @@ class StartState:
     how: How
 
     def copy(self) -> StartState:
-        """Its own arrays, to be carried on in place."""
+        """Return a copy with its own arrays."""
         return StartState(self.q.copy(), self.x.copy(), self.P.copy(), self.how)
 
     def turned(self, heading: float) -> StartState:
-        """The same with another heading, rad."""
+        """Return the start turned by a heading in rad."""
         return StartState(rotation.turn_about_down(self.q, heading), self.x.copy(), self.P.copy(), self.how)
 
 
 def start(inputs: Inputs, tuned: NoiseLevels, known: StartState | None = None) -> StartState:
-    """The state before the first sample; ``known`` gives attitude, velocity, position (a pass before)."""
+    """Return the state before the first sample; ``known`` gives attitude, velocity, position of a pass before."""
     x = np.zeros(N)
     how, q, bias = _attitude(inputs, tuned)
-    x[BG : BG + 3] = bias
+    x[E.bg : E.bg + 3] = bias
     velocity, position = _first_fix(inputs)
     if how != "static" and velocity is not None:
-        x[V : V + 3] = velocity
+        x[E.v : E.v + 3] = velocity
     if position is not None:
-        x[POS : POS + 3] = position
-    x[EARTH : EARTH + 3] = _field(inputs, q)
+        x[E.pos : E.pos + 3] = position
+    x[E.earth : E.earth + 3] = _field(inputs, q)
     if known is not None:
         q = known.q.copy()
-        x[V : V + 3], x[POS : POS + 3] = known.x[V : V + 3], known.x[POS : POS + 3]
+        x[E.v : E.v + 3], x[E.pos : E.pos + 3] = known.x[E.v : E.v + 3], known.x[E.pos : E.pos + 3]
     return StartState(q, x, covariance(inputs, tuned, q, x, how, position is not None), how)
 
 
 def _attitude(inputs: Inputs, tuned: NoiseLevels) -> tuple[How, Array, Array]:
-    """How it was found, q (4,) and the gyro bias (3,)."""
+    """Return how the attitude was found, q (4,) and the gyro bias (3,)."""
     t, zero = inputs.sensed_at, np.zeros(3)
     early = t <= t[0] + STATIC_S
     if t[-1] - t[0] > QUIET_S and np.mean(inputs.still[early]) > 0.5:
@@ -108,7 +92,7 @@ def _attitude(inputs: Inputs, tuned: NoiseLevels) -> tuple[How, Array, Array]:
 
 
 def _first_fix(inputs: Inputs) -> tuple[Array | None, Array | None]:
-    """Velocity and position (3,) of the first fix, None if there is none within 2 s."""
+    """Return velocity and position (3,) of the first fix, None if there is none within 2 s."""
     found = []
     for m in (inputs.velocity, inputs.position):
         near = m is not None and m.t[0] <= inputs.t[0] + NEAR_FIX_S
@@ -117,7 +101,7 @@ def _first_fix(inputs: Inputs) -> tuple[Array | None, Array | None]:
 
 
 def _level(inputs: Inputs, samples: Array) -> Array:
-    """Down from the mean accelerometer of some samples, heading from the field of the same time."""
+    """Level by the mean accelerometer of some samples, heading by the field of the same time."""
     force = np.mean(inputs.acc[samples], axis=0)
     t = inputs.sensed_at[samples]
     field = None
@@ -128,9 +112,9 @@ def _level(inputs: Inputs, samples: Array) -> Array:
 
 
 def from_vectors(force: Array, field: Array | None, earth_field: Array | None) -> Array:
-    """The attitude (4,), body to earth: down is against ``force`` (3,) m/s^2, ``field`` (3,) lies over ``earth_field``.
+    """Return the attitude (4,), body to earth, by ``force`` (3,) m/s^2 and ``field`` (3,).
 
-    Identity without a force.
+    The field lies over ``earth_field``. Identity without a force.
     """
     size = float(np.sqrt(np.sum(force**2)))
     if not size > 1e-6:
@@ -149,7 +133,7 @@ def from_vectors(force: Array, field: Array | None, earth_field: Array | None) -
 
 
 def _in_motion(inputs: Inputs, tuned: NoiseLevels) -> Array:
-    """The attitude at the first sample from the first seconds of motion."""
+    """Return the attitude at the first sample from the first seconds of motion."""
     t = inputs.sensed_at
     n = int(np.searchsorted(t, t[0] + MOTION_S))
     n = min(max(n, 2), len(t))
@@ -180,7 +164,7 @@ def _in_motion(inputs: Inputs, tuned: NoiseLevels) -> Array:
 
 
 def _pairs(inputs: Inputs, tuned: NoiseLevels, force: RunningMean, end: float) -> tuple[Array, Array]:
-    """Change of velocity less gravity between fixes 1 to 2 s apart, in earth axes and as felt (frame of sample 0)."""
+    """Return velocity changes less gravity between fixes 1 to 2 s apart, in earth axes and by force."""
     v = inputs.velocity
     none = np.zeros((0, 3))
     if v is None:
@@ -196,19 +180,19 @@ def _pairs(inputs: Inputs, tuned: NoiseLevels, force: RunningMean, end: float) -
 
 
 def turned_by_gyro(gyr: Array, dt: Array) -> Array:
-    """Attitudes (n, 4) relative to the first sample, from the gyro alone."""
+    """Return attitudes (n, 4) relative to the first sample, from the gyro alone."""
     return rotation.normalize(chained(gyr * dt[:, None]))
 
 
 def chained(turns: Array) -> Array:
-    """The turns (n, 3), rotation vectors, one after the other (n, 4); the first is taken as none."""
+    """Chain the turns (n, 3), rotation vectors, to attitudes (n, 4); the first is taken as none."""
     q = np.empty((len(turns), 4))
     chain(rotation.from_rotvec(turns), q)
     return q
 
 
 def _field(inputs: Inputs, q: Array) -> Array:
-    """The earth's field (3,) in G: the model's, or what is seen at the start attitude, pointing to magnetic north."""
+    """Return the earth's field (3,) in G: the model's, or the measured one at the start attitude."""
     if inputs.field is not None:
         return np.array(inputs.field)
     if inputs.mag is None:
@@ -218,37 +202,37 @@ def _field(inputs: Inputs, q: Array) -> Array:
 
 
 def covariance(inputs: Inputs, tuned: NoiseLevels, q: Array, x: Array, how: How, near_fix: bool) -> Array:
-    """P (39, 39): the priors, tied by what accelerometer and field say at this attitude."""
+    """Return P (39, 39): the priors, tied by accelerometer and field at this attitude."""
     prior = tuned.prior
     sd = np.zeros(N)
     gnss, mag = inputs.velocity is not None or inputs.position is not None, inputs.mag is not None
-    sd[PHI : PHI + 3] = np.deg2rad(30.0)
-    sd[PHI + 2] = np.deg2rad(30.0 if mag else 60.0)
-    sd[V : V + 3] = 0.05 if how == "static" else 1.0 if near_fix or not gnss else 5.0
-    sd[POS : POS + 3] = 5.0 if near_fix or not gnss else 20.0
-    sd[BG : BG + 3] = prior.gyro_bias_rest if how == "static" else prior.gyro_bias
-    sd[BA : BA + 3] = prior.acc_bias
-    sd[SCALE : SCALE + 3] = prior.scale
+    sd[E.phi : E.phi + 3] = np.deg2rad(30.0)
+    sd[E.phi + 2] = np.deg2rad(30.0 if mag else 60.0)
+    sd[E.v : E.v + 3] = 0.05 if how == "static" else 1.0 if near_fix or not gnss else 5.0
+    sd[E.pos : E.pos + 3] = 5.0 if near_fix or not gnss else 20.0
+    sd[E.bg : E.bg + 3] = prior.gyro_bias_rest if how == "static" else prior.gyro_bias
+    sd[E.ba : E.ba + 3] = prior.acc_bias
+    sd[E.scale : E.scale + 3] = prior.scale
     if gnss:
-        sd[ARM : ARM + 3], sd[GNSS_DELAY] = prior.arm, prior.gnss_delay
-        sd[WANDER : WANDER + 3] = prior.wander if inputs.position is not None else 0.0
+        sd[E.arm : E.arm + 3], sd[E.gnss_delay] = prior.arm, prior.gnss_delay
+        sd[E.wander : E.wander + 3] = prior.wander if inputs.position is not None else 0.0
     if inputs.baro is not None:
-        sd[BARO_BIAS] = prior.baro
+        sd[E.baro] = prior.baro
     if mag:
-        sd[HARD : HARD + 3], sd[SOFT : SOFT + 6], sd[MAG_DELAY] = prior.hard, prior.soft, prior.mag_delay
+        sd[E.hard : E.hard + 3], sd[E.soft : E.soft + 6], sd[E.mag_delay] = prior.hard, prior.soft, prior.mag_delay
     P = np.diag(sd**2)
     if mag:
-        P[EARTH : EARTH + 3, EARTH : EARTH + 3] = _field_spread(inputs, tuned, x[EARTH : EARTH + 3], gnss)
+        P[E.earth : E.earth + 3, E.earth : E.earth + 3] = _field_spread(inputs, tuned, x[E.earth : E.earth + 3], gnss)
     R = rotation.to_matrix(q)
     H = np.zeros((3, N))
-    H[:, PHI : PHI + 3] = R.T @ _cross(np.array([0.0, 0.0, -inputs.gravity]))
-    H[:, BA : BA + 3] = np.eye(3)
+    H[:, E.phi : E.phi + 3] = R.T @ _cross(np.array([0.0, 0.0, -inputs.gravity]))
+    H[:, E.ba : E.ba + 3] = np.eye(3)
     P = _updated(P, H, ACC_NOISE[how])
     return _updated(P, field_matrix(R, x), MAG_NOISE_G[how]) if mag else P
 
 
 def _field_spread(inputs: Inputs, tuned: NoiseLevels, field: Array, gnss: bool) -> Array:
-    """Covariance (3, 3) of the earth field: its size and dip along, its direction across."""
+    """Return the covariance (3, 3) of the earth field: its size and dip along, its direction across."""
     level = math.hypot(field[0], field[1])
     known = inputs.field is not None
     along = (tuned.prior.field_size if known else FIELD_UNKNOWN) * float(np.sqrt(np.sum(field**2)))
@@ -260,17 +244,17 @@ def _field_spread(inputs: Inputs, tuned: NoiseLevels, field: Array, gnss: bool) 
 
 
 def field_matrix(R: Array, x: Array) -> Array:
-    """The rows (3, 39) of a field sample at attitude R, without rotation."""
-    S = x[SOFT : SOFT + 6]
+    """Return the rows (3, 39) of a field sample at attitude R, without rotation."""
+    S = x[E.soft : E.soft + 6]
     soft = np.eye(3) + np.array([[S[0], S[3], S[4]], [S[3], S[1], S[5]], [S[4], S[5], S[2]]])
-    M = x[EARTH : EARTH + 3]
+    M = x[E.earth : E.earth + 3]
     m = R.T @ M
     C = soft @ R.T
     H = np.zeros((3, N))
-    H[:, PHI : PHI + 3] = C @ _cross(M)
-    H[:, EARTH : EARTH + 3] = C
-    H[:, HARD : HARD + 3] = np.eye(3)
-    H[:, SOFT : SOFT + 6] = [
+    H[:, E.phi : E.phi + 3] = C @ _cross(M)
+    H[:, E.earth : E.earth + 3] = C
+    H[:, E.hard : E.hard + 3] = np.eye(3)
+    H[:, E.soft : E.soft + 6] = [
         [m[0], 0.0, 0.0, m[1], m[2], 0.0],
         [0.0, m[1], 0.0, m[0], 0.0, m[2]],
         [0.0, 0.0, m[2], 0.0, m[0], m[1]],
@@ -279,7 +263,7 @@ def field_matrix(R: Array, x: Array) -> Array:
 
 
 def _updated(P: Array, H: Array, noise: float) -> Array:
-    """P after one update of which the state takes nothing."""
+    """Return P after one update that leaves the state."""
     S = H @ P @ H.T + noise**2 * np.eye(3)
     K = np.linalg.solve(S, H @ P).T
     P = P - K @ S @ K.T
@@ -288,5 +272,5 @@ def _updated(P: Array, H: Array, noise: float) -> Array:
 
 
 def _cross(u: Array) -> Array:
-    """[u] with [u] x = u x x."""
+    """Return [u] with [u] x = u x x."""
     return np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])

@@ -10,7 +10,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.estimators import Aids, Measurements
-from attlog.estimators.filters.navigation.model import SUM_T, WANDER, N, forward_rows, matrices, padded, square
+from attlog.estimators.filters.navigation.model import SUM, E, N, forward_rows, matrices, padded, square
 from attlog.testing.motions import FIELD_T, Array, Motion, Noise, motion
 
 PLACE = (47.0, 8.0, 500.0)
@@ -124,7 +124,7 @@ def transition_matrix(sums: Any, rest: int, tau: float) -> Any:
     """The dense Phi (39, 39) over a node's ``sums``; ``tau`` s: how long the position error of GNSS wanders."""
     M, Phi = np.zeros((5, 3, 3)), padded(np.eye(N))
     matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
-    forward_rows(Phi, sums[SUM_T], M, rest)
+    forward_rows(Phi, sums[SUM.t], M, rest)
     dense = square(Phi)
-    dense[WANDER : WANDER + 3] *= math.exp(-sums[SUM_T] / tau)
+    dense[E.wander : E.wander + 3] *= math.exp(-sums[SUM.t] / tau)
     return dense

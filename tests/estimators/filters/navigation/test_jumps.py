@@ -80,7 +80,7 @@ def test_neither_a_scale_error_nor_a_turned_compass_is_a_jump(made):
 def test_the_predicted_gain_is_what_the_way_forth_gains(made):
     inputs = ready(stepped(made, [0.0, 0.0, 0.02]), compass=False)
     tuned = replace(NoiseLevels(), gyro=4e-4, acc=0.02)
-    par, begin, timetable = tuned.packed(inputs.gravity, 100.0), start(inputs, tuned), Timetable(inputs)
+    par, begin, timetable = tuned.settings(inputs.gravity, 100.0), start(inputs, tuned), Timetable(inputs)
     begin.q = made.motion.q[0].copy()
     schedule, runner = timetable.scheduled(tuned), Runner(inputs)
     without = runner.both(schedule, begin, par)

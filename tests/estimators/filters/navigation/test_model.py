@@ -12,20 +12,14 @@ from attlog.estimators.filters.navigation.forward import apply_gain, new_row, ne
 from attlog.estimators.filters.navigation.inputs import WANDER_S, NoiseLevels, prepare_inputs
 from attlog.estimators.filters.navigation.model import (
     BARO,
-    EARTH,
-    GNSS_DELAY,
-    GRAVITY_AT,
     MAG,
-    MAG_DELAY,
     NO_RATE,
     POSITION,
     ROW,
-    SETTINGS,
-    SOFT,
     STILL,
     SUMS,
     VELOCITY,
-    Events,
+    E,
     Filtered,
     Kept,
     Motion,
@@ -47,9 +41,9 @@ from tests.estimators.filters.navigation.made import flight, transition_matrix
 RANDOM = np.random.default_rng(4)
 Q = rotation.normalize(np.array([0.8, 0.2, -0.3, 0.45]))
 X = RANDOM.standard_normal(N) * 0.1
-X[EARTH : EARTH + 3] = 0.2, 0.05, 0.43
-X[SOFT : SOFT + 6] *= 0.1
-X[GNSS_DELAY], X[MAG_DELAY] = 0.02, 0.025
+X[E.earth : E.earth + 3] = 0.2, 0.05, 0.43
+X[E.soft : E.soft + 6] *= 0.1
+X[E.gnss_delay], X[E.mag_delay] = 0.02, 0.025
 FORCE, RATE = np.array([0.5, -1.0, -9.0]), np.array([0.4, -0.7, 0.9])
 LATE = 0.03
 COUNT = {VELOCITY: 3, POSITION: 3, BARO: 1, MAG: 3, STILL: 3, NO_RATE: 3}
@@ -57,8 +51,7 @@ COUNT = {VELOCITY: 3, POSITION: 3, BARO: 1, MAG: 3, STILL: 3, NO_RATE: 3}
 
 def event(kind, q, x):
     """Residual of zero values, and the dense rows."""
-    par = np.zeros(SETTINGS)
-    par[GRAVITY_AT] = 9.8
+    par = NoiseLevels().settings(9.8, 2.5)
     R, row, work = np.zeros((3, 3)), new_row(), np.zeros((4, 3))
     to_matrix3(q, R)
     if kind == MAG:
@@ -193,7 +186,7 @@ def run():
     m = made.motion
     inputs = prepare_inputs(m.t, m.gyr, m.acc, m.mag, made.aids, 0.0, ahead=True)
     tuned = NoiseLevels()
-    return inputs, scheduled(inputs, tuned), start(inputs, tuned), tuned.packed(inputs.gravity, 100.0)
+    return inputs, scheduled(inputs, tuned), start(inputs, tuned), tuned.settings(inputs.gravity, 100.0)
 
 
 def step(inputs, schedule, begin, par, state, node, events):
@@ -211,7 +204,7 @@ def step(inputs, schedule, begin, par, state, node, events):
         begin.x,
         inputs.motion,
         Nodes(schedule.node_at, count, schedule.jump, np.zeros((1, 4))),
-        Events(schedule.kind, schedule.offset, schedule.z, schedule.f_mean, schedule.w_mean, schedule.sigma),
+        schedule.events,
         state,
         Filtered(np.empty((len(inputs.t), 4)), np.empty((m, 3)), np.empty((m, 3)), np.empty((m, 4))),
         store,
@@ -287,11 +280,11 @@ def test_an_attitude_of_before_is_carried_on_by_the_rate_less_the_bias_that_is_k
         np.tile(rotation.from_euler(0.3, -0.2, 1.0), (n, 1)),
         rotation.from_rotvec((rate - known) * 0.01 * np.arange(n)[:, None] * along),
     )
-    out, scratch = np.empty((n, 4)), [np.zeros(4), np.zeros(9), np.zeros(4), np.zeros(4)]
+    out = np.empty((n, 4))
     gyr, bias = np.tile(rate * along, (n, 1)), np.tile(known * along, (n, 1))
     rest, ring = np.zeros(n, np.int8), np.zeros((8, turns.RING))
     first, motion = np.array([0.05, -0.1, 0.2]) * along, Motion(dt, gyr, gyr, rest)
-    turns.ahead(lag, then, motion, q, bias, first, ring, out, *scratch)
+    turns.ahead(lag, then, motion, q, bias, first, ring, out, np.zeros(9))
     seconds = 0.01 * (np.arange(n) - then) + lag
     wanted = rotation.multiply(q[then], rotation.from_rotvec((rate - known) * seconds[:, None] * along))
     apart = rotation.total_angle(rotation.earth_error(out, wanted))

@@ -14,8 +14,6 @@ from attlog.estimators.filters.navigation.model import BARO, MAG, NO_RATE, POSIT
 from attlog.estimators.filters.navigation.schedule import Timetable, rest_times
 from tests.estimators.filters.navigation.made import flight
 
-COLUMNS = ("node_at", "node_event", "kind", "offset", "z", "f_mean", "w_mean", "sigma", "rest_of", "scalars")
-
 
 def test_what_is_made_once_is_what_is_made_again_and_again():
     made = flight(seconds=24.0, still=8.0)
@@ -24,17 +22,17 @@ def test_what_is_made_once_is_what_is_made_again_and_again():
     tuned, table = NoiseLevels(), Timetable(inputs)
     first, second = table.scheduled(tuned, settling=True), table.scheduled(tuned, settling=True)
     once = Timetable(inputs).scheduled(tuned, settling=True, once=True)
-    for name in COLUMNS:
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-        np.testing.assert_array_equal(getattr(first, name), getattr(once, name))
-        assert getattr(first, name).dtype == getattr(once, name).dtype
-    assert {VELOCITY, MAG} <= set(first.kind.tolist())
+    for a, b, c in zip(*([s.node_at, s.node_event, s.scalars, *s.events] for s in (first, second, once)), strict=True):
+        np.testing.assert_array_equal(a, b)
+        np.testing.assert_array_equal(a, c)
+        assert a.dtype == c.dtype
+    assert {VELOCITY, MAG} <= set(first.events.kind.tolist())
     # Each event lies at the sample next to when it was true, and all are in order.
-    fixes = np.flatnonzero(first.kind == VELOCITY)
+    fixes = np.flatnonzero(first.events.kind == VELOCITY)
     assert inputs.velocity is not None
     assert len(fixes) == len(inputs.velocity.t)
-    np.testing.assert_array_equal(first.z[fixes], inputs.velocity.x)
-    assert np.abs(first.offset).max() <= np.diff(inputs.t).max()
+    np.testing.assert_array_equal(first.events.z[fixes], inputs.velocity.x)
+    assert np.abs(first.events.offset).max() <= np.diff(inputs.t).max()
 
 
 # Where events and nodes lie, what they hold and how much they count: by hand, on samples at 100 Hz.
@@ -101,15 +99,15 @@ def test_each_kind_has_the_noise_of_its_groups_times_its_own_shape() -> None:
         NO_RATE: [[0.0031] * 3] * 4,
     }
     for kind, sigma in want.items():
-        assert found.sigma[found.kind == kind] == pytest.approx(np.array(sigma))
-    assert found.z[found.kind == BARO].tolist() == [[7.0, 0.0, 0.0], [8.0, 0.0, 0.0]]
-    assert (found.z[found.kind == STILL] == 0.0).all()
+        assert found.events.sigma[found.events.kind == kind] == pytest.approx(np.array(sigma))
+    assert found.events.z[found.events.kind == BARO].tolist() == [[7.0, 0.0, 0.0], [8.0, 0.0, 0.0]]
+    assert (found.events.z[found.events.kind == STILL] == 0.0).all()
     # Fixes are true before their stamp by the delay; a gyro's zero is its mean over the 0.2 s before.
     at = np.repeat(found.node_at, np.diff(found.node_event))
-    assert at[found.kind == VELOCITY].tolist() == [100, 120]
-    ends = at[found.kind == NO_RATE]
-    assert found.z[found.kind == NO_RATE][:, 0] == pytest.approx(-(ends - 9.5))
-    scalars = np.cumsum(np.where(found.kind == BARO, 1, 3))
+    assert at[found.events.kind == VELOCITY].tolist() == [100, 120]
+    ends = at[found.events.kind == NO_RATE]
+    assert found.events.z[found.events.kind == NO_RATE][:, 0] == pytest.approx(-(ends - 9.5))
+    scalars = np.cumsum(np.where(found.events.kind == BARO, 1, 3))
     assert found.scalars[-1] == scalars[-1] == 3 * 12 + 2
     assert found.scalars.tolist() == [0 if e == 0 else scalars[e - 1] for e in found.node_event]
 
@@ -120,7 +118,7 @@ def test_a_delay_moves_its_own_events_and_only_fixes_stamped_within_a_span_count
 
     def places(kind: int, **levels: float) -> list[int]:
         found = table.scheduled(NoiseLevels(**levels), within=(6.0, 6.6))  # type: ignore[arg-type]
-        return np.repeat(found.node_at, np.diff(found.node_event))[found.kind == kind].tolist()
+        return np.repeat(found.node_at, np.diff(found.node_event))[found.events.kind == kind].tolist()
 
     assert places(VELOCITY, gnss_delay=0.1) == [90, 140]
     assert places(VELOCITY, gnss_delay=0.2) == [80, 130]
