@@ -194,11 +194,11 @@ class VariancePrior:
 # pieces last 2.5 or 80 s, in flights with truth and in real logs (its prior is worth what makes halves of flights
 # agree).
 WANDERING = VariancePrior(1.3, 2.0)
-# What the change between halves counts, and those between the quarters of each: what both tell of the next record.
+# Weights of the change between halves, and of those between the quarters of each.
 CHANGE_WEIGHTS = (1.5, 0.75, 0.75)
 # A sum of errors that last as long as the record: of those against a smoother 95 % were within one of its sigmas.
 REFERENCE_SIGMAS = 2.0
-# Few values tell their own correlation badly: none is taken for more than this, which doubles an interval.
+# The correlation of few values is uncertain: at most this is used, which doubles an interval.
 MAX_NEIGHBOUR_CORRELATION = 0.6
 
 

@@ -130,7 +130,7 @@ def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Array]:
         yield from np.split(out, edges[1:-1])
 
 
-# What does the gyro itself wander by in flight? Below that nobody can order what filters add to it.
+# Noise of the gyro itself in flight: smaller noise of filters cannot be ordered.
 
 # A gyro that shows one value has no logarithm, deg^2.
 TINY = 1e-18

@@ -185,9 +185,8 @@ def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
 
 # The height over the flight, for a strip that shows it at a glance.
 #
-# ``height``: ``height`` (m) above what the vehicle stood on, means over equal parts of the log; no row. ``top`` (m):
-# the
-# largest in flight, which the headline tells, where the log shows the ground.
+# ``height``: ``height`` (m) above the ground, means over equal parts of the log; no row. ``top`` (m): the largest in
+# flight, as in the headline, where the log shows the ground.
 
 Span = tuple[float, float]
 
@@ -195,7 +194,7 @@ Span = tuple[float, float]
 MAX_HEIGHT_POINTS = 400
 # The ground is what the vehicle stood on within so long before and after a flight.
 GROUND_S = 5.0
-# A log that ends in the air goes on for a moment after the last sample that tells so: there it stood on nothing.
+# A log that ends in the air goes on for a moment after the last sign of flight: that is no ground.
 MIN_GROUND_S = 0.5
 
 

@@ -30,7 +30,7 @@ Index = NDArray[np.int64]
 Y, SLOPE, GAIN, AID = 0, 1, 2, slice(6, 12)
 # Slope, gain and misalignment come first: a fit without aiding takes these alone.
 PLAIN = 5
-# Misalignment (rad) and aiding beyond these are not believed without much evidence.
+# Prior sigma of misalignment (rad) and aiding: larger values need much evidence.
 SCALES = np.concatenate([np.full(3, np.radians(5.0)), step_sensors.RIDGE])
 RIDGE_WEIGHT = 10.0  # lines of evidence that the prior is worth
 TINY = 1e-10  # of the power: against singularity only

@@ -36,7 +36,7 @@ Index = NDArray[np.int64]
 COLUMNS = 12
 # Most that is moved by the delay: seven columns of the row, two free, the slope.
 MOVED_COLUMNS = 9
-# About so many samples per event tell where the correlation is largest.
+# Samples per event that locate the largest correlation.
 COARSE_SAMPLES = 60
 
 

@@ -38,7 +38,7 @@ Three = tuple[float, float, float]
 
 
 NAMES = ("E", "D", "N", "EE", "M", "V")
-# Gains beyond these are not believed without much evidence: 1/s, 1/s, deg/s, 1/s^2, 1/s, 1/s.
+# Prior sigma of the gains, larger ones need much evidence: 1/s, 1/s, deg/s, 1/s^2, 1/s, 1/s.
 RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
 # The first of NAMES, which are gravity's.
 GRAVITY_AIDING = 4

@@ -21,7 +21,7 @@ from attlog.segments import model, resets
 PHASES = ("rest", "hover", "cruise", "idle")
 # A row settles for so long after its own start, and after a restart.
 SETTLING_S = 10.0
-# And for so long after the motors stop: the accelerometer still believes in vibration.
+# And for so long after the motors stop: filters still hold vibration.
 SETTLING_AFTER_MOTORS_S = 5.0
 # Resets of an onboard attitude on the ground within this time of its first sample are its alignment.
 ALIGNING_S = 30.0

@@ -234,7 +234,7 @@ def floor_step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[
 
 # Input delay: how late the logged gyro is, by the firmware's filter and by measurement.
 
-# Slower rotation is mostly noise and tells nothing about delay.
+# Slower rotation is mostly noise and shows no delay.
 MIN_ACTIVE_DPS = 12.0
 # Delays looked for on both sides, and their grid: a low-pass at 20 Hz is late by 11 ms.
 DELAY_RANGE_S, DELAY_GRID_S = 0.06, 5e-3

@@ -22,7 +22,7 @@ from attlog.reference.scoring import interpolate
 from attlog.segments import model
 from attlog.segments.increments import gyro_increments
 
-# An axis that turns less than this (standard deviation) tells nothing about its scale.
+# The scale of an axis that turns less than this (standard deviation) is not known.
 MIN_RATE_STD_DPS = 3.0
 # About its sign it does down to here, where what goes with it is the same turn the other way (yaw in a hover).
 MIN_SIGN_STD_DPS = 0.5
@@ -250,14 +250,13 @@ def swapped_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
     return "; ".join(parts) + ("." if parts else "")
 
 
-# Are the axes of the compass those of the gyro? What the field does in turns tells all but a sign of the whole.
+# Axes of the compass against those of the gyro: turns show all but a common sign.
 #
-# The direction of the earth's field stays where it is while the vehicle turns. Taken to other axes it does not,
-# unless
-# the vehicle turns about the one axis that both frames share. The sign of the whole shows in the dip alone
+# The direction of the earth's field is constant while the vehicle turns. In other axes it is not, unless the
+# vehicle turns about the one axis that both frames share. The sign of the whole shows in the dip alone
 # (:mod:`attlog.reference.sensor_faults`).
 
-# Pairs of directions that are looked at: a long flight tells no more.
+# Pairs of directions that are compared; more change nothing.
 MAX_FIELD_PAIRS = 4000
 # Other axes leave so many times less of the field's change (squared) than there is: iron that turns with the vehicle
 # makes a field that hardly changes, which any frame along it explains.

@@ -146,7 +146,7 @@ def heading_error_words(found: HeadingOffset) -> str:
     return f"{abs(found.offset_deg):.0f} deg off by GNSS acceleration (± {max(found.sigma_deg, 1.0):.0f} deg)"
 
 
-# Heading references: who else can tell in the air where the nose, or the path, pointed.
+# Heading references in the air: other sources of the direction of the nose, or of the path.
 
 Index = NDArray[np.int64]
 

@@ -78,7 +78,7 @@ class SensorFault:
     unit: str = ""
     t: float | None = None
     count: int = 1
-    # Whether a smoother that believes it is sure of a wrong attitude.
+    # Whether a smoother with this sensor has a small sigma and a wrong attitude.
     misleads: bool = True
 
 

@@ -126,7 +126,7 @@ MAX_DELAY_S, GNSS_LATE_S = 10.0, 0.6
 MIN_DELAY_S = 0.3
 # Velocities change over so long: less is their noise.
 VELOCITY_SPAN_S = 1.0
-# Weaker acceleration (RMS) tells nothing, nor do fewer pairs; of long flights the first minutes are looked at.
+# Weaker acceleration (RMS) or fewer pairs show no delay; of long flights the first minutes are used.
 MIN_ACCELERATION_M_S2, MIN_VELOCITY_PAIRS, MAX_FORCE_S = 0.5, 60, 300.0
 # The shift leaves so many times less (squared), and then both are alike (correlation).
 MIN_DELAY_MISFIT_RATIO, MIN_DELAY_CORRELATION = 9.0, 0.8
@@ -228,11 +228,10 @@ def _delay_misfit(
     return float(np.mean(np.sum((by_force - own) ** 2, axis=1))), alike
 
 
-# Which sensors misled whoever believed them? What physics tells before anything is made of them.
+# Faults of sensors that would mislead a smoother, found before one is run.
 #
-# A smoother that believes a compass with mirrored axes, a gyro with spikes or a late accelerometer is sure of an
-# attitude that is degrees off. So each is held against what it cannot have in common with the others, and
-# where it is contradicted no smoother is made of it.
+# A smoother with a compass of mirrored axes, a gyro with spikes or a late accelerometer has a small sigma and an
+# attitude that is degrees off. Each sensor is compared with the others; where one is contradicted no smoother is run.
 
 GYRO, COMPASS, LATE, FRAME = "gyro spikes", "compass axes", "accelerometer delay", "accelerometer axes"
 

@@ -197,7 +197,7 @@ def thin(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Ar
         np.degrees(np.asarray(estimate.aux[n], np.float64).reshape(len(t))) for n in ("sigma_tilt", "sigma_heading")
     ]
     if not {"gnss", "mag"} & set(_aids(estimate)):
-        sigma[1] = np.full(len(t), 180.0)  # nothing tells it where north is
+        sigma[1] = np.full(len(t), 180.0)  # without compass and GNSS its north is unknown
     return t[::step], rotation.normalize(estimate.q[::step]), segment[::step], sigma[0][::step], sigma[1][::step]
 
 

@@ -20,7 +20,7 @@ from attlog.segments.airborne import InAir
 from attlog.segments.model import Segment
 from attlog.segments.windows import ImuWindows, join_windows
 
-# Without arming or drive to tell: a rest this long is no flight.
+# Where neither arming nor drive is logged: a rest this long is no flight.
 MIN_LYING_S = 5.0
 # Share of the motors' range up to which they stand still.
 MAX_STOPPED_OUTPUT = 0.01
