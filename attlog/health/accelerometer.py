@@ -44,8 +44,7 @@ TILT_M_S2 = {"truth": 0.01, "smoother": 0.05, "onboard": 0.1}
 # Horizontal force (RMS about its mean) that shows which axis is which.
 MIN_SPREAD_M_S2 = 0.15
 # Another order of axes leaves four times less (squared), and less than half of the force's own spread.
-AXES_RATIO = 4.0
-MAX_LEFT_SHARE = 0.5
+AXES_RATIO, MAX_LEFT_SHARE = 4.0, 0.5
 # 1 and 3 deg of tilt, as of an offset by the smoother.
 FORCE_OFF_M_S2, FORCE_FAR_M_S2 = 0.17, 0.5
 # An offset counts from four times sqrt((1.5 standard errors)^2 + 0.03^2): planted 0.3 came back within two.

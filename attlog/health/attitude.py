@@ -36,6 +36,7 @@ from attlog.segments.model import Segments
 from attlog.story.estimator_events import aid_rejections
 from attlog.story.headlines import WrongAngle
 
+# Below the first a figure has holes, below the second most of it is missing.
 MIN_COVERED_PCT, FEW_COVERED_PCT = 95.0, 50.0
 COVERAGE_LIMIT = "ok from 95 %, fault below 50 %"
 # Slopes of sound flights are 0.95 to 1.05; outside 0.8 to 1.25 the gyro has another unit or range.
@@ -120,6 +121,7 @@ SERIOUS_HEADING_DEG = 15.0
 GNSS_HEADING_LIMIT = (
     f"ok up to {WRONG_DEG:.0f} deg or {WRONG_SIGMAS:.0f} sigma, fault above {SERIOUS_HEADING_DEG:.0f} deg"
 )
+# A shorter rejection is one or two late fixes.
 MIN_REJECTED_S = 1.0
 
 
@@ -294,6 +296,7 @@ MIN_JUMP_DEG, LARGE_JUMP_DEG = 3.0, 15.0
 JUMP_LIMIT = f"ok up to {MIN_JUMP_DEG:.0f} deg, fault above {LARGE_JUMP_DEG:.0f} deg in flight"
 # Where arming is not logged, steps so long after the first attitude are its alignment.
 ALIGNMENT_S = 15.0
+# Jumps that a sentence lists.
 MAX_SHOWN_JUMPS = 4
 # A jump is one of heading where all of it turns so much about the vertical.
 YAW_SHARE = 0.9

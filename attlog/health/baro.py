@@ -15,6 +15,7 @@ from attlog.health.check import Check, HealthCase
 from attlog.health.flown import driven_spans, held_seconds
 from attlog.health.regression import median_interval
 
+# Five seconds at 10 Hz: fewer second differences give no median with an interval.
 MIN_SAMPLES = 50
 # The limit where the log does not hold the estimator's; 26 of 28 real barometers are below 0.7 m.
 USUAL_NOISE_M = 1.0

@@ -46,7 +46,9 @@ from attlog.segments.model import Segments
 # No place on earth has another field: 22 to 67 uT, with room for an iron vehicle.
 STRENGTH_UT = (15.0, 90.0)
 STRENGTH_LIMIT = "ok within 20 % of the model and varying up to 10 %; fault outside 15 to 90 uT"
+# Room for what a calibration leaves of iron and currents in an airframe, in size and in spread.
 MODEL_SHARE, VARYING_SHARE = 0.2, 0.1
+# Fewer samples, or less time, show no spread.
 MIN_STRENGTH_SAMPLES, MIN_STRENGTH_S = 10, 8.0
 # In its first seconds an onboard heading may be anywhere: sound compasses then spread by 20 to 92 deg.
 ALIGNED_S = 5.0

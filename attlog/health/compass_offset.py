@@ -28,7 +28,7 @@ from attlog.flight.model import Array, FlightLog, Mag, TimeLine
 from attlog.health import settings
 from attlog.health.check import Check, HealthCase, MotionAttitude, Verdict
 from attlog.health.compass_power import Power, motor_drive, power_at
-from attlog.health.compass_turn import STANDARD_ERRORS, TILT_RAD, TURN_OFF_DEG, fit_simplest
+from attlog.health.compass_turn import MODEL_SIZE_ERROR, STANDARD_ERRORS, TILT_RAD, TURN_OFF_DEG, fit_simplest
 from attlog.health.flown import UPSIDE_DOWN_DEG, crash_spans, flight_before_crash
 from attlog.health.regression import robust_fit
 from attlog.reference import alignment
@@ -45,6 +45,7 @@ IDLE_SHARE = 0.25
 MAX_SIGMA_HEADING_RAD = np.radians(5.0)
 # Errors of an attitude last for seconds: more samples of a long log cost time and show nothing new.
 MAX_FLIGHT_SAMPLES, MAX_GROUND_SAMPLES = 2000, 400
+# Fewer samples, or less time, may be one moment of a hand nearby.
 MIN_GROUND_SAMPLES, MIN_GROUND_S = 10, 2.0
 
 
@@ -229,7 +230,6 @@ FLOOR_UT = 0.3
 # An offset counts above four total errors and 15 mG: then none of 39 untouched simulated flights shows one; with four
 # standard errors of the fit 29 do.
 OFFSET_SIGMAS, MIN_OFFSET_UT = 4.0, 1.5
-MODEL_SIZE_ERROR = 0.01
 
 
 @dataclass(frozen=True, slots=True)

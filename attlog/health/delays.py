@@ -31,7 +31,9 @@ from attlog.reference.model import Reference
 VELOCITY_SPAN_S, SPAN_TOLERANCE_S = 2.0, 0.7
 # Force is not integrated across a longer hole between inertial samples.
 MAX_STEP_S = 0.1
+# Fewer samples cannot give a delay, its halves and a turn; a larger delay is a fit that went astray.
 MIN_DELAY_SAMPLES, MAX_DELAY_S = 30, 0.6
+# Gauss-Newton ends at half a millisecond, a tenth of the step of settings.
 PASSES, CONVERGED_S = 8, 5e-4
 # Half the step of numerical derivatives.
 SLOPE_S = 0.02
@@ -210,9 +212,11 @@ def reason_no_path(case: HealthCase) -> str:
 
 # Delay of the logged gyro: by its filter's parameter, and by the rates.
 
+# Low-pass filters of 40 Hz and more; a slower one costs phase in control.
 SHORT_DELAY_MS = 6.0
 # A larger difference is no filter's that is named; no sensor's own filter (20 Hz); a wrong clock or sampling rule.
 AGREES_MS, HIDDEN_MS, WRONG_CLOCK_MS = 4.0, 10.0, 20.0
+# A delay counts above four sigmas, with half a millisecond of the reference's own clock.
 IMU_SIGMAS, IMU_FLOOR_MS = 4.0, 0.5
 FILTER_LIMIT = f"ok up to {SHORT_DELAY_MS:.0f} ms"
 IMU_LIMIT = (
@@ -286,6 +290,7 @@ class DelayLimits:
         return f"ok within {self.off_ms:.0f} ms or {SIGMAS:.0f} sigma of what is set"
 
 
+# A delay counts above three sigmas.
 SIGMAS = 3.0
 # Settings are multiples of this: no delay is known better.
 ROUND_MS = 5.0
@@ -428,6 +433,7 @@ def gnss_reason_unsure(found: DelayFit, smoothed: list[float]) -> str:
 
 # The compass.
 
+# A larger sigma is too large to report a delay.
 COMPASS_SURE_MS = 15.0
 # The field must change so fast (RMS), for so long.
 MIN_FIELD_CHANGE_UT_S, MIN_COMPASS_S = 1.5, 20.0

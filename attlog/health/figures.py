@@ -78,6 +78,7 @@ def break_at_pauses(t: Array, columns: Array) -> Array:
 
 # The attitude by motion is drawn with where its heading is known in this share of the flight.
 MIN_SURE_SHARE = 0.5
+# Fewer points make no line.
 MIN_FIELD_SAMPLES, MIN_INTERFERENCE_POINTS = 10, 50
 
 
@@ -170,7 +171,9 @@ def thinned_field(mag: Mag, use: np.ndarray) -> tuple[Array, Array]:
 
 # Vibration.
 
+# Seconds of flight, or records of rotors, that make a figure.
 MIN_LEVELS = 10
+# Clipped samples are summed over this time.
 CLIPPING_BIN_S = 1.0
 # Of the rotors' speed: one blade out of balance, two blades, their next.
 HARMONICS = 3
@@ -240,6 +243,7 @@ def notch_traces(case: HealthCase) -> list[Trace]:
 
 # Test ratios.
 
+# Fewer ratios make no line.
 MIN_RATIOS = 10
 
 
@@ -269,6 +273,7 @@ def thin_by_maxima(t: Array, x: Array) -> tuple[Array, Array]:
 
 # The path over ground.
 
+# Points of the path.
 MAX_TRACK_POINTS, MIN_TRACK_POINTS = 2000, 10
 # Of latitude on a sphere of the earth's mean radius; a flight is too short for more.
 M_PER_DEG = 6371008.8 * math.pi / 180.0
@@ -278,6 +283,7 @@ MIN_COURSE_M, MIN_PATH_M, MIN_COURSE_S = 5.0, 15.0, 3.0
 SLOW_M_S = 1.0
 # From this speed on (a plane: from that) heading and course are compared.
 FAST_M_S, WINGED_M_S = 2.0, 5.0
+# An attitude further away is of another heading.
 MAX_ATTITUDE_DISTANCE_S = 1.0
 
 

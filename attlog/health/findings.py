@@ -291,6 +291,7 @@ MAX_EVIDENCE = 4
 ONE_CRASH_S = 5.0
 # Later crashes that are named by their time.
 MAX_LATER_CRASHES = 3
+# A vehicle that turns over this soon never flew.
 SOON_AFTER_ARMING_S = 10.0
 FLIPPED_ADVICE = "Check motor order, spin and propellers, and how the autopilot is mounted."
 
@@ -479,6 +480,7 @@ GYRO_KINDS = ("gyro", "gyro_bias", "frozen_gyro")
 # Kinds that vibration explains where they begin with it.
 SHAKEN_KINDS = ("imu_switched", "sensor_switch", "attitude", "estimator")
 LOGGER_STOPPED = "The logger stopped and went on later: no card loses seconds."
+# Levels are per second, so vibration may begin this much before its onset.
 BEFORE_ONSET_S = 1.0
 
 

@@ -13,14 +13,17 @@ from attlog.flight.model import FIX_3D, Array, FlightLog, Gnss
 from attlog.health.check import Check, HealthCase, Verdict, unknown
 from attlog.health.flown import driven_spans, held_seconds
 
+# Four seconds at 5 Hz: fewer have no 5th percentile.
 MIN_FIXES = 20
 # A shorter outage is a late message.
 MIN_OUTAGE_S = 3.0
 QUALITY_LIMIT = "ok: in 95 % of the flight as good as the firmware asks before take-off, and no loss above 3 s"
 # States of jamming and spoofing that receivers report.
 SEEN_STATE, WARNING_STATE, CRITICAL_STATE = 1, 2, 3
+# A shorter state is one or two records.
 MIN_JAMMED_S = 1.0
 INTERFERENCE_LIMIT = "ok: the receiver names no jamming and no spoofing for 1 s; fault: critical, or spoofing"
+# Mean radius of the earth.
 EARTH_M = 6.371e6
 # Distance of a fix from where its velocity leads from the one before; not across longer intervals.
 JUMP_M, JUMP_SIGMAS, MAX_FIX_INTERVAL_S = 3.0, 5.0, 1.5

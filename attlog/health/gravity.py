@@ -20,6 +20,7 @@ from attlog.reference import alignment
 from attlog.segments import model
 from attlog.segments.model import Segments
 
+# Where the place is unknown, m/s^2.
 STANDARD_GRAVITY = 9.80665
 # 3 % of gravity tilts nothing but spoils heights; beyond the second an offset fitted in flight is not exact either.
 GRAVITY_OFF_M_S2, GRAVITY_FAR_M_S2 = 0.3, 1.0
@@ -39,6 +40,7 @@ MEAN_GRAVITY = "mean gravity"
 CLIMB_M_S, FLOWN_OFF_M_S2 = 8.0, 0.5
 # A sample counts for so many usual intervals at most: what was lost for longer is not known.
 MAX_SAMPLE_STEPS = 5.0
+# Samples that show a median at rest and a mean in flight; slower attitudes smear manoeuvres.
 MIN_SAMPLES, MIN_FLOWN_SAMPLES, MIN_FLOWN_S, MIN_ATTITUDE_HZ = 10, 50, 5.0, 5.0
 
 

@@ -32,6 +32,7 @@ from attlog.segments.model import Segments
 INTERVAL_S, MAX_INTERVAL_S, MAX_INTERVAL_RAD = 0.3, 0.7, 1.0
 # An axis that turns less (standard deviation) does not show its scale to a percent.
 MIN_TURN_DPS = 8.0
+# Less flight gives no error of a slope that is clustered by blocks of 5 s.
 MIN_INTERVALS, MIN_BLOCKS, MIN_FLIGHT_S = 60, 6, 20.0
 # 2 % is seven times what sound flights show; 10 % is another range or unit.
 SCALE_OFF, SCALE_FAR = 0.02, 0.1
@@ -215,6 +216,7 @@ BIAS_FLOOR_DPS = 0.01
 BIAS_LIMIT = f"ok up to {BIAS_DPS[0]:.0f} deg/s, fault above {BIAS_DPS[1]:.0f} deg/s; the same for its change"
 # A change of the bias from rest to flight counts above so many joint errors.
 CHANGE_SIGMAS = 4.0
+# Of fewer samples the median is one moment.
 MIN_REST_SAMPLES = 10
 NO_BIAS_SETTING = "Gyro offsets are measured while the vehicle stands still, not in a log."
 STAND_ADVICE = "Log 10 s standing still before take-off."

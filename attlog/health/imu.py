@@ -30,6 +30,7 @@ def dead_reason(x: Array, source: str, sensor: str) -> str:
 
 # Medians of a stream over blocks of seconds: the scatter of blocks, not of samples, gives the error of their middle.
 
+# Of fewer samples a median and its deviation mean nothing.
 MIN_BLOCK_SAMPLES = 5
 # Of longer blocks the means of neighbours are sorted, at a tenth of the time.
 MAX_BLOCK_SAMPLES = 250
@@ -148,8 +149,7 @@ ALONE_M_S2, BOTH_M_S2 = 0.03, 0.045
 # Joint total sigmas up to which the runs with and without the compass agree.
 MAX_JOINT_SIGMAS = 2.0
 # Drift of a gyro bias over a flight; a bias with a larger sigma than the second is not known.
-FLOOR_DPS = np.array([0.05, 0.05, 0.05])
-SURE_DPS = 0.3
+FLOOR_DPS, SURE_DPS = 0.05, 0.3
 
 
 @dataclass(frozen=True, slots=True)

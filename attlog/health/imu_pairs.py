@@ -54,6 +54,7 @@ class PairLimits:
         return f"ok up to {self.off:g} {self.unit} or {SIGMAS:.0f} sigma, fault above {self.far:g}"
 
 
+# A difference counts above four sigmas.
 SIGMAS = 4.0
 PAIR_LIMITS: dict[Kind, PairLimits] = {
     "acc": PairLimits("m/s^2", 0.5, 0.75, 0.15, 0.02, "3 deg of tilt; arming checks refuse from 0.7 to 0.75 m/s^2"),

@@ -18,6 +18,7 @@ from attlog.story.estimator_events import Rejection, aid_rejections
 # Checks of an aid by its test ratios: innovation over gate and standard deviation (of both firmwares the root). Above 1
 # the aid is rejected; 1 / gate is one standard deviation of what the estimator expects.
 
+# Of fewer ratios the 95th percentile is the largest.
 MIN_RATIOS = 20
 # ArduPilot's EKF3 resets to GNSS that it rejected for so long (AP_NavEKF3.h, posRetryTimeUseVel_ms).
 LONG_REJECTION_S = 10.0

@@ -12,6 +12,7 @@ from attlog.flight.model import Array
 BLOCK_S = 5.0
 # Residuals beyond so many robust deviations are weighted down (Huber1964).
 HUBER = 2.0
+# Passes of reweighting; the last gives weights and scatter.
 HUBER_PASSES = 6
 
 

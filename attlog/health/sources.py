@@ -30,6 +30,7 @@ OFF_SHARE, LASTING_SHARE, SETTLED_S = 0.2, 0.9, 15.0
 END_MARGIN_S = 5.0
 # Sources within this of the worst differ alike.
 SAME_TILT_DEG, SAME_HEADING_DEG = 1.0, 3.0
+# Fewer samples have no median; more of a long log cost time and show nothing new.
 MIN_SAMPLES, MAX_SAMPLES = 20, 4000
 # One of two is wrong where the other has so much of its error at most.
 CLEARLY_BETTER = 0.4

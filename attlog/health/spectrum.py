@@ -179,6 +179,7 @@ PROMINENT_DB = 10.0
 FLOOR_HZ = 40.0
 # Of closer peaks the higher one is kept.
 MIN_PEAK_DISTANCE_HZ = 12.0
+# Peaks of a source that are followed.
 MAX_PEAKS = 4
 # A peak is at its expected frequency within this share, or 1.5 lines.
 FREQUENCY_TOLERANCE = 0.04
@@ -298,6 +299,7 @@ MIN_MOVED_WINDOWS = 4
 MIN_THROTTLE = 0.02
 # Rotors and their blades that shake a vehicle stay below; higher frequencies are not named as the true ones.
 MAX_TRUE_HZ = 500.0
+# Of the rotors' speed: up to the second of four blades.
 HARMONICS = (1, 2, 3, 4)
 # Where rotors' lines cover more of the band, a peak near one of them is no evidence.
 MAX_COVERED = 0.3

@@ -22,8 +22,8 @@ from attlog.health.regression import interval_text
 
 # A slope over less than 5 K is noise and the warm-up of the first seconds.
 SPAN_K, BIN_K, MIN_BINS = 5.0, 1.0, 4
-SLOPE_SIGMAS = 4.0
-STANDARD_ERRORS = 1.5
+# A slope counts above four sigmas of 1.5 standard errors: neighbouring bins err together.
+SLOPE_SIGMAS, STANDARD_ERRORS = 4.0, 1.5
 SOURCE = "limits of a bias at rest; the span is what the log holds at rest"
 COLD_START_ADVICE = "Log from a cold start for ten minutes, standing still."
 

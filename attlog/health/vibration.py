@@ -249,6 +249,7 @@ def has_more_power(throttle: Stream | None, t: Array, since: int) -> bool:
 FORCE_WINDOW_S, CHANGED_M_S2, WRONG_M_S2 = 10.0, 0.7, 1.5
 # Cut from both ends of a flight.
 FORCE_EDGE_S = 2.0
+# A slower attitude smears turns; a window that the attitude covers by less has another mean.
 MIN_ATTITUDE_HZ, MIN_COVERED_SHARE = 5.0, 0.9
 
 
