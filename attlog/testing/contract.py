@@ -69,7 +69,7 @@ def gives_unit_quaternions(s: Subject) -> None:
 
 
 def follows_a_turn(s: Subject, axis: int) -> None:
-    """A turn of 30 deg is estimated: sign and unit of the gyro."""
+    """Follow a turn of 30 deg: sign and unit of the gyro."""
     m = one_turn(axis)
     euler = np.rad2deg(rotation.to_euler(s.run(m).q))
     seen = (rotation.wrap(np.deg2rad(euler[-1] - euler[250]))) * 180.0 / np.pi
@@ -79,7 +79,7 @@ def follows_a_turn(s: Subject, axis: int) -> None:
 
 
 def corrects_an_offset(s: Subject, axis: int) -> None:
-    """A start attitude 20 deg off improves: sign of the correction."""
+    """Improve a start attitude 20 deg off: sign of the correction."""
     m = still(40.0, yaw=0.7)
     for offset in (20.0, -20.0):
         turn = np.zeros(3)
@@ -119,7 +119,7 @@ def finds_the_attitude_at_rest(s: Subject) -> None:
 
 
 def starts_in_motion(s: Subject) -> None:
-    """A minute after a start in motion errors are below 5 deg.
+    """Reach errors below 5 deg a minute after a start in motion.
 
     The start is at 5 m/s^2 of acceleration in a swing.
     """
@@ -177,7 +177,7 @@ def takes_the_field_in_any_unit(s: Subject) -> None:
 
 
 def finds_the_gyro_bias(s: Subject) -> None:
-    """A reported bias approaches the true one, in rad/s, and does not overshoot."""
+    """Approach the true bias, in rad/s, without overshoot."""
     true = (0.01, -0.006, 0.004 if s.uses_mag else 0.0)
     m = still(200.0, 50.0, noise=Noise(bias=true))
     bias = s.run(m).bias
@@ -328,13 +328,13 @@ def _require_tilt(s: Subject, q: Array, m: Motion, what: str) -> None:
 
 
 def refuses_without_magnetometer(s: Subject) -> None:
-    """A filter that needs a magnetometer refuses to run without."""
+    """Refuse to run without a magnetometer where it is needed."""
     m = still(2.0)
     _require_refusal(lambda: s.on(m.t, m.gyr, m.acc), "mag", "a magnetometer")
 
 
 def refuses_without_gnss(s: Subject) -> None:
-    """A filter that needs GNSS velocity refuses to run without.
+    """Refuse to run without GNSS velocity where it is needed.
 
     Position alone does not suffice.
     """
@@ -379,7 +379,7 @@ def restarts_after_a_long_gap(s: Subject) -> None:
 
 
 def survives_a_time_jump(s: Subject) -> None:
-    """A clock that jumps by eleven days costs no attitude.
+    """Lose no attitude to a clock that jumps by eleven days.
 
     Nor does its zero matter.
     """
@@ -471,7 +471,7 @@ def leaves_its_input_alone(s: Subject) -> None:
 
 
 def repeats_itself(s: Subject) -> None:
-    """The same samples always give the same bits."""
+    """Give the same bits for the same samples."""
     m = swing(5.0, noise=CONSUMER_NOISE)
     first, second = s.run(m), s.run(m)
     require(np.array_equal(first.q, second.q), "two runs on the same samples differ")

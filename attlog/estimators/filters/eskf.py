@@ -10,7 +10,7 @@ Each attitude stands on samples up to its own time (a delayed aid acts when it c
 from there). Noise levels, delays, prior spreads, scale factors (gyro, soft iron) and the antenna's lever arm are
 constants of the sensors. ``constants`` says where they come from:
 
-    past (default)     learnt on the way from what came so far (``navigation/passes/learning.py``)
+    past (default)     estimated on the way from the past (``navigation/passes.py``)
     fixed              the defaults
     whole_log          of all of the log, as a tuned vehicle has them: knows what comes
     whole_log_biases   also biases, hard iron and declination start where the smoother puts them: knows what comes

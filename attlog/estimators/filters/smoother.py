@@ -10,7 +10,7 @@ a crash does not reach back. Looks ahead: it is a reference and not a filter tha
 
 Run twice, with and without the compass: a wrong one is left out where motion shows the heading, and where neither can
 be trusted there is none. ``quality["heading_from"]`` says which. Where the likelihood wants a jump of the
-gyro bias the passes begin anew with one, which a faulty gyro needs (``navigation/passes/jumps.py``).
+gyro bias the passes begin anew with one, which a faulty gyro needs (``navigation/jumps.py``).
 
 Without GNSS it is the model of ``mekf``, which expects the body not to fly away, with a backward pass (Rauch1965;
 ``inertial/backward.py``).
