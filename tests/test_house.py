@@ -18,11 +18,13 @@ FLOW = (
     *("core", "formats", "flight", "estimators", "segments", "story", "reference", "external", "metrics", "health"),
     *("result", "words", "report", "pipeline", "compare", "batch", "simulate", "reproduce", "testing", "cli"),
 )
-# Against the flow: compiled objects name the kernels to build, and a result draws itself.
+# Against the flow: compiled objects name the kernels to build, a result draws itself, and a filter that flew runs on a
+# whole log.
 UPWARDS = {
     *(("core", room) for room in ("formats", "estimators", "segments", "metrics", "simulate")),
     ("result", "report"),
     ("external", "formats"),
+    ("estimators", "pipeline"),
 }
 MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path

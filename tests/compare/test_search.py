@@ -18,7 +18,7 @@ from attlog.compare.setting import parse_configuration
 from attlog.compare.sweep_report import difference_text, sweep_csv, sweep_document, sweep_rows, sweep_sentences
 from attlog.core.errors import UsageError
 from attlog.estimators import get
-from attlog.metrics.accuracy import of_blocks
+from attlog.metrics.accuracy import BLOCK_S, rmse_of_blocks
 from attlog.metrics.metric import Answer, Case, missing
 from attlog.metrics.statistics import UnitValues, make_ids
 from attlog.pipeline import replay
@@ -36,7 +36,7 @@ def blocks(rmse: float, seed: int, scatter: float = 0.05) -> Answer:
     squares = WEATHER * own
     squares *= rmse**2 / np.mean(squares)
     ids = make_ids(5.0 * np.arange(24))
-    told = partial(of_blocks, ids, squares)
+    told = partial(rmse_of_blocks, ids, squares, length=BLOCK_S["tilt"], sigma=0.0)
     return Answer(rmse, "deg", "all", 24, 120.0, told(ids).ci95, units=UnitValues("mean_square", ids, squares, told))
 
 

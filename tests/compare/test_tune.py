@@ -31,7 +31,7 @@ from attlog.compare.tune import (
 from attlog.compare.tune_report import paste_lines, tune_document, tune_page, tune_sentences
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight.model import Attitude, FlightLog
-from attlog.metrics.accuracy import of_blocks
+from attlog.metrics.accuracy import BLOCK_S, rmse_of_blocks
 from attlog.metrics.metric import Answer, missing
 from attlog.metrics.statistics import UnitValues, make_ids
 from attlog.testing.motions import GRAVITY, Noise, motion
@@ -87,7 +87,7 @@ def test_everything_wrong_with_an_objective_is_told_at_once() -> None:
 
 def blocks() -> Answer:
     ids, squares = make_ids([15.0, 20.0, 25.0, 30.0]), np.array([1.0, 1.0, 9.0, 9.0])
-    told = partial(of_blocks, ids, squares)
+    told = partial(rmse_of_blocks, ids, squares, length=BLOCK_S["tilt"], sigma=0.0)
     return Answer(told(ids).value, "deg", "all", 4, 20.0, units=UnitValues("mean_square", ids, squares, told))
 
 
