@@ -41,16 +41,20 @@ GAUSS_PER_TESLA = 1e4
 # The re-run of each firmware's filter, by the estimator's name.
 BY_FIRMWARE = {"PX4": "px4_ekf2", "ArduPilot": "ap_ekf3"}
 OLDEST_EKF2 = (1, 8)
+# Value of AHRS_EKF_TYPE with EKF3.
+EKF3_TYPE = 3
 
 
 def flown_filter(log: FlightLog) -> str:
-    """Return the estimator that runs the filter that flew again; empty where the log's firmware has none.
+    """Return the estimator that runs the filter that flew again; empty where attlog has none.
 
-    PX4 1.7 and older flew other filters by default, and no re-run of theirs was verified.
+    PX4 1.7 and older flew other filters by default; ArduPilot flew EKF3 where AHRS_EKF_TYPE is 3.
     """
     name = BY_FIRMWARE.get(log.firmware.name, "")
     version = re.match(r"(\d+)\.(\d+)", log.firmware.version or "")
     if name == "px4_ekf2" and version and (int(version[1]), int(version[2])) < OLDEST_EKF2:
+        return ""
+    if name == "ap_ekf3" and log.param("AHRS_EKF_TYPE") != EKF3_TYPE:
         return ""
     return name if name in FLOWN and log.estimator.inputs is not None else ""
 

@@ -13,8 +13,9 @@ from attlog.compare.gates import Gate, GateLimit, Gates, judge_gates
 from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.estimators import DEFAULT, parse
+from attlog.flight.model import TimeLine
 from attlog.metrics.metric import Case
-from attlog.pipeline.onboard_rerun import rerun_row
+from attlog.pipeline.onboard_rerun import flown_filter, rerun_row
 from attlog.pipeline.replay import run_rows
 from attlog.reference.model import Track
 from attlog.result import EstimatorRow, Result
@@ -147,3 +148,10 @@ def test_a_re_run_that_does_not_follow_says_by_how_much_and_since_when(result: R
     assert rerun_sentences(replace(result, estimators=[replace(row, reproduction=lost)])) == [
         "EKF2 run again does not follow what flew: 1.3° tilt and 0.1° heading apart (median in the air), first at 34 s."
     ]
+
+
+def test_an_ardupilot_log_that_flew_another_filter_has_no_re_run() -> None:
+    log = attlog.read(SAMPLES / "copter_yaw_turns.bin")
+    assert flown_filter(log) == "ap_ekf3"
+    log.parameters.lines["AHRS_EKF_TYPE"] = TimeLine(np.zeros(1), [0], "PARM")
+    assert flown_filter(log) == ""
