@@ -29,7 +29,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """The public names, imported when first used: ``import attlog`` stays light."""
+    """Import a public name when it is first used: ``import attlog`` stays light."""
     if name not in _HOMES:
         raise AttributeError(f"module 'attlog' has no attribute {name!r}")
     from importlib import import_module
@@ -38,5 +38,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What completion offers: the public names also before their first use."""
+    """Return the public names for completion, also before their first use."""
     return sorted({*globals(), *__all__})

@@ -31,7 +31,7 @@ PARAMETERS = tuple(
 
 
 def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float]:
-    """The parameters that the vehicle flew with, where they lie in the documented range."""
+    """Return the parameters that the vehicle flew with, where they lie in the documented range."""
     known = {full_name(short): params[name] for name, short in ALIASES.items() if name in params}
     known |= {full_name(name): params[full_name(name)] for name in TABLE if full_name(name) in params}
     ranges = {p.name: (p.low, p.high) for p in PARAMETERS}

@@ -31,7 +31,7 @@ PARAMETERS = tuple(
 
 
 def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float]:
-    """The parameters that the vehicle flew with, where they lie in the documented range."""
+    """Return the parameters that the vehicle flew with, where they lie in the documented range."""
     known = {PREFIX + short: params[name] for name, short in ALIASES.items() if name in params}
     known |= {PREFIX + name: params[PREFIX + name] for name in TABLE if PREFIX + name in params}
     ranges = {p.name: (p.low, p.high) for p in PARAMETERS}
