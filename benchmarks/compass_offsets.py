@@ -145,9 +145,7 @@ def main() -> None:
                 studied, why = compass_studies(copy)
                 found += [(study, wrong, offered_offset(copy, study) or offered_motors(study)) for study in studied]
                 if given.verbose:
-                    said = why or "; ".join(
-                        f"{s.air.offset.round(1)} {offset_refusal(copy, s)}" for s in studied
-                    )
+                    said = why or "; ".join(f"{s.air.offset.round(1)} {offset_refusal(copy, s)}" for s in studied)
                     print(f"    {case.log.path.name}: {wrong}: {said}")
         row(f"{10 * size:.0f} mG" if size else "nothing", count * (len(DIRECTIONS) if size else 1), found)
     found = []
