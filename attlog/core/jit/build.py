@@ -34,6 +34,9 @@ CHARACTERS_PER_S = 3500.0
 # Modules whose loops run in each analysis, and those of other commands.
 DEFAULTS = (
     "attlog.core.rotation",
+    "attlog.estimators.ekf2.loop",
+    "attlog.estimators.ekf2.run",
+    "attlog.estimators.ekf3.loop",
     "attlog.estimators.filters.navigation.backward",
     "attlog.estimators.filters.navigation.forward",
     "attlog.estimators.filters.navigation.turns",
@@ -47,9 +50,6 @@ DEFAULTS = (
     "attlog.segments.increments",
 )
 OTHERS = (
-    "attlog.estimators.ekf2.loop",
-    "attlog.estimators.ekf2.run",
-    "attlog.estimators.ekf3.loop",
     "attlog.estimators.filters.inertial.backward",
     "attlog.simulate.controller",
     "attlog.simulate.environment",
