@@ -16,7 +16,8 @@ from playwright.sync_api import sync_playwright
 CALLOUTS = {
     "#happened": "The flight in one sentence: what flew, when, what went wrong first, how it ended.",
     "#findings": "What to fix, the worst first. A click on a time shows it in the figures.",
-    "#comparison": "A row for each filter, a column for each question. Dashed: the autopilot's own estimate; below it the same EKF run again.",
+    "#comparison": "A row for each filter, a column for each question. Dashed: the autopilot's own estimate; "
+    "below it the same EKF run again.",
     "#table": "Every number with its 95 % interval. ● marks what none is significantly better than.",
 }
 WIDTH, MARGIN, HEIGHT = 1280, 270, 1200
