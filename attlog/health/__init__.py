@@ -35,9 +35,9 @@ FLY_STEPS = "Fly quick attitude steps of 15 deg and more in Stabilize."
 
 @dataclass(frozen=True, slots=True)
 class Answerable:
-    """Whether this log answers one of the four questions (accuracy, noise, lag, yaw_drift).
+    """Availability of one of the four questions (accuracy, noise, lag, yaw_drift) in a log.
 
-    ``reason``: a sentence with the numbers; ``setting``: what would log what is missing, for this firmware.
+    ``reason``: a sentence with numbers; ``setting``: firmware setting that logs the missing data.
     """
 
     question: str
@@ -63,7 +63,7 @@ def _answerable(question: str, found: Availability, case: Case) -> Answerable:
 
 
 def missing_setting(question: str, codes: tuple[str, ...], case: Case) -> str:
-    """Return what to log or to fly for what a question lacks; empty where nothing is known, or a fault is reported."""
+    """Return what to log or fly to answer a question; empty if unknown or a fault is reported."""
     log, reference = case.log, case.reference
     if question in ("noise", "yaw_drift"):
         return log.advice("rest")

@@ -1,9 +1,9 @@
-"""Accelerometer in flight: its axes and offset, by GNSS and an attitude.
+"""Checks of accelerometer axes and offset in flight by GNSS and an attitude.
 
-At rest a level vehicle shows neither the order of the axes nor an offset beside the attitude's own tilt. In flight the
-mean force between two GNSS velocities does: with attitude R, logged force f and gravity g,
-``dv/dt - g = R (A f + b)``. A is near the unit matrix where the sensor is sound, a permutation where axes are exchanged
-or reversed; -b is the offset. Only horizontal axes are solved for: f_z carries the weight and varies too little.
+At rest on level ground neither the order of the axes nor an offset (it acts as a tilt error) is observable. In flight
+both are, from the mean force between two GNSS velocities: with attitude R, logged force f and gravity g,
+``dv/dt - g = R (A f + b)``. A is near the identity for a sound sensor and a signed permutation where axes are swapped
+or reversed; -b is the offset. Only horizontal axes are fitted, because f_z is mostly weight and varies too little.
 """
 
 from __future__ import annotations
@@ -30,24 +30,25 @@ from attlog.reference import alignment
 from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
-# Velocities change over this time: a receiver's noise of 0.1 m/s is then 0.07 m/s^2.
+# Time between the differenced velocities: receiver noise of 0.1 m/s gives 0.07 m/s^2.
 VELOCITY_SPAN_S = 2.0
-# The fit takes 20 s of flight at least, and of long logs the first 15 min.
+# Minimum flight time of the fit, and its maximum: the first 15 min of long logs.
 MIN_FLIGHT_S, MAX_FLIGHT_S = 20.0, 900.0
-# Lateness of a receiver: of these the one that fits best.
+# Candidate GNSS delays; the best fit is used.
 GNSS_DELAYS_S = np.arange(0.0, 0.61, 0.1)
-# A longer interval between samples of the force is a hole.
+# Maximum interval between force samples; longer ones are gaps.
 MAX_HOLE_S, MIN_FORCE_SAMPLES = 0.2, 100
-# Gravity in the horizontal force of a tilted attitude: 0.06, 0.3 and 0.6 deg (onboard, on flights with truth: 0.3 to
-# 0.9). An external truth has its own sigma.
+# Horizontal gravity error by attitude source, from tilt errors of 0.06, 0.3 and 0.6 deg (onboard attitudes measured
+# against truth: 0.3 to 0.9). An external truth has its own sigma.
 TILT_M_S2 = {"truth": 0.01, "smoother": 0.05, "onboard": 0.1}
-# Horizontal force (RMS about its mean) that shows which axis is which.
+# Minimum horizontal force (RMS about its mean) to identify the axes.
 MIN_SPREAD_M_S2 = 0.15
-# Another order of axes leaves four times less (squared), and less than half of the force's own spread.
+# Another order of axes is accepted if its squared residual is this factor smaller and its residual is below this share
+# of the force's spread.
 AXES_RATIO, MAX_LEFT_SHARE = 4.0, 0.5
-# 1 and 3 deg of tilt, as of an offset by the smoother.
+# Offset limits: 1 and 3 deg of tilt.
 FORCE_OFF_M_S2, FORCE_FAR_M_S2 = 0.17, 0.5
-# An offset counts from four times sqrt((1.5 standard errors)^2 + 0.03^2): planted 0.3 came back within two.
+# Significance: 4 sigma with sigma = sqrt((1.5 standard errors)^2 + 0.03^2); a planted 0.3 was found within 2 sigma.
 FORCE_SIGMAS, STANDARD_ERRORS, FORCE_FLOOR_M_S2 = 4.0, 1.5, 0.03
 FORCE_LIMIT = (
     f"ok up to {FORCE_OFF_M_S2} m/s^2 or {FORCE_SIGMAS:.0f} sigma, fault above {FORCE_FAR_M_S2} (1 and 3 deg of tilt)"
@@ -65,9 +66,9 @@ AXIS_ORDERS: dict[str, Array] = {
 
 @dataclass(frozen=True, slots=True)
 class ForceFit:
-    """Fit of the horizontal force at ``t`` (n,) s: ``columns`` (n, 2, 8) times x are the accelerations ``y`` (n, 2).
+    """Linear fit ``y = columns x`` of horizontal acceleration at ``t`` (n,) s.
 
-    The columns are A by rows, b, and two of a constant tilt of the attitude.
+    ``columns`` (n, 2, 8): A by rows, b, and a constant tilt of the attitude (two). ``y`` (n, 2) in m/s^2.
     """
 
     solution: RobustFit
@@ -77,7 +78,7 @@ class ForceFit:
     seconds: float
 
     def left(self, order: Array) -> float:
-        """Return the median square that the axes in this order (2, 2) leave, whatever the offsets."""
+        """Return the median squared residual with a given axes matrix (2, 2), offsets removed."""
         rest = self.y - self.columns[:, :, :4] @ order.ravel()
         rest = rest - self.columns[:, :, 4:] @ np.concatenate([self.solution.x[4:6], self.solution.x[6:8]])
         return float(np.median(np.sum((rest - np.median(rest, axis=0)) ** 2, axis=1)))
@@ -93,7 +94,7 @@ class ForceFit:
 def accelerometer_checks(case: HealthCase) -> list[Check]:
     """Check axes and offsets of the accelerometers in flight by GNSS.
 
-    The offset is the smoother's; where that does not know it, the one of the force turned by the reference's attitude.
+    The offset is the smoother's bias, else that of a fit with the reference's attitude.
     """
     log, reference = case.log, case.reference or case.rates
     offsets = accelerometer_offsets(case)
@@ -147,7 +148,7 @@ def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -
 
 @cached_per_log
 def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> ForceFit | None:
-    """Fit the force over all flights up to the reference's end; None where too little was flown with GNSS."""
+    """Fit axes and offset over all flights; None with too little flight with GNSS."""
     imu, gnss = log.replay_imu, _best_receiver(log)
     spans = [(a + EDGE_S, min(b - EDGE_S, reference.scoring.end)) for a, b in segments.spans("airborne")]
     spans = _first_spans([(a, b) for a, b in spans if b - a > 2.0 * VELOCITY_SPAN_S], MAX_FLIGHT_S)
@@ -187,7 +188,7 @@ def _first_spans(spans: list[Span], seconds: float) -> list[Span]:
 
 
 def _best_receiver(log: FlightLog) -> Gnss | None:
-    """Return the receiver with the most velocities of a 3D fix."""
+    """Return the receiver with the most velocities at a 3D fix."""
     return max(log.gnss, key=lambda g: np.count_nonzero(_has_velocity(g)), default=None)
 
 
@@ -196,7 +197,7 @@ def _has_velocity(gnss: Gnss) -> Array:
 
 
 def _velocity_changes(gnss: Gnss, spans: list[tuple[float, float]]) -> tuple[Array, Array, Array]:
-    """Return begin and end (n,) s of pairs of velocities, and their mean accelerations (n, 2)."""
+    """Return begin and end (n,) s of velocity pairs, and mean accelerations (n, 2) between."""
     use = _has_velocity(gnss).astype(bool)
     t, first = np.unique(gnss.t[use], return_index=True)
     velocity = gnss.vel_ned[use][first, :2]
@@ -217,7 +218,7 @@ def _velocity_changes(gnss: Gnss, spans: list[tuple[float, float]]) -> tuple[Arr
 
 
 class TurnedForce:
-    """Sums over time of the force's parts in earth axes, so that their mean over any span costs the same."""
+    """Prefix sums of the force's components in earth axes, for means over any span."""
 
     def __init__(self, t: Array, force: Array, q: Array) -> None:
         turn = rotation.to_matrix(q)[:, :2, :]
@@ -231,7 +232,7 @@ class TurnedForce:
         self.sums = np.cumsum(every * np.minimum(dt, MAX_HOLE_S)[:, None, None], axis=0).reshape(len(t), -1)
 
     def means(self, start: Array, end: Array) -> tuple[Array, Array]:
-        """Return the means (n, 2, 9) over spans, and which of them (n,) lie between samples without a hole."""
+        """Return means (n, 2, 9) over spans, and a mask (n,) of spans without gaps."""
         i = np.clip(np.searchsorted(self.t, [start, end]), 1, len(self.t) - 1)
         known = (start > self.t[0]) & (end < self.t[-1]) & (self.hole[i[0]] == self.hole[i[1]])
         share = [(x - self.t[k - 1]) / (self.t[k] - self.t[k - 1]) for x, k in ((start, i[0]), (end, i[1]))]
@@ -243,7 +244,7 @@ class TurnedForce:
 
 
 def _turned_force(imu: Imu, reference: Reference, spans: list[Span]) -> TurnedForce | None:
-    """Turn the force by the reference's attitude of the IMU, where both are known, in and before ``spans``."""
+    """Rotate the force to earth axes by the reference's attitude, in and before ``spans``."""
     trim = reference.alignment.trim
     own = reference.q if trim is None else alignment.apply_trim(reference.q, -trim)
     near = inside(imu.acc.t_best, [(a - GNSS_DELAYS_S[-1] - EDGE_S, b) for a, b in spans])
@@ -254,23 +255,23 @@ def _turned_force(imu: Imu, reference: Reference, spans: list[Span]) -> TurnedFo
     return None if len(t) < MIN_FORCE_SAMPLES else TurnedForce(t, force[good][first], q[good][first])
 
 
-# Offset of each accelerometer in flight, and the parameters that remove it. The replayed unit's bias is the smoother's;
-# without one, truth or a smoother as the reference turns the force, which shows the horizontal axes. Another unit has
-# that bias and what it reads more. Vibration shifts an accelerometer as an offset does, but in flight only: along the
-# vertical the ground must confirm it.
+# Offset of each accelerometer in flight, and the parameters that remove it. The replayed IMU's bias is the smoother's;
+# without one, a fit with the reference's attitude (truth or smoother) gives the horizontal axes. The bias of another
+# IMU is this bias plus the mean difference. Vibration shifts an accelerometer in flight only, so a vertical offset must
+# be confirmed at rest on the ground.
 
-# 1 and 3 deg of tilt horizontally; along z the limits of gravity's size at rest.
+# Offset limits (warning, fault): 1 and 3 deg of tilt horizontally; along z as for the size of gravity at rest.
 OFFSET_OFF_M_S2, OFFSET_FAR_M_S2 = np.array([0.17, 0.17, 0.3]), np.array([0.5, 0.5, 1.0])
-# Offered from four sigmas up to this size: beyond it the smoother's prior holds the bias back (4.5 became 3.5).
+# Offered from 4 sigma up to this size: beyond it the smoother's prior biases the result (4.5 gave 3.5).
 OFFSET_SIGMAS, MAX_OFFSET_M_S2 = 4.0, 1.0
-# 3 deg: two units of one board may be mounted that differently, and a smaller difference is then no offset.
+# 3 deg of tilt: smaller differences of two IMUs may come from mounting.
 MOUNTING_M_S2 = 0.5
-# The ground confirms the vertical offset to 0.1 m/s^2 or this share of it.
+# Tolerance for the vertical offset at rest: 0.1 m/s^2 or this share of it.
 GROUND_M_S2, GROUND_SHARE = 0.1, 0.3
 OFFSET_LIMIT = "ok up to 0.17 m/s^2 horizontally, 0.3 along z, or 4 sigma; fault above 0.5 and 1 m/s^2"
 OFFSET_SOURCE = "1 and 3 deg of tilt; total error measured on 24 flights with truth"
 TURN_ADVICE = "Fly a minute with GNSS: turn slowly through 360 deg and accelerate in several directions."
-# A level that was calibrated with the offset holds it: without it the vehicle would lean.
+# A level calibration done with the offset contains it, so it must be repeated after removing the offset.
 SET_ADVICE = "Set the offsets, then calibrate the level; or calibrate the accelerometer in six positions."
 
 
@@ -298,7 +299,7 @@ def _replayed_bias(case: HealthCase) -> tuple[SensorBias | None, str]:
     found, reference = smoothed_acc_bias(case), case.reference
     if found is not None and any(found.known):
         return found, ""
-    kinds = ("truth", "smoother") if found is None else ("truth",)  # a smoother that does not know it turns no force
+    kinds = ("truth", "smoother") if found is None else ("truth",)  # not by a smoother whose own bias is unknown
     if reference is not None and reference.kind in kinds:
         fitted = fit_force(case.log, case.segments, reference)
         if fitted is not None:
@@ -317,7 +318,7 @@ def _turned_too_little(sigma: Array) -> str:
 
 
 def _imu_bias(case: HealthCase, own: SensorBias, replayed: Imu, imu: Imu) -> SensorBias | None:
-    """Return the bias of a unit: that of the replayed one, and what it reads more in flight."""
+    """Return the bias of an IMU: the replayed one's plus the mean difference in flight."""
     if imu is replayed:
         return own
     if imu.acc.rate < MIN_FLOWN_HZ:
@@ -329,17 +330,17 @@ def _imu_bias(case: HealthCase, own: SensorBias, replayed: Imu, imu: Imu) -> Sen
 
 
 def offset_limits(bias: SensorBias) -> Array:
-    """Return the sizes (3,) m/s^2 from which an offset counts."""
+    """Return the limits (3,) in m/s^2 above which an offset is significant."""
     return np.asarray(np.maximum(OFFSET_OFF_M_S2, OFFSET_SIGMAS * bias.sigma))
 
 
 def offset_axes(bias: SensorBias) -> NDArray[np.bool_]:
-    """Return the axes (3,) along which an offset counts."""
+    """Mark the axes (3,) with a significant offset."""
     return np.asarray(np.array(bias.known) & (np.abs(bias.mean) > offset_limits(bias)))
 
 
 def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> Check:
-    """Check the offset of a unit; ``own``: the bias of the replayed one, by which it was found."""
+    """Check the offset of an IMU; ``own``: bias of the replayed IMU."""
     known, limits, off = np.array(bias.known), offset_limits(bias), offset_axes(bias)
     worst = int(np.argmax(np.where(known, np.abs(bias.mean) / limits, -1.0)))
     size, sigma = float(bias.mean[worst]), float(bias.sigma[worst])
@@ -371,7 +372,7 @@ def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias)
 
 
 def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> str:
-    """Return why an offset is not offered as a number; empty where it is."""
+    """Return why no parameters are offered for an offset; empty where they are."""
     off = offset_axes(bias)
     if float(np.abs(own.mean[np.array(own.known)]).max()) > MAX_OFFSET_M_S2:
         return "Above 1 m/s^2 a flight does not show it exactly; six positions do."
@@ -398,7 +399,7 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
 
 @cached_per_log
 def ground_excess(case: HealthCase, imu: Imu, bias: SensorBias) -> tuple[float, float] | None:
-    """Return force on the ground less gravity, logged and expected by this bias, m/s^2; None without rest."""
+    """Return force at rest minus gravity in m/s^2, measured and expected from ``bias``."""
     size = gravity.size_at_rest(case, imu)
     if size is None:
         return None

@@ -36,18 +36,19 @@ from attlog.segments.model import Segments
 from attlog.story.estimator_events import aid_rejections
 from attlog.story.headlines import WrongAngle
 
-# Below the first a figure has holes, below the second most of it is missing.
+# Coverage of the IMU's time: warning below the first, fault below the second.
 MIN_COVERED_PCT, FEW_COVERED_PCT = 95.0, 50.0
 COVERAGE_LIMIT = "ok from 95 %, fault below 50 %"
-# Slopes of sound flights are 0.95 to 1.05; outside 0.8 to 1.25 the gyro has another unit or range.
+# Limits of |log slope|: slopes of sound flights are 0.95 to 1.05; outside 0.8 to 1.25 the gyro has another unit or
+# range.
 SLOPE_OFF, SLOPE_FAR = np.log(1.055), np.log(1.25)
 GYRO_LIMIT = "ok: slopes 0.95 to 1.05; fault: swapped or reversed axes, or slopes outside 0.8 to 1.25"
-# A trim beyond this is a level calibrated on a slope.
+# Maximum trim; larger ones come from a level calibration on a slope.
 MAX_TRIM_DEG = 3.0
 
 
 def attitude_checks(case: HealthCase) -> list[Check]:
-    """Check coverage of the onboard attitude, its turns against the gyro's, and the trim."""
+    """Check coverage, rates against the gyro, and trim of the onboard attitude."""
     log = case.log
     if not log.imus:
         return []
@@ -63,7 +64,7 @@ def attitude_checks(case: HealthCase) -> list[Check]:
 
 
 def coverage_check(imu: Imu, onboard: Attitude, name: str) -> Check:
-    """Check the share of the inertial data that the onboard attitude covers, without its pauses."""
+    """Check the share of IMU data that the onboard attitude covers."""
     share = round(100.0 * float(np.mean(onboard.covers(imu.gyro.t))), 1)
     verdict: Verdict = "ok" if share >= MIN_COVERED_PCT else "warning" if share >= FEW_COVERED_PCT else "fault"
     text = f"{name} at {onboard.rate:.1f} Hz covers {share:.1f} % of the inertial data."
@@ -71,7 +72,7 @@ def coverage_check(imu: Imu, onboard: Attitude, name: str) -> Check:
 
 
 def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segments) -> Check:
-    """Check the slopes of the attitude's rates on the gyro's, and whether another order or sign of axes fits better."""
+    """Check regression slopes of attitude rates on gyro rates, and order and sign of axes."""
     made = partial(Check, "gyro_against_attitude", threshold=GYRO_LIMIT)
     name = log.onboard or ""
     jumps, _ = resets.known_resets(log, name, segments) if imu is log.replay_imu else resets.find_resets(onboard, imu)
@@ -116,12 +117,12 @@ def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
 # Heading by GNSS acceleration, without compass, truth or smoother.
 
 HEADING_BY_GNSS = "heading_by_gnss"
-# So far off, position hold circles instead of holding.
+# Heading error from which position hold flies circles.
 SERIOUS_HEADING_DEG = 15.0
 GNSS_HEADING_LIMIT = (
     f"ok up to {WRONG_DEG:.0f} deg or {WRONG_SIGMAS:.0f} sigma, fault above {SERIOUS_HEADING_DEG:.0f} deg"
 )
-# A shorter rejection is one or two late fixes.
+# Minimum duration of a rejection; shorter ones are one or two late fixes.
 MIN_REJECTED_S = 1.0
 
 
@@ -143,7 +144,7 @@ def gnss_heading_checks(case: HealthCase) -> list[Check]:
 
 
 def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Check:
-    size = round(abs(wrong.offset.offset_deg), 1)  # what is printed from the value says the same
+    size = round(abs(wrong.offset.offset_deg), 1)  # rounded as in texts made from the value
     first, last = wrong.spans[0][0], wrong.spans[-1][1]
     seconds = sum(b - a for a, b in wrong.spans)
     when = f" from {first:.0f} s to {last:.0f} s" + (f", {seconds:.0f} s in all" if len(wrong.spans) > 1 else "")
@@ -159,7 +160,7 @@ def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading
 
 
 def _rejected_gnss(log: FlightLog, segments: Segments, spans: list[Span]) -> str:
-    """Return what the onboard estimator rejected of GNSS in spans: ``GNSS velocity for 12 s``."""
+    """Return GNSS rejections of the onboard estimator in spans: ``GNSS velocity for 12 s``."""
     found = []
     for one in aid_rejections(log, segments):
         seconds = sum(b - a for a, b in intersect(one.spans, spans))
@@ -168,31 +169,30 @@ def _rejected_gnss(log: FlightLog, segments: Segments, spans: list[Span]) -> str
     return " and ".join(found)
 
 
-# Onboard attitude against truth, or against the smoother in degrees and sigmas: :mod:`attlog.reference.onboard_check`.
-# A smoother whose own sensors failed a check shows no error, unless gravity and GNSS acceleration contradict the
-# onboard attitude too.
+# Onboard attitude against truth or smoother (:mod:`attlog.reference.onboard_check`). A smoother whose sensors failed a
+# check is not used, unless gravity and GNSS acceleration also contradict the onboard attitude.
 
 AGAINST_SMOOTHER, AGAINST_TRUTH = "onboard_against_smoother", "onboard_against_truth"
-# By the kind of the reference.
+# Check by kind of reference.
 AGAINST = {"smoother": AGAINST_SMOOTHER, "truth": AGAINST_TRUTH}
-# Share of a tilt error that one turn of the sensor may leave and still explain it.
+# Maximum share of a tilt error left after a constant rotation that counts as a mounting error.
 MAX_MOUNTING_LEFT = 0.3
 ONBOARD_LIMIT = "ok up to 3 deg of tilt and 8 deg of heading"
 ONBOARD_LIMITS = {"smoother": f"{ONBOARD_LIMIT}, or 3 joint sigmas", "truth": ONBOARD_LIMIT}
-# Checks of the accelerometer, which the evidence of gravity and of GNSS acceleration needs.
+# Accelerometer checks that must pass before gravity and GNSS acceleration count as evidence.
 FORCE_CHECKS = ("accelerometer_axes", "accelerometer_delay", "force_axes", "frozen_sensors")
-# Checks of the sensors that every smoother is made of.
+# Checks of the sensors that every smoother uses.
 INERTIAL_CHECKS = (
     *FORCE_CHECKS,
     *("gyro_dead", "gyro_range", "gyro_bias", "frozen_gyro", "gyro_spikes", "gyro_bias_step", "gyro_scale"),
     *("accelerometer_dead", "accelerometer_rest", "accelerometer_offset", "vibration_level", "vertical_force"),
 )
-# Checks of the compass that a heading may come from.
+# Checks of the compass, for a smoother with heading from it.
 COMPASS_CHECKS = ("compass_axes", "compass_offset", "compass_turn", "field", "compass_motors")
 
 
 def smoother_checks(case: HealthCase) -> list[Check]:
-    """Check tilt and heading of the onboard attitude against truth or smoother, by the checks of its sensors."""
+    """Check tilt and heading of the onboard attitude against truth or smoother."""
     log, segments, reference = case.log, case.segments, case.reference
     found = None if reference is None else onboard_check.compare_onboard(log, segments, reference)
     if reference is None or found is None:
@@ -225,7 +225,7 @@ def smoother_checks(case: HealthCase) -> list[Check]:
 
 
 def _agreement_text(log: FlightLog, found: OnboardComparison, whom: str) -> str:
-    """Return that the onboard attitude is not in error, and by what."""
+    """Return the sentence for an onboard attitude without error."""
     if found.supported == ["tilt"]:
         return f"{log.onboard} agrees with gravity where it stands, better than {whom}."
     if found.supported:
@@ -238,13 +238,13 @@ def _agreement_text(log: FlightLog, found: OnboardComparison, whom: str) -> str:
 
 
 def _misleads(check: Check) -> bool:
-    """Return whether a smoother cannot correct what failed; a constant gyro bias up to a warning it can."""
+    """Return whether a failed check spoils a smoother; it corrects a small constant gyro bias."""
     constant = check.question == "gyro_bias" and check.t is None
     return check.verdict == "fault" or not constant
 
 
 def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str]) -> str:
-    """Return the failed checks of the reference's own sensors that leave open which is wrong; empty for none."""
+    """Return failed checks of the reference's sensors that make its evidence doubtful."""
     if reference.kind == "truth":
         return ""
     relevant: tuple[str, ...] = FORCE_CHECKS if error.confirmed else INERTIAL_CHECKS
@@ -258,7 +258,7 @@ def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str])
 
 
 def is_mounted_turned(onboard: Array, own: Array) -> bool:
-    """Return whether one turn of the sensor explains the tilt (n, 4) of the onboard attitude against ``own``."""
+    """Return whether a constant rotation explains the tilt difference of attitudes (n, 4)."""
     down = np.array([0.0, 0.0, 1.0])
     a, b = (rotation.rotate_inverse(q, down) for q in (own, onboard))
     turn = rotation.nearest_rotation(b.T @ a)
@@ -267,19 +267,19 @@ def is_mounted_turned(onboard: Array, own: Array) -> bool:
 
 
 def _usual_difference(angle: str, size: Array, sigma: Array) -> str:
-    """Return ``tilt 0.6 deg (2.1 sigma)``: RMS of the difference, and of its ratio to the reference's sigma."""
+    """Return ``tilt 0.6 deg (2.1 sigma)``: RMS difference, and RMS of difference over sigma."""
     text = f"{angle} {float(np.sqrt(np.mean(size**2))):.1f} deg"
     return f"{text} ({float(np.sqrt(np.mean((size / sigma) ** 2))):.1f} sigma)" if sigma.all() else text
 
 
-# The angle of the onboard attitude that checks prove wrong in flight.
+# Angle of the onboard attitude that is wrong in flight.
 
-# Checks that prove it, the one with the fewest assumptions first.
+# Checks that prove a wrong angle, in order of increasing assumptions.
 PROOFS = (HEADING_BY_GNSS, AGAINST_TRUTH, AGAINST_SMOOTHER)
 
 
 def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
-    """Return the wrong angle with its size in deg and its time in s; None where no check proves one."""
+    """Return the wrong angle with size and time; None where no check proves one."""
     faults = {check.question: check for check in checks if check.question in PROOFS and check.verdict == "fault"}
     for name in PROOFS:
         check = faults.get(name)
@@ -291,22 +291,22 @@ def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
 
 # Jumps of the onboard attitude: yaw realignments, resets and lane switches, with their size.
 
-# Estimators make smaller ones every day; from 15 deg a flight in position hold goes astray.
+# Smaller jumps are normal; from 15 deg position hold becomes unstable.
 MIN_JUMP_DEG, LARGE_JUMP_DEG = 3.0, 15.0
 JUMP_LIMIT = f"ok up to {MIN_JUMP_DEG:.0f} deg, fault above {LARGE_JUMP_DEG:.0f} deg in flight"
-# Where arming is not logged, steps so long after the first attitude are its alignment.
+# Without logged arming, steps within this time of the first attitude are its alignment.
 ALIGNMENT_S = 15.0
-# Jumps that a sentence lists.
+# Maximum number of jumps listed in a sentence.
 MAX_SHOWN_JUMPS = 4
-# A jump is one of heading where all of it turns so much about the vertical.
+# Minimum share about the vertical for a heading jump.
 YAW_SHARE = 0.9
-# The attitude is compared with truth or smoother so long before and after a jump; of the larger error the smaller one
-# has at most 40 %, and the larger one is at least half of the jump.
+# Time compared with truth or smoother before and after a jump. One side is right if its error is at most 40 % of the
+# other's, and the other's is at least half of the jump.
 AROUND_JUMP_S, MAX_ERROR_LEFT, MIN_ERROR_SHARE = 3.0, 0.4, 0.5
 
 
 def jump_checks(case: HealthCase) -> list[Check]:
-    """Check steps of the onboard attitude that no rotation of the vehicle explains, once it was armed and whole.
+    """Check resets of the onboard attitude while armed or in the air.
 
     Truth or smoother show on which side of the largest jump the attitude was right.
     """
@@ -343,7 +343,7 @@ def jump_checks(case: HealthCase) -> list[Check]:
 
 
 def right_side(log: FlightLog, reference: Reference | None, k: int, heading: bool, size: float) -> str:
-    """Return on which side of the jump to sample ``k`` the attitude agrees with the reference; empty where on none."""
+    """Return whether the attitude is right before or after the jump to sample ``k``."""
     attitude = log.onboard_attitude
     if reference is None or attitude is None or reference.kind not in ("truth", "smoother"):
         return ""
@@ -367,7 +367,7 @@ def right_side(log: FlightLog, reference: Reference | None, k: int, heading: boo
 
 
 def jumps_in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_]:
-    """Select the times (k,) while armed or in the air, else well after the first attitude."""
+    """Mark times (k,) armed or airborne; without arming, 15 s after the first attitude."""
     if "armed" in segments.unknown:
         later: NDArray[np.bool_] = t > start + ALIGNMENT_S
         return later | segments.mask(t, "airborne")
@@ -376,27 +376,27 @@ def jumps_in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_
 
 
 def yaw_share(q: Array, index: NDArray[np.int64]) -> Array:
-    """Return the share (k,) of each step at ``index`` about the vertical, 0 to 1."""
+    """Return the share (k,) of each attitude step about the vertical, 0 to 1."""
     step = rotation.to_rotvec(rotation.multiply(q[index], rotation.conjugate(q[index - 1])))
     size = np.sqrt(np.sum(step**2, axis=1))
     share: Array = np.divide(np.abs(step[:, 2]), size, out=np.zeros(len(size)), where=size > 0)
     return share
 
 
-# Loss of control and impact; after them the log is that of a wreck.
+# Loss of control and impact.
 
 CRASH_LIMIT = "ok: no tilt beyond 90 deg that ends on the ground, no blow above 4 g after which it lies or tumbles"
 
 
 def crash_checks(case: HealthCase) -> list[Check]:
-    """Check for a crash, and how often control was lost; ok only where samples could show one."""
+    """Check for crashes and loss of control; unknown where the IMU is too slow."""
     log, segments = case.log, case.segments
     if not log.imus:
         return []
     lost, blows = segments.of("loss_of_control"), segments.of("impact")
     if not lost and not blows:
         return [_no_crash(log, segments)]
-    before = [x for x in lost if not blows or x.t0 <= blows[0].t0]  # a wreck that rolls over loses no control
+    before = [x for x in lost if not blows or x.t0 <= blows[0].t0]  # a wreck that rolls over is no loss of control
     first, what = (before[0], "Control was lost") if before else (blows[0], _crash_text(segments, blows[0].t0))
     times = f" {len(before)} times" if len(before) > 1 else ""
     text = f"{what}{times}{', first' if times else ''} at {first.t0:.1f} s: {first.why}."
@@ -411,14 +411,14 @@ def crash_checks(case: HealthCase) -> list[Check]:
 
 
 def _crash_text(segments: Segments, t: float) -> str:
-    """Return how the crash at a time began; the end of use is called an impact whatever it was."""
+    """Return how the crash at ``t`` s began, ``An impact`` where unknown."""
     first = next((e for e in segments.endings if e.is_crash and abs(e.t - t) < 1.0), None)
     kinds = {"impact": "An impact", "overturn": "It turned over", "tumble": "It tumbled"}
     return "An impact" if first is None else kinds.get(first.kind, "An impact")
 
 
 def _no_crash(log: FlightLog, segments: Segments) -> Check:
-    """Return that there was no crash, where raw samples would show one; else why that is unknown."""
+    """Return the check without a crash: ok, or unknown where the IMU is too slow."""
     driven = segments.of("airborne") or segments.of("armed")
     if not driven or shows_impacts(log):
         return Check("crash", "ok", "No loss of control and no impact.", 0.0, "", CRASH_LIMIT)

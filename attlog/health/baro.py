@@ -1,7 +1,7 @@
 """Barometer noise in flight against what the onboard estimator expects.
 
-The noise is that of second differences, which a steady climb does not change. A barometer near rotors or in the wind
-scatters by metres, in still air by 0.1 to 0.3 m. Height by GNSS strays by metres itself and is evidence only.
+Noise is computed from second differences, which are insensitive to a steady climb. It is 0.1 to 0.3 m in still air and
+metres near rotors or in wind. GNSS height drifts by metres itself and is only supporting evidence.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from attlog.health.check import Check, HealthCase
 from attlog.health.flown import driven_spans, held_seconds
 from attlog.health.regression import median_interval
 
-# Five seconds at 10 Hz: fewer second differences give no median with an interval.
+# Minimum samples for a median with interval: 5 s at 10 Hz.
 MIN_SAMPLES = 50
-# The limit where the log does not hold the estimator's; 26 of 28 real barometers are below 0.7 m.
+# Limit where the estimator's noise parameter is not logged; 26 of 28 real barometers are below 0.7 m.
 USUAL_NOISE_M = 1.0
 SOURCE = "the noise parameter of the estimator, else 28 real flights"
-# The median of |second differences| of white noise over its standard deviation.
+# Median of |second differences| of white noise, relative to its standard deviation.
 SECOND_DIFFERENCE_MEDIAN = 0.6745 * np.sqrt(6.0)
 
 
@@ -55,19 +55,19 @@ def _noise_check(log: FlightLog, baro: Stream, flown: list[Span]) -> Check | Non
 
 
 def without_repeats(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return samples (n,) without those that repeat the one before: some loggers are faster than the sensor."""
+    """Drop samples equal to their predecessor, from loggers faster than the sensor."""
     new = np.flatnonzero(np.diff(x, prepend=np.nan) != 0.0)
     return t[new], x[new]
 
 
 def white_noise(t: Array, x: Array) -> tuple[float, tuple[float, float]]:
-    """Return the standard deviation of the white part of ``x`` (n,) at ``t`` (n,) s, and its 95 % interval."""
+    """Return the white-noise standard deviation of ``x`` (n,) and its 95 % interval."""
     second = np.abs(x[2:] - 2.0 * x[1:-1] + x[:-2]) / SECOND_DIFFERENCE_MEDIAN
     return float(np.median(second)), median_interval(t[1:-1], second)
 
 
 def _gnss_difference_m(log: FlightLog, t: Array, x: Array, flown: list[Span]) -> float | None:
-    """Return the range of the difference of both heights in flight, m, from the 5th to the 95th percentile."""
+    """Return the 5th to 95th percentile range in m of barometer minus GNSS height."""
     receiver = next((g for g in log.gnss if (g.fix >= FIX_3D).any()), None)
     if receiver is None:
         return None

@@ -22,7 +22,7 @@ Verdict = Literal["ok", "warning", "fault", "unknown"]
 Weight = Literal["serious", "warning", "note", "info"]
 TROUBLE = ("warning", "fault")
 BUG = "part_failed"
-# Parameters are 32-bit floats in logs and files: values that differ by this share are equal.
+# Relative tolerance for equal parameters, which are 32-bit floats in logs and files.
 SETTING_TOLERANCE = 1e-6
 
 
@@ -38,10 +38,10 @@ class Setting:
 
 @dataclass(slots=True)
 class Check:
-    """Answer to one question about one sensor or estimator.
+    """Result of one check of one sensor or estimator.
 
-    ``question``: id of a row in :data:`attlog.health.registry.CHECKS`; ``sensor``: name in the log (``MAG.0``), not
-    ``in_use`` where the vehicle did not fly by it. ``text`` is one sentence with the number. ``value`` in
+    ``question``: id of a row in :data:`attlog.health.registry.CHECKS`; ``sensor``: name in the log (``MAG.0``);
+    ``in_use``: False where the autopilot did not use it. ``text`` is one sentence with the number. ``value`` in
     ``unit`` has the 95 % interval ``ci95``; ``vector`` holds components
     along the body axes x, y, z, ``vector_ci95`` half the widths of their intervals. ``n`` samples in ``seconds``.
     ``t`` to ``t_end`` s: begin and end, None for the whole log; ``count``: number of events. ``about``: angle (tilt,
@@ -94,7 +94,7 @@ class Check:
 
 
 def unknown(question: str, why: str, threshold: str = "", *, sensor: str = "", source: str = "") -> Check:
-    """Return a check that this log cannot answer, with the reason."""
+    """Return a check with verdict ``unknown`` and its reason."""
     return Check(question, "unknown", why, threshold=threshold, sensor=sensor, source=source)
 
 
@@ -106,7 +106,7 @@ def graded(value: float, ok: float, warning: float) -> Literal["ok", "warning", 
 def finite(check: Check) -> Check:
     """Return the check without NaN and infinite numbers, which neither JSON nor a vehicle accepts.
 
-    One invalid value to set removes all settings, because they only fit together.
+    One invalid setting removes all settings, because they are valid only together.
     """
     numbers = [check.value] if check.value is not None else []
     lists = [numbers, list(check.ci95 or ()), check.vector, check.vector_ci95, [s.new for s in check.settings]]
@@ -122,7 +122,7 @@ def finite(check: Check) -> Check:
 
 
 def as_sentence(reason: str) -> str:
-    """Return a clause as a sentence: capital, full stop; message names keep their case."""
+    """Return a clause with capital and full stop; message names keep their case."""
     text = reason.rstrip(".")
     name = "_" in text.partition(" ")[0]
     return f"{text if name else text[:1].upper() + text[1:]}."
@@ -133,8 +133,8 @@ class MotionAttitude:
     """Attitude by the smoother without any compass: its heading follows from motion alone.
 
     ``q`` (n, 4) turns vectors in the axes of the replayed IMU to north-east-down at ``t`` (n,) s; ``segment`` (n,)
-    numbers the parts between gaps. ``sigma_tilt``, ``sigma_heading`` (n,) rad: own 1-sigma errors, pi where the heading
-    is contradicted. ``quality``: the same as single numbers.
+    numbers the parts between gaps. ``sigma_tilt``, ``sigma_heading`` (n,) rad: 1-sigma errors, pi where the heading is
+    contradicted. ``quality``: summary values.
     """
 
     t: Array
@@ -166,7 +166,7 @@ class HealthCase:
 
     @cached_property
     def rates(self) -> Reference | None:
-        """Reference that is not made of the replayed gyro: truth or the onboard attitude instead of a smoother."""
+        """Reference independent of the replayed gyro: truth or onboard instead of a smoother."""
         if (self.reference is None or self.reference.kind == "smoother") and self.log.imu is not None:
             what = "The reference"
             return guarded_part(
@@ -175,12 +175,12 @@ class HealthCase:
         return self.reference
 
     def trouble(self, *questions: str) -> list[Check]:
-        """Return checks of sensors in use that found warnings or faults, of all questions where none is named."""
+        """Return warnings and faults of sensors in use, of the given or all questions."""
         return [c for c in self.found if c.is_trouble and c.in_use and (not questions or c.question in questions)]
 
 
 def spare_sensors(log: FlightLog) -> set[str]:
-    """Return the sources of compasses and IMUs that are logged beside those in use."""
+    """Return the sources of compasses and IMUs that are not in use."""
     imu = log.imus[log.imu or 0] if log.imus else None
     used = {log.mags[log.mag].field.source} if log.mag is not None else set()
     used |= {imu.gyro.source, imu.acc.source} if imu is not None else set()
@@ -192,8 +192,8 @@ def spare_sensors(log: FlightLog) -> set[str]:
 def agreed_settings(checks: Iterable[Check]) -> list[Setting]:
     """Return the parameters to set, each once, in the order of the checks.
 
-    A parameter that two checks set to different values is left out with all others of those checks, because offsets
-    and scales only fit together.
+    A parameter that two checks set to different values is dropped with all settings of those checks, because offsets
+    and scales are valid only together.
     """
     given = [check.settings for check in checks if check.settings]
     values: dict[str, list[float]] = {}
@@ -212,7 +212,7 @@ def agreed_settings(checks: Iterable[Check]) -> list[Setting]:
 
 
 def number_text(value: float) -> str:
-    """Return a parameter's value with seven digits, the precision of 32-bit floats."""
+    """Format a parameter with seven digits, the precision of 32-bit floats."""
     return f"{value + 0.0:.7g}"
 
 

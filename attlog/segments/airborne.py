@@ -1,9 +1,9 @@
 """Find flights by physics: drive, movement and height.
 
-Flags and throttle prove nothing: motors stand at 60 % of hover on the ground, run at 100 % on a bench, and land
-detectors come seconds late or never. A flight needs drive, and then either movement that no ground gives or a height
-that no drift of a barometer gives. Heights (rangefinder, barometer, GNSS, never an estimator's) count from the line
-through the ground before and after.
+Flags and throttle alone are no evidence: motors run at 60 % of hover throttle on the ground and at 100 % on a bench,
+and land detectors are seconds late or never change. A flight needs motor drive, and either movement that is impossible
+on the ground or a height beyond barometer drift. Heights (rangefinder, barometer, GNSS, never the estimator's) are
+relative to the ground height interpolated between rests before and after.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ Mask = NDArray[np.bool_]
 
 LIKELY_HEIGHT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
 CERTAIN_HEIGHT_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
-# Largest speed over the ground, and largest climb, of a vehicle at rest or in a hand.
+# Maximum ground speed and climb rate of a vehicle at rest or carried by hand.
 HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
-LEVEL_S, STANDS_S = 1.0, 1.0  # mean of a height, and time at rest that shows the ground
-# A rangefinder that never reads this much more than at its lowest hangs too low, or looks at nothing.
+LEVEL_S, STANDS_S = 1.0, 1.0  # averaging time of a height; minimum time at rest that gives the ground height
+# Minimum range of a rangefinder's height; below it the sensor sits too low or sees no ground.
 MOVED_M = 0.5
-# A rangefinder in range for this share of a flight gives its height.
+# Minimum share of a flight in range for a rangefinder to be preferred for the height.
 SEEN = 0.95
-# A height that never rose by more shows no flight.
+# Minimum height in m that is reported for a flight.
 ROSE_M = 0.3
-# A barometer that rose by this factor and so much more than a rangefinder: that one looked out of its range. Wind and
-# propellers move a barometer by 4 m.
+# The rangefinder was out of range where the barometer's top exceeds BEYOND times its top plus BEYOND_M. Wind and
+# propellers shift a barometer by up to 4 m.
 BEYOND, BEYOND_M = 1.5, 5.0
-# A height so far off the median of so many s was never flown: a climb of 10 m/s^2 is 5 m off there.
+# A height sample further than SPIKE_M from the median over SPIKE_S is a spike: 10 m/s^2 of climb gives 5 m only.
 SPIKE_M, SPIKE_S = 15.0, 4.0
-# A pause of the drive of up to so long in which the height changes by more than this is a fall or a climb in the air:
-# on the ground propellers move a barometer by up to 4 m.
+# A pause of the drive up to FALLS_S with a height change above FALLS_M is a fall or a climb in the air: on the ground
+# propellers shift a barometer by up to 4 m.
 FALLS_S, FALLS_M = 10.0, 5.0
 
 
@@ -56,17 +56,17 @@ class HeightLevel:
 
     @property
     def hint(self) -> Mask:
-        """Where it is higher than what makes a flight likely."""
+        """Mask (n,) of heights above which flight is likely."""
         return np.nan_to_num(self.above, nan=-1.0) > LIKELY_HEIGHT_M[self.sensor]
 
     @property
     def sure(self) -> Mask:
-        """Where it is higher than what proves a flight."""
+        """Mask (n,) of heights above which flight is certain."""
         return np.nan_to_num(self.above, nan=-1.0) > CERTAIN_HEIGHT_M[self.sensor]
 
 
 def height_levels(log: FlightLog, grid: Grid, driven: Mask) -> list[HeightLevel]:
-    """Return heights over the ground, the surest first."""
+    """Return heights above ground: rangefinder first, then barometer or GNSS."""
     stands = ~driven & grid.known & ~(grid.speed > HIGHEST_HAND_M_S)
     found = []
     if log.rangefinder is not None and len(log.rangefinder.t) > 3:
@@ -88,10 +88,10 @@ def height_levels(log: FlightLog, grid: Grid, driven: Mask) -> list[HeightLevel]
 
 
 def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel, float] | None:
-    """Return the height source for a flight's top while ``flying`` (n,), and the top in m; None without any.
+    """Return the preferred height source and its maximum in m while flying.
 
-    A rangefinder that sees the ground nearly all the time is right, unless the barometer shows that it went beyond its
-    range. A barometer follows wind; GNSS lags.
+    ``flying`` (n,): mask. None without a height above ROSE_M. A rangefinder in range for 95 % of the time is preferred,
+    unless the barometer shows that the vehicle left its range. Barometer height changes with wind; GNSS height lags.
     """
     tops = [(level, float(np.nanmax(level.above[flying], initial=-np.inf))) for level in levels]
     others = max((top for level, top in tops if level.sensor != "range"), default=-np.inf)
@@ -107,9 +107,9 @@ def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel,
 
 
 def join_across_falls(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Join index ranges of flights between which the height moves as nothing on the ground does.
+    """Join flights between which the height changes by more than 5 m.
 
-    Throttle near zero, or a force near zero, ends the signs of flight; a vehicle that falls is still in the air.
+    Zero throttle or specific force ends the signs of flight, but a falling vehicle is still in the air.
     """
     stream = height_stream(log)
     if stream is None or len(found) < 2:
@@ -150,7 +150,7 @@ def _height_streams(log: FlightLog) -> list[tuple[str, Stream]]:
 
 
 def _averaged_height(t: Array, stream: Stream) -> Array:
-    """Return a height (n,) averaged over 1 s without spikes, NaN without any near."""
+    """Return height (n,) averaged over 1 s, without spikes; NaN where no sample is near."""
     raw = np.interp(t, stream.t, stream.x[:, 0])
     around = round(0.5 * SPIKE_S / STEP_S)
     middle = np.median(sliding_window_view(np.pad(raw, around, mode="edge"), 2 * around + 1), axis=1)
@@ -171,29 +171,29 @@ def _long_runs(mask: Mask, count: int) -> Mask:
 
 # --- flights -----------------------------------------------------------------------------------------------------
 
-# Dynamics above which a vehicle carries itself, below which it rests, below which a flight is over.
+# Thresholds of :attr:`Grid.dynamics`: airborne above CARRIED, at rest below STILL, flight over below FALLEN.
 CARRIED, STILL, FALLEN = 0.4, -0.6, -2.5
 HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
 LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
-# Parts of the power of flight: below the first nothing climbs, at the second it hovers. Motors idle to the third.
+# Power relative to the usual power of flight: minimum for lift, and for hover. IDLING: absolute limit of idle motors.
 OF_LIFT, OF_HOVER, IDLING = 0.5, 0.8, 0.1
 ENOUGH_S, LONG_S, BRIDGE_S, SLOW_S = 0.5, 1.5, 2.0, 3.0
-# Rotors push along their own axis: a sideways force of this size (15 deg) without speed or height is a hand's.
+# Rotor thrust has no sideways part, so this sideways force (15 deg of tilt) without speed or height is a hand's.
 LEANS_M_S2 = 2.5
 BY_AIR_M_S = 5.0
-# Signs of flight come late where the ground was felt for long: up to so many s the height leads back to it.
+# Signs of flight are late after long ground contact: the range is extended by height for up to CLIMBS_S.
 OF_HINT, CLIMBS_S, TREMBLE_M = 0.3, 3.0, 0.03
 LEAVES_M_S2, SPREADS, OUTSTANDING = 0.25, 5.0, 4.0
-# Propellers near the ground raise a barometer by up to 4 m: only above this height contact is none.
+# Above this height ground contact is impossible: near the ground propellers shift a barometer by up to 4 m.
 CLEAR_M = 5.0
 
 
 @dataclass(slots=True)
 class InAir:
-    """The flights (t0, t1) s of a log, and their signs.
+    """Flights (t0, t1) s of a log, with the drive and heights that show them.
 
-    ``driven`` and ``power`` (n,), 0 to 1, on the grid's times, by ``power_source``. ``why``: a sentence. ``known``:
-    False where flight is not logged.
+    ``driven`` (mask) and ``power`` (n,), 0 to 1, at the grid's times, from ``power_source``. ``why``: evidence as text.
+    ``known``: False where the log cannot show flight.
     """
 
     grid: Grid
@@ -213,13 +213,16 @@ class InAir:
 
 
 def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spans: list[Span]) -> InAir:
-    """Return the flights in a grid; ``armed``: None where unknown, ``known_spans``: time logged without pauses."""
+    """Return the flights in a grid.
+
+    ``armed``: None where unknown. ``known_spans``: time logged without pauses.
+    """
     t = grid.t
     power, source = _drive_power(log, t)
     may = grid.known & spans.inside(t, known_spans)
     may &= spans.inside(t, armed) if armed is not None else True
     if power is None:
-        driven = may.copy() if armed is not None else np.zeros(len(t), bool)  # arming lifts nothing by itself
+        driven = may.copy() if armed is not None else np.zeros(len(t), bool)  # arming alone is no lift
         power, source, usual, lifting = driven.astype(np.float64), "arming", 1.0, np.zeros(len(t), bool)
     else:
         moving = (np.nan_to_num(grid.dynamics, nan=-9.0) > CARRIED) & ~grid.contact
@@ -228,17 +231,17 @@ def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spa
     levels = height_levels(log, grid, driven)
     flying = _flying_mask(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
     found = join_across_falls(log, grid, _flight_ranges(log.kind, flying, grid, levels, driven, power))
-    rolls = log.kind.fixed_wing  # the force of a take-off run shows no lift-off
+    rolls = log.kind.fixed_wing  # a take-off run hides the force step of lift-off
     edges = [(float(t[a]) if rolls else _liftoff_time(grid, a, driven), _landing_time(grid, b)) for a, b in found]
     heights = ", ".join(f"height by {level.source}" for level in levels[:2])
     why = f"driven ({source}) and moving as only the air lets it" + (f", {heights}" if heights else "")
-    drive_known = source != "arming" or armed is not None  # a bag of sensors alone does not say whether motors ran
+    drive_known = source != "arming" or armed is not None  # unknown in a ROS bag that holds sensors only
     known = drive_known and (bool(levels) or (source != "arming" and not grid.slow))
     return InAir(grid, spans.merge(s for s in edges if s[1] > s[0]), driven, power, levels, source, why, known)
 
 
 def _drive_power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
-    """Return the drive (n,), 0 to 1: throttle, else motor outputs, else rotor speed; None without any."""
+    """Return motor drive (n,), 0 to 1: throttle, else motor outputs, else rotor speed."""
     if log.power.throttle is not None and len(log.power.throttle.t) > 1:
         return np.abs(hold_last(t, log.power.throttle)), log.power.throttle.source
     for stream in (log.power.motors, log.power.rpm):
@@ -250,14 +253,14 @@ def _drive_power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
 
 
 def _usual_power(power: Array, carried: Mask) -> float:
-    """Return the power of flight: its median where something carries itself, else the largest that is held."""
+    """Return the usual power of flight: median while airborne, else the 95th percentile."""
     return float(np.median(power[carried]) if carried.any() else np.quantile(power, 0.95))
 
 
 def _flying_mask(
     kind: VehicleKind, grid: Grid, levels: list[HeightLevel], driven: Mask, power: Array, lifting: Mask
 ) -> Mask:
-    """Mark where a driven vehicle is in the air; ``power`` relative to that of flight."""
+    """Mark times in the air; ``power`` is relative to the usual power of flight."""
     none = np.zeros(len(grid.t), bool)
     hint, sure, clear = none, none, none
     for level in levels:
@@ -285,7 +288,7 @@ def _flying_mask(
 def _flight_ranges(
     kind: VehicleKind, flying: Mask, grid: Grid, levels: list[HeightLevel], driven: Mask, power: Array
 ) -> list[tuple[int, int]]:
-    """Return index ranges of proven flights, as long as they last."""
+    """Return index ranges of confirmed flights, extended to lift-off and landing."""
     found = []
     for a, b in _bridge_gaps(list(true_runs(flying)), grid.known & driven):
         if not _is_flight(a, b, grid, levels):
@@ -314,7 +317,7 @@ def _flight_ranges(
 
 
 def _extend_to_ground(a: int, b: int, levels: list[HeightLevel], driven: Mask) -> tuple[int, int]:
-    """Extend a range over the seconds in which the height still rises from, or sinks to, the ground."""
+    """Extend a flight while the height still rises from, or sinks to, the ground."""
     for level in levels:
         above, least = np.nan_to_num(level.above), OF_HINT * LIKELY_HEIGHT_M[level.sensor]
         furthest = round(CLIMBS_S / STEP_S)
@@ -327,7 +330,7 @@ def _extend_to_ground(a: int, b: int, levels: list[HeightLevel], driven: Mask) -
 
 
 def _bridge_gaps(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, int]]:
-    """Join ranges whose gaps of up to 2 s lie in ``whole``."""
+    """Join ranges across gaps of up to 2 s that lie wholly in the mask ``whole``."""
     joined: list[tuple[int, int]] = []
     for a, b in found:
         if joined and (a - joined[-1][1]) * STEP_S <= BRIDGE_S and bool(whole[joined[-1][1] : a].all()):
@@ -338,10 +341,7 @@ def _bridge_gaps(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, i
 
 
 def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
-    """Return whether a span is a flight.
-
-    By a height that proves it, or by movement with a hint of height or for long.
-    """
+    """Return whether height, or movement with likely height or for long, confirms flight."""
 
     def seconds(masks: list[Mask]) -> float:
         return max((np.count_nonzero(mask[a:b]) for mask in masks), default=0) * STEP_S
@@ -353,20 +353,20 @@ def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
         return hints >= SLOW_S
     hinted = hints >= ENOUGH_S
     dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
-    by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without an attitude ground and air look the same
+    by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without attitude, ground contact cannot be excluded
     moves = dynamics > PROVEN and (b - a) * STEP_S >= LONG_S and by_tilt
     return (hinted and dynamics > HINTED) or (moves and not (levels and _is_handheld(a, b, grid)))
 
 
 def _is_handheld(a: int, b: int, grid: Grid) -> bool:
-    """Return whether a span leans on a hand or the ground: slow, and long tilted against its force."""
+    """Return whether a slow span has a large sideways force, as in a hand."""
     sideways = np.hypot(grid.force[a:b, 0], grid.force[a:b, 1])
     slow = not np.any(grid.speed[a:b] > MAX_HAND_M_S)
     return slow and float(np.quantile(sideways, 0.6)) > LEANS_M_S2
 
 
 def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
-    """Return when the force first left its level on the ground, around the first sign of flight."""
+    """Return the time at which the force leaves its level on the ground."""
     a, b = max(first - round(0.5 / STEP_S), 0), min(first + round(2.5 / STEP_S), len(grid.t))
     a += int(np.argmax(driven[a : first + 1]))
     before = grid.size[max(a - round(2.0 / STEP_S), 0) : a]
@@ -380,12 +380,12 @@ def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
         return float(grid.t[first])
     k = int(left[0])
     share = float((limit - off[k - 1]) / (off[k] - off[k - 1])) if k else 1.0
-    # Means over an even count of the grid's steps belong to the middle of a step.
+    # A mean over an even number of grid steps is centred between two steps.
     return float(grid.t[a + k]) - (1.5 - share) * STEP_S
 
 
 def _landing_time(grid: Grid, end: int) -> float:
-    """Return the largest bump of the force around the end of the signs of flight."""
+    """Return the start of the largest force peak around the end of flight."""
     a, b = max(end - round(2.0 / STEP_S), 0), min(end + round(1.0 / STEP_S) + 1, len(grid.t))
     if grid.slow or end >= len(grid.t):
         return float(grid.t[min(end, len(grid.t) - 1)])
@@ -394,6 +394,6 @@ def _landing_time(grid: Grid, end: int) -> float:
     if not stands_out:
         return float(grid.t[end])
     k = int(np.argmax(bump))
-    while k and bump[k - 1] > 0.5 * bump.max():  # a blow is in the means around it, and feet touch more than once
+    while k and bump[k - 1] > 0.5 * bump.max():  # averaging widens the peak, and landing gear touches repeatedly
         k -= 1
     return float(grid.t[a + k])

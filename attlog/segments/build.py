@@ -16,22 +16,21 @@ from attlog.segments.model import Segment, Segments
 Array = NDArray[np.float64]
 # The phases that may stay unknown.
 UNKNOWN = ("armed", "airborne")
-# GNSS speed, and vertical speed, from which a vehicle is not at rest, whatever its IMU feels.
+# GNSS speed and vertical speed above which a vehicle is not at rest, even with a quiet IMU.
 MOVING_M_S, CLIMB_M_S = 3.0, 1.0
 
 
 def build(log: FlightLog) -> Segments:
-    """Return runs, gaps, rests, idling, arming, flight, hover, impact and resets of a log, each with its reason.
+    """Return all segments of a log, each with its reason.
 
-    Without an IMU to replay the first one is used for stillness, however slow. Without any there are the continuous
-    segments of the onboard attitude and the flags. A bug leaves the continuous segments alone, and a problem of the
-    log.
+    Stillness uses the replayed IMU, else the first one, however slow. A log without an IMU has the continuous segments
+    of the onboard attitude and the flags. After a bug only continuous segments remain, and the log gets a problem.
     """
     return guarded_part(log, "Rest, arming and flight", lambda: _found(log), lambda: _continuous_alone(log))
 
 
 def _continuous_alone(log: FlightLog) -> Segments:
-    """Return the segments of successive samples, which every filter and metric needs."""
+    """Return continuous segments and gaps only; all phases are unknown."""
     clock = _clock(log)
     if not len(clock):
         return Segments([], {}, UNKNOWN)
@@ -42,14 +41,14 @@ def _continuous_alone(log: FlightLog) -> Segments:
 
 
 def _clock(log: FlightLog) -> Array:
-    """Return the times (n,) of the unit to replay, else of the first, else of the onboard attitude."""
+    """Return finite times (n,) of the replayed IMU, else the first, else the onboard attitude."""
     imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
     clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
     return clock[np.isfinite(clock)]
 
 
 def _found(log: FlightLog) -> Segments:
-    """Return all segments."""
+    """Build all segments of a log from its sensors and flags."""
     notes: dict[str, str] = {}
     imu = log.replay_imu or next(iter(log.imus), None)
     onboard = log.onboard_attitude
@@ -106,14 +105,14 @@ def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
 
 
 def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
-    """Return the time of [t0, t1] without gaps behind which filters restart."""
+    """Return the spans of [t0, t1] between gaps long enough to restart a filter."""
     return spans.complement(
         [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > timestamps.MAX_BRIDGED_GAP_S], t0, t1
     )
 
 
 def _without_wrecks(whole: Segment, wrecks: list[Wreck]) -> list[Segment]:
-    """Return the parts of a segment outside wrecks; a rest of a wreck is a wreck."""
+    """Return the parts of a segment outside wrecks; a rest in one becomes ``wreck``."""
     if whole.kind not in ("rest.long", "rest.short", "idle", "airborne", "hover"):
         return [whole]
     lost = [(w.impact_s, w.t1) for w in wrecks]
@@ -127,7 +126,7 @@ def _without_wrecks(whole: Segment, wrecks: list[Wreck]) -> list[Segment]:
 
 
 def _lost(wreck: Wreck, t1: float) -> list[Segment]:
-    """Return loss of control and impact of a crash that ends the log, else one loss of control."""
+    """Return a wreck as loss of control, with an impact where it lasts to the log's end."""
     if wreck.t1 < t1:
         return [Segment("loss_of_control", wreck.t0, wreck.t1, wreck.why)]
     lost = [Segment("loss_of_control", wreck.t0, wreck.impact_s, wreck.why)] if wreck.impact_s > wreck.t0 else []
@@ -154,7 +153,7 @@ def _windows(imu: Imu) -> windows.ImuWindows | None:
 
 
 def _rest_note(rests: list[Segment], limit: float, armed: rest.FlagSpans, airborne: rest.FlagSpans) -> str:
-    """Return the sentence on how rest was found, or why there is none."""
+    """Return how rest was found, or why there is none."""
     unknown = [word for word, phase in (("arming", armed), ("flight", airborne)) if not phase.known]
     doubt = f"; {' and '.join(unknown)} unknown, so by the sensors alone" if unknown else ""
     if not rests:

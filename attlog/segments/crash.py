@@ -1,7 +1,7 @@
 """Find overturns and tumbles, how flights ended, and when a vehicle was a wreck.
 
-Sizes are those of docs/story.md, measured on real crashes, hard landings and aerobatics. An autopilot's report of a
-crash is evidence beside these, never a crash by itself: reports come from benches and hands, too.
+Thresholds are from docs/story.md, measured on real crashes, hard landings and aerobatics. An autopilot's crash report
+is no crash by itself: it is also sent for vehicles on a bench or in a hand.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ from attlog.segments.impacts import (
     static_down,
 )
 
-# An overturn: tilt and time, or a steeper tilt for less time.
+# Overturn: minimum tilt and duration, or a larger tilt for a shorter duration.
 MIN_OVERTURN_DEG, MIN_OVERTURN_S, MIN_INVERTED_DEG, MIN_INVERTED_S = 90.0, 0.2, 120.0, 0.05
-# It was upright before, at most so long ago; events closer to each other are one.
+# Tilt that counts as upright, and how long before an overturn; events closer than that are one.
 MAX_UPRIGHT_DEG, UPRIGHT_BEFORE_S = 60.0, 5.0
-# Rate of the gyro that confirms a turn, at most so long before.
+# Gyro rate that confirms an overturn, and how long before it.
 MIN_TURN_DPS, TURN_BEFORE_S = 100.0, 3.0
-# A tumble: rate and time.
+# Tumble: minimum rate and duration.
 MIN_TUMBLE_DPS, MIN_TUMBLE_S = 400.0, 0.3
-# A fall: tilt afterwards, tilt before, time at rest.
+# Fall on the ground: minimum tilt afterwards, maximum tilt before, minimum time lying.
 MIN_TIPPED_DEG, MAX_STANDING_DEG, MIN_LYING_S = 30.0, 15.0, 3.0
-# An autopilot reports a crash at most so long afterwards.
+# Maximum delay of the autopilot's crash report.
 REPORT_AFTER_S = 10.0
 
 
 def find_overturns(context: CrashContext) -> list[CrashEvent]:
-    """Return tilts beyond 90 deg from upright that the IMU confirms and that are no aerobatics."""
+    """Return tilts beyond 90 deg that the IMU confirms, without aerobatics."""
     t, deg = context.tilt.t, context.tilt.deg
     if not len(t):
         return []
@@ -118,7 +118,7 @@ def _has_impact(context: CrashContext, t0: float, t1: float) -> bool:
 
 
 def _imu_confirms(context: CrashContext, t0: float, t1: float) -> bool:
-    """Return whether the IMU shows a turn: a fast rate before, or gravity from the side or above afterwards.
+    """Return whether a fast rate before, or gravity afterwards, confirms an overturn.
 
     Without an IMU the autopilot's report of a crash counts.
     """
@@ -162,7 +162,7 @@ def find_tumbles(context: CrashContext) -> list[CrashEvent]:
 
 
 def find_tipped(context: CrashContext, crashes: list[CrashEvent]) -> list[CrashEvent]:
-    """Return flights that end without a peak, and after which the vehicle lies beyond 30 deg."""
+    """Return flights without an impact peak that end with the vehicle tilted beyond 30 deg."""
     found = []
     for _, b in context.air.spans:
         if any(abs(e.t - b) < UPRIGHT_BEFORE_S for e in crashes):
@@ -175,9 +175,9 @@ def find_tipped(context: CrashContext, crashes: list[CrashEvent]) -> list[CrashE
 
 
 def find_falls(context: CrashContext) -> list[CrashEvent]:
-    """Return falls with motors driven: tilt and accelerometer pass 30 deg together and stay there for 3 s.
+    """Return falls with motors driven: attitude and force beyond 30 deg for 3 s.
 
-    In flight the force of rotors does not lean with the tilt; wings are left out.
+    In flight the specific force of a multirotor does not tilt with the attitude. Winged vehicles are excluded.
     """
     grid = context.air.grid
     if grid.slow or context.log.kind.winged or not np.isfinite(grid.down[:, 0]).any():
@@ -216,17 +216,17 @@ def find_falls(context: CrashContext) -> list[CrashEvent]:
 
 Mask = NDArray[np.bool_]
 
-# Upright again: time, angle of the force, and its standard deviation.
+# Upright again: minimum time, maximum angle of the force to z, maximum standard deviation of the force.
 MIN_UPRIGHT_S, MAX_UPRIGHT_FORCE_DEG, MAX_STEADY_M_S2 = 2.0, 25.0, 0.3
-# Behind a gap of this length, in which it was carried, a shorter time suffices.
+# After a gap of this length, in which the vehicle was carried away, a shorter time is enough.
 MIN_CARRIED_GAP_S, MIN_UPRIGHT_AFTER_GAP_S = 5.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Wreck:
-    """A wreck from a crash at ``t0`` s until the vehicle stood upright again, or the log ended, at ``t1`` s.
+    """Wreck from a crash at ``t0`` s until upright again, or the log's end, at ``t1`` s.
 
-    ``impact_s``: the first impact of the crash, else ``t0``. ``why``: a sentence with numbers.
+    ``impact_s``: first impact of the crash, else ``t0``. ``why``: a sentence with numbers.
     """
 
     t0: float
@@ -237,7 +237,7 @@ class Wreck:
 
 @dataclass(frozen=True, slots=True)
 class FlightOutcome:
-    """The flights of a log, their crashes and hard landings, and the time of wrecks."""
+    """Flights of a log, their crashes and hard landings, and its wrecks."""
 
     flights: list[Span]
     endings: list[CrashEvent]
@@ -245,10 +245,10 @@ class FlightOutcome:
 
 
 def find_crashes(log: FlightLog, air: InAir, armed: list[Span] | None, end: float) -> FlightOutcome:
-    """Return flights without those of wrecks, and how they ended, in time order.
+    """Return the flights of a log and how they ended, in time order.
 
-    ``armed``: None where unknown. ``end``: of the log. A flight ends with its first crash. A later one counts once the
-    vehicle has stood upright, still and undriven.
+    ``armed``: None where unknown. ``end``: end of the log in s. A flight ends with its first crash. A later crash
+    counts only after the vehicle was upright, still and undriven. Movement of a wreck is no flight.
     """
     if not log.kind.flies or not len(air.grid.t):
         return FlightOutcome([], [], [])
@@ -263,7 +263,7 @@ def find_crashes(log: FlightLog, air: InAir, armed: list[Span] | None, end: floa
 
 
 def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> FlightOutcome:
-    """Return flights that end with their first crash, without those of a wreck, and the crash events that count."""
+    """Return flights cut at their first crash, crash events without repeats, and wrecks."""
     kept: list[CrashEvent] = []
     wrecks: list[Wreck] = []
     crash: list[CrashEvent] = []
@@ -297,12 +297,15 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
 
 
 def _same_crash(last: CrashEvent, ending: CrashEvent) -> bool:
-    """Return whether an event adds to the same crash: another kind, or an overturn after a fall."""
+    """Return whether an event extends a crash: another kind, or an overturn after a fall."""
     return ending.kind != last.kind or (last.unit == "deg" and last.size < MIN_OVERTURN_DEG < ending.size)
 
 
 def _stood_since(grid: Grid, driven: Mask, crash: float, t: float) -> float | None:
-    """Return since when the vehicle stood upright, still and undriven before a time: for 2 s, after a gap for 1 s."""
+    """Return when the vehicle was upright, still and undriven between ``crash`` and ``t``.
+
+    For at least 2 s, after a long gap 1 s; None where never.
+    """
     part = spans.between(grid.t, crash + REST_BEGINS_S, t)
     if part.stop <= part.start:
         return None

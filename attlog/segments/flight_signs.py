@@ -1,8 +1,8 @@
-"""Signs of flight every 0.1 s: is the vehicle carried by the air, by the ground or by a hand?
+"""Signs of flight every 0.1 s, to tell air, ground and hand apart.
 
-Sizes are those of docs/story.md, measured on real logs and on simulated flights with true height. On the ground and in
-a hand the specific force is the reaction to gravity, so its sideways part follows the tilt. Rotors push along their own
-axis, so in flight the sideways force hardly depends on the tilt.
+Thresholds are from docs/story.md, measured on real logs and on simulated flights with true height. On the ground and in
+a hand the specific force is the reaction to gravity, so its sideways part follows the tilt. Rotor thrust is along the
+body z axis, so in flight the sideways force hardly depends on the tilt.
 """
 
 from __future__ import annotations
@@ -18,12 +18,15 @@ from attlog.flight.model import FlightLog, Imu, Stream
 
 Array = NDArray[np.float64]
 
-# A position or attitude older than this says nothing about an instant.
+# Maximum time from an instant to the nearest GNSS velocity or attitude.
 MAX_FIX_AGE_S = 1.5
 
 
 def tilt_at(log: FlightLog, at: Array) -> Array:
-    """Return tilt (m,) in deg of the onboard attitude (else the truth) nearest in time, NaN without any near."""
+    """Return tilt (m,) in deg of the onboard attitude, else the truth, at times ``at``.
+
+    Nearest sample; NaN where none is within 1.5 s.
+    """
     attitude = log.onboard_attitude or log.truth
     if attitude is None or len(attitude.t) == 0:
         return np.full(len(at), np.nan)
@@ -33,7 +36,10 @@ def tilt_at(log: FlightLog, at: Array) -> Array:
 
 
 def speed_at(log: FlightLog, at: Array) -> Array:
-    """Return speed (m,) in m/s of the first receiver with a 3D fix nearest in time, NaN without any near."""
+    """Return GNSS speed (m,) in m/s of the first receiver with a 3D fix at times ``at``.
+
+    Nearest sample; NaN where none is within 1.5 s.
+    """
     for gnss in log.gnss:
         velocity = np.where(np.isfinite(gnss.vel_ned), gnss.vel_ned, 0.0)
         good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned[:, :2]) & np.isfinite(gnss.t)
@@ -60,19 +66,19 @@ Mask = NDArray[np.bool_]
 STEP_S = 0.1
 # Standard gravity in m/s^2.
 G = 9.80665
-# Windows of mean force, its variation, mean dynamics, slope, and the size of the force.
+# Averaging windows: mean force, its variation, dynamics, ground slope, length of the force.
 MEAN_S, SPREAD_S, AVERAGE_S, SLOPE_S, SHORT_S = 0.4, 2.0, 3.0, 4.0, 0.2
-# Of a vehicle at rest: standard deviation of force, rate, standard deviation of the tilt.
+# Usual values at rest: standard deviation of force, rate, standard deviation of tilt.
 STILL_FORCE_M_S2, STILL_RATE_DPS, STILL_TILT_DEG = 0.03, 1.0, 0.2
-# Variance of gravity's sideways part, (m/s^2)^2, from which the slope of the sideways force on it is known.
+# Minimum variance of gravity's sideways part, (m/s^2)^2, for a slope of the sideways force on it.
 MIN_SLOPE_VARIANCE = 0.005
-# Faster over the ground nothing touches it.
+# Above this ground speed there is no contact with ground or hand.
 MAX_HAND_M_S = 3.0
-# Slope of the sideways force that shows the ground, for at least this share of the window.
+# Range of the ground slope that shows contact, and the minimum share of the window within it.
 MIN_GROUND_SLOPE, MAX_GROUND_SLOPE, MIN_CONTACT_SHARE = 0.7, 1.6, 0.6
-# Oldest attitude or stream value, and largest hole between IMU samples.
+# Maximum age of an attitude or stream value, and maximum distance to the nearest IMU sample.
 MAX_AGE_S, MAX_SAMPLE_GAP_S = 1.5, 0.5
-# Below this rate of the IMU its movements are not known.
+# Minimum IMU rate for dynamics and contact.
 MIN_IMU_HZ = 8.0
 
 
@@ -82,9 +88,9 @@ class Grid:
 
     ``known`` (n,): the IMU was logged. ``force`` (n, 3) m/s^2: specific force over 0.4 s. ``size`` (n,) m/s^2: its
     length over 0.2 s. ``dynamics`` (n,): mean of the logarithms of how much force, rate and tilt vary, relative to a
-    vehicle at rest; above 0.4 it carries itself, below -0.6 it stands. ``slope`` (n,): of the sideways force on that of
-    a vehicle on the ground. ``contact`` (n,): the slope shows the ground. ``speed`` (n,) m/s over ground. ``down`` (n,
-    3): the earth's down in body axes. ``slow``: the IMU is too slow for all but ``known`` and ``speed``.
+    vehicle at rest; above 0.4 airborne, below -0.6 at rest. ``slope`` (n,): regression slope of the sideways force on
+    that of a vehicle on the ground, near 1 in contact. ``contact`` (n,): the slope shows the ground. ``speed`` (n,) m/s
+    over ground. ``down`` (n, 3): down in body axes. ``slow``: the IMU is too slow for all but ``known`` and ``speed``.
     """
 
     t: Array
@@ -99,12 +105,15 @@ class Grid:
     slow: bool
 
     def index(self, t: float) -> int:
-        """Return the place of a time in the grid."""
+        """Return the grid index nearest to a time in s."""
         return int(np.clip(round((t - self.t[0]) / STEP_S), 0, len(self.t) - 1))
 
 
 def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
-    """Return the signs of flight over [t0, t1] s, None for less than 1 s, or without an IMU and an attitude."""
+    """Return the signs of flight over [t0, t1] s.
+
+    None for less than 1 s, or without both IMU and onboard attitude.
+    """
     imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
     if not t1 - t0 > 1.0 or (imu is None and onboard is None):
         return None
@@ -126,7 +135,7 @@ def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
 
 
 def _fill_signs(grid: Grid, part: slice, rate: Array) -> None:
-    """Fill the signs of an unbroken part, from its force and its rate (n, 3) deg/s without the gyro's offset."""
+    """Fill the signs of a part without gaps; ``rate`` (n, 3) deg/s has no gyro offset."""
     raw, down = grid.force[part], grid.down[part]
     force, turned = _mean(raw, MEAN_S), rotation.length(_mean(rate, MEAN_S))
     signs = [np.sqrt(_variance(rotation.length(force), SPREAD_S)) / STILL_FORCE_M_S2]
@@ -147,7 +156,7 @@ def _fill_signs(grid: Grid, part: slice, rate: Array) -> None:
 
 
 def _mean_samples(imu: Imu, t: Array) -> tuple[Array, Array, Mask]:
-    """Return mean force (n, 3) m/s^2 and rate (n, 3) rad/s of the samples around each time, and where any are near."""
+    """Return mean force (n, 3) m/s^2, mean rate (n, 3) rad/s, and a mask of known times."""
     at, acc, gyro = imu.acc.t_best, imu.acc.x, imu.gyro.x
     n = min(len(at), len(acc), len(gyro))
     good = np.isfinite(at[:n]) & rotation.finite_rows(acc[:n]) & rotation.finite_rows(gyro[:n])
@@ -166,7 +175,7 @@ def _mean_samples(imu: Imu, t: Array) -> tuple[Array, Array, Mask]:
 
 
 def _down_axis(log: FlightLog, t: Array) -> Array:
-    """Return the earth's down in body axes (n, 3) by the onboard attitude, else the true one; NaN without any near."""
+    """Return down in body axes (n, 3) from the onboard attitude, else the truth."""
     attitude = log.onboard_attitude or log.truth
     down = np.full((len(t), 3), np.nan)
     if attitude is None or len(attitude.t) < 2:
@@ -180,7 +189,7 @@ def _down_axis(log: FlightLog, t: Array) -> Array:
 
 
 def _ground_slope(force: Array, gravity: Array) -> Array:
-    """Return the slope (n,) over 4 s of the sideways force on that of a vehicle carried by the ground (n, 3)."""
+    """Return the slope (n,) over 4 s of the sideways force on gravity's sideways part."""
     both = gravity[:, :2], force[:, :2]
     known = np.isfinite(gravity[:, 0])
     g, f = (np.where(known[:, None], x, 0.0) for x in both)
@@ -198,7 +207,7 @@ def seconds_to_nearest(t: Array, at: Array) -> Array:
 
 
 def _mean(x: Array, seconds: float) -> Array:
-    """Return the centred mean of x (n,) or (n, k) over some seconds of the grid, over fewer at the ends."""
+    """Return the centred moving mean of x (n,) or (n, k), over fewer samples at the ends."""
     count = max(round(seconds / STEP_S), 2)
     flat = x.reshape(len(x), -1)
     total = np.concatenate([np.zeros((1, flat.shape[1])), np.cumsum(flat, axis=0)])
@@ -209,7 +218,7 @@ def _mean(x: Array, seconds: float) -> Array:
 
 
 def _variance(x: Array, seconds: float) -> Array:
-    """Return the centred variance of x (n,) or (n, k) over some seconds of the grid, NaN beside a NaN."""
+    """Return the centred moving variance of x (n,) or (n, k); NaN near a NaN."""
     known = rotation.finite_rows(x.reshape(len(x), -1))
     if not known.any():
         return np.full(x.shape, np.nan)
@@ -227,7 +236,10 @@ def true_runs(mask: Mask) -> Iterator[tuple[int, int]]:
 
 
 def hold_last(t: Array, stream: Stream, nothing: float = 0.0) -> Array:
-    """Return the last value (n,) of a stream's first column at or before ``t``, ``nothing`` where that is too old."""
+    """Return the last value (n,) of a stream's first column at or before ``t``.
+
+    ``nothing`` where that value is too old.
+    """
     x = stream.x.reshape(len(stream.t), -1)[:, 0]
     usual = float(np.median(np.diff(stream.t))) if len(stream.t) > 1 else MAX_AGE_S
     i = np.clip(np.searchsorted(stream.t, t, side="right") - 1, 0, len(stream.t) - 1)

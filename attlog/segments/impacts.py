@@ -1,4 +1,4 @@
-"""Find impact peaks and hard landings in raw samples of every IMU, with the context that crashes are judged by."""
+"""Find impact peaks and hard landings in raw samples of every IMU."""
 
 from __future__ import annotations
 
@@ -18,18 +18,19 @@ from attlog.segments.flight_signs import G
 Array = NDArray[np.float64]
 CrashKind = Literal["impact", "overturn", "tumble", "hard_landing"]
 
-# Time after an event in which the vehicle lies at rest, if it does.
+# Window after an event in which rest is tested.
 REST_BEGINS_S, REST_ENDS_S = 1.5, 4.0
-# At rest: rate, and force beside gravity, at most. With motors driven tilt and force agree to the third.
+# Rest: maximum rate, and maximum deviation of the force from gravity. Maximum difference between the tilt by attitude
+# and by force while motors are driven.
 MAX_REST_RATE_DPS, MAX_REST_FORCE_ERROR_M_S2, MAX_TILT_DIFFERENCE_DEG = 60.0, 2.5, 30.0
 
 
 @dataclass(frozen=True, slots=True)
 class CrashEvent:
-    """A crash or a hard landing at ``t`` s.
+    """Crash or hard landing at ``t`` s.
 
     ``size`` in ``unit``: g of a peak, deg of the largest tilt, deg/s of a tumble. ``lies_deg``: tilt at rest
-    afterwards, None without rest. ``rate``: of the IMU in Hz. ``why``: a sentence with numbers. ``sources``: evidence.
+    afterwards, None without rest. ``rate``: IMU rate in Hz. ``why``: a sentence with numbers. ``sources``: evidence.
     """
 
     kind: CrashKind
@@ -82,7 +83,7 @@ def onboard_tilt(log: FlightLog) -> TiltTrack:
 
 @dataclass(slots=True)
 class CrashContext:
-    """What crash rules look at: log, signs of flight, armed spans, end of the log, tilt."""
+    """Input of the crash rules: log, signs of flight, armed spans, end of the log, tilt."""
 
     log: FlightLog
     air: InAir
@@ -101,10 +102,10 @@ class CrashContext:
 
 
 def rest_tilt(context: CrashContext, t: float) -> float | None:
-    """Return the tilt in deg at which the vehicle lies after ``t`` s by an accelerometer, None without rest.
+    """Return the tilt in deg at rest after ``t`` s by an accelerometer, None without rest.
 
-    The replayed unit first; the next one where it has no samples or measures another force than gravity. With motors
-    driven the onboard attitude has to agree, because rotors push too.
+    The replayed IMU is used, else the next one with samples whose mean force is gravity. With motors driven the onboard
+    attitude has to agree, because rotor thrust adds to the force.
     """
     t0, t1 = t + REST_BEGINS_S, t + REST_ENDS_S
     replayed = context.log.replay_imu
@@ -120,7 +121,7 @@ def rest_tilt(context: CrashContext, t: float) -> float | None:
 
 
 def _rest_tilt_of(context: CrashContext, imu: Imu, t0: float, t1: float) -> float | None:
-    """Return the angle in deg between a unit's mean force within [t0, t1] s and static down, None where it moves."""
+    """Return the angle in deg between static down and an IMU's mean force, None if moving."""
     n = min(len(imu.acc.t_best), len(imu.acc.x), len(imu.gyro.x))
     part = spans.between(imu.acc.t_best[:n], t0, t1)
     t, acc, gyro = imu.acc.t_best[part], imu.acc.x[part], imu.gyro.x[part]
@@ -136,7 +137,7 @@ def _rest_tilt_of(context: CrashContext, imu: Imu, t0: float, t1: float) -> floa
 
 
 def static_down(context: CrashContext) -> Array:
-    """Return down (3,) in body axes at rest: along z; of a tail-sitter as it stood before its first flight."""
+    """Return down (3,) in body axes at rest: z, or of a tail-sitter as before its first flight."""
     level = np.array([0.0, 0.0, 1.0])
     first = min((a for a, _ in context.air.spans), default=0.0)
     grid = context.air.grid
@@ -159,13 +160,14 @@ def max_rate_dps(context: CrashContext, t0: float, t1: float) -> float:
 
 # --- impact peaks ------------------------------------------------------------------------------------------------
 
-# Peaks of hard landings, impacts, hard landings in a simulator (stiff ground), and impacts by tilt before them alone.
+# Minimum peak of a hard landing, of an impact, of a hard landing in a simulator (stiff ground), and of an impact that
+# is confirmed only by the tilt before it.
 MIN_HARD_LANDING_G, MIN_IMPACT_G, MIN_SIMULATED_LANDING_G, MIN_VIOLENT_G = 3.0, 4.0, 10.0, 8.0
-# Time around a flight in which peaks count.
+# Time before and after a flight in which peaks count.
 BEFORE_S, AFTER_S = 1.5, 2.5
-# A peak is this many times the 98 % quantile of the seconds before it; vibration is not.
+# Minimum ratio of a peak to the 98 % quantile of the seconds before it, which excludes vibration.
 PEAK_FACTOR, PEAK_BEFORE_S = 1.8, 5.0
-# Distance of a sensor from the axis of a spinning vehicle: its centripetal force is no impact.
+# Maximum distance of the IMU from the spin axis; the centripetal force of that arm is subtracted.
 MAX_SENSOR_ARM_M = 0.1
 # Evidence of an impact: tilt at rest, undriven and driven; largest tilt soon after; end of the log; spin with tilt;
 # tilt just before.
@@ -174,15 +176,15 @@ MIN_FALLEN_DEG, FALL_S = 75.0, 3.0  # tilt after an impact, and time until then
 LOG_STOPS_S = 1.0  # power is lost in the impact
 MIN_SPIN_DPS, MIN_SPIN_TILT_DEG = 250.0, 30.0  # around the peak
 MIN_LEAN_DEG = 20.0  # before a violent peak
-# A vehicle in the air so long afterwards has not crashed.
+# Still in the air after this time: no crash.
 FLIES_ON_S = 6.0
-# From this rate of an IMU the peak of a crash shows; at 25 Hz a third of it is left.
+# Minimum IMU rate that resolves an impact peak; at 25 Hz a third of the peak is left.
 MIN_IMPACT_HZ = 40.0
 
 
 @dataclass(frozen=True, slots=True)
 class ImpactPeak:
-    """A force peak of ``g`` at ``t`` s that stands out of the seconds before."""
+    """Force peak of ``g`` (standard gravity) at ``t`` s; ``rate`` of the IMU in Hz."""
 
     t: float
     g: float
@@ -191,12 +193,12 @@ class ImpactPeak:
 
 
 def shows_impacts(log: FlightLog) -> bool:
-    """Return whether some IMU of the log is fast enough to show the peak of a crash."""
+    """Return whether an IMU of the log is fast enough to resolve an impact peak."""
     return any(imu.acc.rate >= MIN_IMPACT_HZ for imu in log.imus)
 
 
 def impact_peaks(imu: Imu, within: list[Span], least_g: float) -> list[ImpactPeak]:
-    """Return peaks above ``least_g`` that stand out of the seconds before them, within spans."""
+    """Return force peaks within spans above ``least_g`` and above preceding vibration."""
     t, force = imu.acc.t_best, rotation.length(imu.acc.x) / G
     n = min(len(t), len(force), len(imu.gyro.x))
     t, force = t[:n], force[:n]
@@ -218,7 +220,7 @@ def impact_peaks(imu: Imu, within: list[Span], least_g: float) -> list[ImpactPea
 
 
 def find_impacts(context: CrashContext) -> list[CrashEvent]:
-    """Return peaks in or beside flight: impacts with other evidence, else hard landings at a flight's end."""
+    """Return impacts, which need further evidence, and hard landings at a flight's end."""
     around = spans.merge((a - BEFORE_S, b + AFTER_S) for a, b in context.air.spans)
     around = spans.intersect(around, [(a, b + AFTER_S) for a, b in context.armed])
     every = [b for imu in context.log.imus for b in impact_peaks(imu, around, MIN_HARD_LANDING_G)]
@@ -249,7 +251,7 @@ def find_impacts(context: CrashContext) -> list[CrashEvent]:
 
 
 def _merge_peaks(every: list[ImpactPeak]) -> list[ImpactPeak]:
-    """Merge peaks within 1 s: the earliest time of those that reach half of the largest size."""
+    """Merge peaks within 1 s: largest size, earliest time of a peak of half that size."""
     found: list[ImpactPeak] = []
     for blow in sorted(every, key=lambda b: b.t):
         if found and blow.t - found[-1].t < 1.0:
@@ -262,7 +264,7 @@ def _merge_peaks(every: list[ImpactPeak]) -> list[ImpactPeak]:
 
 
 def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
-    """Return the evidence that a peak above 4 g is an impact, empty without any."""
+    """Return the evidence that a peak above 4 g is an impact; empty without evidence."""
     t = blow.t
     if context.flies_at(t + FLIES_ON_S):
         return ""

@@ -40,7 +40,7 @@ WINDOWS = ("all", "rest", "rest.long", "idle", "armed", "airborne", "hover", "cr
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A segment of time in s on the log's clock; ``why`` is a sentence with numbers."""
+    """Segment [t0, t1] in s on the log's clock; ``why`` is a sentence with numbers."""
 
     kind: str
     t0: float
@@ -57,8 +57,8 @@ class Segment:
 class Segments:
     """All segments of a log.
 
-    ``notes``: how flags and sensors were weighed, by kind. ``unknown``: phases (armed, airborne) that are not logged.
-    ``air``: signs of flight, None without sensors. ``endings``: crashes and hard landings in time order.
+    ``notes``: source of each phase, by kind. ``unknown``: phases (armed, airborne) that the log does not show. ``air``:
+    signs of flight, None without sensors. ``endings``: crashes and hard landings in time order.
     """
 
     segments: list[Segment] = field(default_factory=list)
@@ -102,14 +102,14 @@ T = TypeVar("T", bound=np.generic)
 
 
 def sample_rate(t: Array) -> float:
-    """Return the rate in Hz of times (n,) s without the time of gaps, 0 for fewer than two."""
+    """Return the sample rate in Hz of times (n,) s outside gaps, 0 for fewer than two."""
     dt = np.diff(t)
     dt = dt[(dt > 0) & (dt <= timestamps.gap_limit_of_times(t))]
     return len(dt) / float(np.sum(dt)) if len(dt) else 0.0
 
 
 def number_segments(t: Array, limit: float | None = None) -> NDArray[np.int64]:
-    """Return the number (n,) of each time's segment; a gap or a backward step begins a new one."""
+    """Return the segment number (n,) of each time; a gap or backward step starts a new one."""
     if len(t) == 0:
         return np.zeros(0, np.int64)
     dt = np.diff(t)
@@ -123,9 +123,9 @@ def number_segments(t: Array, limit: float | None = None) -> NDArray[np.int64]:
 
 
 def merge_numbers(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return segment numbers (n,) that rise wherever one of these numbers changes.
+    """Return segment numbers (n,) that increase wherever any input number changes.
 
-    The first array itself where it is that already, because copies add up: read only.
+    Returns the first array itself if equal, to save memory: read only.
     """
     if len(numbers[0]) == 0:
         return np.zeros(0, np.int64)
@@ -137,7 +137,7 @@ def merge_numbers(*numbers: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def segment_slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list[slice]:
-    """Return index ranges of neighbouring samples inside a mask with the same segment number (n,)."""
+    """Return slices of consecutive samples inside a mask with one segment number."""
     if len(inside) == 0:
         return []
     edges = np.flatnonzero((inside[1:] != inside[:-1]) | (np.diff(number) != 0)) + 1
@@ -146,7 +146,10 @@ def segment_slices(inside: NDArray[np.bool_], number: NDArray[np.int64]) -> list
 
 
 def select_good(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T], ...]:
-    """Return the good samples of arrays (n, ...), without a copy where all or a middle part is good: read only."""
+    """Return the samples of arrays (n, ...) selected by a mask.
+
+    Views without a copy where one contiguous majority is good: read only.
+    """
     if good.all():
         return arrays
     begin, end = int(good.argmax()), len(good) - int(good[::-1].argmax())
@@ -156,7 +159,10 @@ def select_good(good: NDArray[np.bool_], *arrays: NDArray[T]) -> tuple[NDArray[T
 
 
 def select_rising(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return the samples (m,), (m, k) that are finite and later than all before, the arrays themselves if all are."""
+    """Return finite samples (m,), (m, k) whose times strictly increase.
+
+    Returns the arrays themselves if all samples qualify.
+    """
     good = np.isfinite(t) & rotation.finite_rows(x)
     if good.all() and (t[1:] > t[:-1]).all():
         return t, x
@@ -192,7 +198,7 @@ def find_continuous(t: Array, replayed: bool = True) -> list[Segment]:
 
 
 def restart_times(t: Array) -> Array:
-    """Return the times (k,) at which a filter restarts: the first sample, and those behind long gaps."""
+    """Return times (k,) of filter restarts: the first sample and those after long gaps."""
     if len(t) == 0:
         return np.zeros(0)
     dt = np.diff(t)
@@ -202,17 +208,18 @@ def restart_times(t: Array) -> Array:
 
 # --- converged time ----------------------------------------------------------------------------------------------
 
-CONVERGED_AFTER_MOTORS_S = 5.0  # filters still hold vibration
-# Filters were seen to turn their heading for 20 s after their start.
+CONVERGED_AFTER_MOTORS_S = 5.0  # filter states still contain vibration errors
+# Observed: filters change their heading for 20 s after their start.
 DRIFT_AFTER_START_S = 20.0
 
 
 def converged_spans(
     each: Iterable[Span], segments: Segments, starts: Iterable[float], after_start_s: float
 ) -> Iterator[list[Span]]:
-    """Yield for each span its time later than ``after_start_s`` after each start, and later than motors stopped.
+    """Yield the converged parts of each span.
 
-    ``starts``: the filter's first attitude and each restart. Time before the first does not count.
+    Excludes ``after_start_s`` after each of ``starts`` (first attitude and restarts), all time before the first start,
+    and 5 s after each armed, airborne or idle segment.
     """
     began = sorted(starts)
     if not began:

@@ -1,4 +1,4 @@
-"""Find resets: jumps of an attitude that no rotation of the vehicle explains."""
+"""Find resets: jumps of an attitude without a matching gyro rotation."""
 
 from __future__ import annotations
 
@@ -14,19 +14,21 @@ from attlog.segments.model import Segments
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1  # share of the interval's rotation
-# Tried on simulated flights: they find all counted resets; agile flights show 0 to 1 false ones.
+# Limit of an unexplained rotation: max(SMALLEST_DEG, SIGMAS x robust sigma) + SHARE of the interval's rotation.
+SMALLEST_DEG, SIGMAS, SHARE = 1.0, 6.0, 0.1
+# Intervals on each side, and the minimum ratio to their 90th percentile. On simulated flights all logged resets are
+# found; agile flights show 0 to 1 false ones.
 NEIGHBOURS, NEIGHBOUR_FACTOR = 10, 4.0
-# Intervals per pass: temporaries of long logs stay small.
+# Intervals per pass, to limit memory on long logs.
 CHUNK = 50_000
 
 
 def find_resets(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
-    """Return indices i (k,) where the step from sample i-1 to i is a reset, and a sentence for each.
+    """Return indices i (k,) of resets between samples i-1 and i, with reasons.
 
-    The log's own counters, and jumps that the gyro does not explain: above ``max(1 deg, 6 sigma) + 10 %`` of the
-    interval's rotation, and above 4 times the 90th percentile of the unexplained rotation in the 10 intervals on each
-    side, next neighbours left out (docs/metrics.md). Not across gaps.
+    Resets are those of the log's counters and events, and rotation that the gyro does not explain: above ``max(1 deg, 6
+    sigma) + 10 %`` of the interval's rotation, and above 4 times the 90th percentile of the unexplained rotation in the
+    10 intervals on each side without the direct neighbours (docs/metrics.md). Gaps are excluded.
     """
     counted = {int(i): "reset counter or event of the autopilot" for i in attitude.resets if 0 < i < len(attitude.t)}
     unexplained = unexplained_deg(attitude, imu)
@@ -43,7 +45,7 @@ def find_resets(attitude: Attitude, imu: Imu | None) -> tuple[Index, list[str]]:
 
 
 def known_resets(log: FlightLog, name: str, segments: Segments) -> tuple[Index, list[str]]:
-    """Return :func:`find_resets` of an attitude of the log, for the onboard one by its segments."""
+    """Return resets as :func:`find_resets`, for the onboard attitude from its segments."""
     attitude = log.attitudes[name]
     if name != log.onboard:
         return find_resets(attitude, log.replay_imu)
@@ -53,9 +55,9 @@ def known_resets(log: FlightLog, name: str, segments: Segments) -> tuple[Index, 
 
 @cached_per_log
 def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] | None:
-    """Return rotation (n-1,) in deg per interval that the gyro does not explain, and the gyro's own; None without gyro.
+    """Return rotation (n-1,) in deg per interval: unexplained by the gyro, and by the gyro.
 
-    NaN for intervals across a gap of the attitude or of the gyro, or outside it.
+    The unexplained one is NaN for intervals in or across a gap of attitude or gyro. None without a gyro.
     """
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     if imu is None or len(t) < 3 or len(imu.gyro.t) < 3:
@@ -81,7 +83,7 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
 
 
 def _jump_indices(jump: Array, rotated: Array) -> Index:
-    """Return the intervals whose unexplained rotation exceeds that of the log and of the neighbours."""
+    """Return indices of intervals whose unexplained rotation exceeds both limits."""
     known = np.isfinite(jump)
     if not known.any():
         return np.zeros(0, np.int64)

@@ -1,8 +1,8 @@
 """Find rest, idling and hover by the IMU, and weigh the autopilot's flags of arming and flight.
 
-Rest gives noise and gyro offset, so it must never be hover: the limit follows the log's quietest windows but is capped,
-because a log with little rest would otherwise find "rest" in a calm hover. A flag decides only where no sensor can:
-land detectors are late by seconds, and some are never updated.
+Noise and gyro offset are measured at rest, so hover must be excluded: the noise limit scales with the log's quietest
+windows and is capped, because otherwise a calm hover passes in a log with little rest. Flags are used only where
+sensors are missing: land detectors are seconds late, and some are never updated.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from attlog.segments.airborne import InAir
 from attlog.segments.model import Segment
 from attlog.segments.windows import ImuWindows, join_windows
 
-# Where neither arming nor drive is logged: a rest this long is no flight.
+# Minimum time at rest that excludes flight by a land detector where arming is not logged.
 MIN_LYING_S = 5.0
-# Share of the motors' range up to which they stand still.
+# Maximum output of a stopped motor, as a share of its range.
 MAX_STOPPED_OUTPUT = 0.01
 
 
 @dataclass(slots=True)
 class FlagSpans:
-    """Spans of a phase. ``known``: it is logged. ``measured``: not by a flag."""
+    """Spans of a phase with their source; ``known``: logged, ``measured``: by motor outputs."""
 
     known: bool
     spans: list[Span] = field(default_factory=list)
@@ -37,7 +37,10 @@ class FlagSpans:
 
 
 def flag_spans(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]:
-    """Return spans of [t0, t1] in which a flag has a value; before its first entry the first holds."""
+    """Return the spans of [t0, t1] in which a flag equals ``wanted``.
+
+    The first entry also applies to the time before it.
+    """
     if not line.value:
         return []
     t = np.concatenate([[t0], np.clip(np.asarray(line.t, np.float64), t0, t1), [t1]])
@@ -47,7 +50,7 @@ def flag_spans(line: TimeLine, wanted: bool, t0: float, t1: float) -> list[Span]
 
 
 def armed_spans(log: FlightLog, t0: float, t1: float) -> FlagSpans:
-    """Return when the motors were armed, by the autopilot's flag."""
+    """Return the armed spans by the autopilot's flag."""
     if log.state.armed is None or not log.state.armed.value:
         return FlagSpans(False, why="the log holds no arming state")
     return FlagSpans(True, flag_spans(log.state.armed, True, t0, t1), f"armed by {log.state.armed.source}")
@@ -56,9 +59,9 @@ def armed_spans(log: FlightLog, t0: float, t1: float) -> FlagSpans:
 def airborne_spans(
     log: FlightLog, armed: FlagSpans, air: InAir | None, flights: list[Span], lying: list[Span], t0: float, t1: float
 ) -> FlagSpans:
-    """Return when the vehicle flew: by physics, by the land detector only without sensors.
+    """Return the airborne spans by sensors, else by the land detector.
 
-    ``air``: signs of flight over [t0, t1] s. ``flights``: flights that count. ``lying``: spans as still as a surface.
+    ``air``: signs of flight over [t0, t1] s. ``flights``: flights outside wrecks. ``lying``: spans still as the ground.
     """
     if not log.kind.flies:
         return FlagSpans(True, [], f"a {log.vehicle} does not fly")
@@ -74,7 +77,7 @@ def airborne_spans(
 
 
 def motor_spans(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagSpans:
-    """Return when motors turned: by their outputs, else arming, else rotor speed, else throttle."""
+    """Return spans of turning motors by outputs, else arming, rotor speed or throttle."""
     if log.power.motors is not None and len(log.power.motors.t) > 1:
         return FlagSpans(
             True,
@@ -91,7 +94,7 @@ def motor_spans(log: FlightLog, armed: FlagSpans, t0: float, t1: float) -> FlagS
 
 
 def busy_spans(armed: FlagSpans, motors: FlagSpans) -> list[Span]:
-    """Return when nothing rests: while motors turn, and from arming until they have turned for the last time."""
+    """Return spans that exclude rest: motors turning, and arming up to their last turn."""
     last = [(a, max((d for _, d in spans.intersect([(a, b)], motors.spans)), default=a)) for a, b in armed.spans]
     return spans.merge([*motors.spans, *last])
 
@@ -110,15 +113,15 @@ Mask = NDArray[np.bool_]
 
 MIN_RATE_STD_DPS, MAX_RATE_STD_DPS, RATE_STD_FACTOR = 0.15, 0.6, 4.0  # bounds, and multiple of the log's floor
 MAX_FORCE_STD_M_S2 = 0.15  # noise of the force at rest
-MAX_MEAN_RATE_DPS = 0.3  # from the mean rate of the windows around
-NEIGHBOURS_S = 30.0  # a bias is constant so long
-# Tried on simulated flights with truth and on real logs.
+MAX_MEAN_RATE_DPS = 0.3  # difference from the median mean rate of still windows nearby
+NEIGHBOURS_S = 30.0  # time on each side in which the gyro bias is taken as constant
+# Tuned on simulated flights with truth and on real logs.
 MIN_LONG_REST_S, MIN_SHORT_REST_S, MIN_IDLE_S = 10.0, 2.0, 1.0
-IDLE_RATE_DPS = 1.0  # the ground does not turn
-# Rates up to here may be the gyro's own offset where no rest shows it.
+IDLE_RATE_DPS = 1.0  # maximum mean rate on the ground
+# Maximum mean rate where no rest gives the gyro offset.
 IDLE_OFFSET_DPS = 3.0
 
-# An accelerometer that shows less than this is not one that feels gravity.
+# Minimum mean force at rest; below it the accelerometer does not measure gravity.
 MIN_FORCE_M_S2 = 1.0
 
 
@@ -136,10 +139,10 @@ def largest_rate_limit(windows: ImuWindows, motors: FlagSpans) -> float:
 
 
 def still_windows(windows: ImuWindows, motors: FlagSpans) -> Mask:
-    """Mark windows (m,) as still as a surface: little noise, and a mean rate like the still windows around.
+    """Mark windows (m,) as still as the ground: little noise, steady mean rate.
 
-    The limit is capped because a calm hover is nearly as quiet. Where outputs show stopped motors no hover is possible,
-    and the cap alone is the limit.
+    The mean rate is compared with quiet windows within 30 s. The noise limit is capped because a calm hover is nearly
+    as quiet. Where motor outputs show stopped motors hover is impossible, and the cap itself is the limit.
     """
     limit = np.full(len(windows.t0), still_rate_limit(windows))
     if motors.measured:
@@ -155,7 +158,7 @@ def still_windows(windows: ImuWindows, motors: FlagSpans) -> Mask:
 def find_rests(
     windows: ImuWindows, still: Mask, airborne: FlagSpans, motors: FlagSpans, busy: list[Span], moving: Mask
 ) -> list[Segment]:
-    """Return rests of both classes; ``moving`` marks windows of travel by GNSS or of a climb by height."""
+    """Return long and short rests; ``moving`` marks windows with GNSS speed or climb."""
     forbidden = [*airborne.spans, *busy]
     passed = still & ~moving & ~spans.overlaps(windows.t0, windows.t1, forbidden)
     limit = largest_rate_limit(windows, motors)
@@ -193,7 +196,7 @@ def find_idles(
 
 
 def _median_around(windows: ImuWindows, quiet: Mask) -> Array:
-    """Return the median mean rate (m, 3) of the quiet windows around each window, NaN without any."""
+    """Return the median mean rate (m, 3) of quiet windows within 30 s, NaN without any."""
     around = np.full((len(quiet), 3), np.nan)
     i = np.flatnonzero(quiet)
     if len(i) == 0:
@@ -222,7 +225,10 @@ MIN_HOVER_S, MAX_HOVER_RATE_DPS, MAX_HOVER_TILT_DEG, MAX_HOVER_SPEED_M_S = 3.0, 
 
 
 def find_hovers(log: FlightLog, windows: ImuWindows, airborne: FlagSpans) -> list[Segment]:
-    """Return hovers: airborne for 3 s with rate < 10 deg/s rms, tilt < 20 deg and, where known, speed < 1 m/s."""
+    """Return hovers of at least 3 s: airborne, rate < 10 deg/s rms, tilt < 20 deg, speed < 1 m/s.
+
+    Unknown tilt or speed passes.
+    """
     if not airborne.spans or not log.kind.hovers:
         return []
     wholly = ~spans.overlaps(windows.t0, windows.t1, spans.complement(airborne.spans, -np.inf, np.inf))

@@ -1,4 +1,4 @@
-"""Statistics of the IMU in short windows, for stillness, idling and hover, and its vibration second by second."""
+"""IMU statistics in short windows for rest, idling and hover, and vibration per second."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from attlog.segments import model
 Array = NDArray[np.float64]
 
 MIN_WINDOW_S = 0.5  # short against rests, long against samples
-# A standard deviation needs a few samples: slow logs get longer windows.
+# Minimum samples for a standard deviation: slow logs get longer windows.
 MIN_WINDOW_SAMPLES = 5
 
-# Windows per pass: temporaries of long logs stay small.
+# Windows per pass, to limit memory on long logs.
 WINDOWS_PER_PASS = 2048
 
 
@@ -48,7 +48,10 @@ class ImuWindows:
 
 
 def build_windows(t: Array, gyro: Array, acc: Array) -> ImuWindows:
-    """Return windows over good samples (n,), (n, 3) rad/s, (n, 3) m/s^2, without those of under 3 samples."""
+    """Return window statistics of good samples: gyro in rad/s, accelerometer in m/s^2.
+
+    Windows of fewer than 3 samples are dropped.
+    """
     dt = np.diff(t)
     usual = float(np.median(dt[dt > 0])) if np.any(dt > 0) else MIN_WINDOW_S
     seconds = max(MIN_WINDOW_S, MIN_WINDOW_SAMPLES * usual)
@@ -106,7 +109,7 @@ def _statistics(gyro: Array, acc: Array, key: NDArray[np.int64], count: NDArray[
 
 
 def join_windows(windows: ImuWindows, passed: NDArray[np.bool_]) -> list[tuple[float, float]]:
-    """Return spans (t0, t1) in s of neighbouring windows of one continuous segment that all passed."""
+    """Return spans (t0, t1) in s of consecutive windows in one segment that all passed."""
     i = np.flatnonzero(passed)
     if len(i) == 0:
         return []
@@ -120,12 +123,12 @@ def join_windows(windows: ImuWindows, passed: NDArray[np.bool_]) -> list[tuple[f
 
 # --- vibration ---------------------------------------------------------------------------------------------------
 
-# What is faster than a mean over 0.2 s is vibration; its standard deviation is taken over 1 s.
+# Vibration is the force minus its moving mean over 0.2 s; its RMS is taken over 1 s.
 VIBRATION_MEAN_S, VIBRATION_WINDOW_S = 0.2, 1.0
 
 
 def vibration_levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
-    """Return starts (m,) in s of windows of 1 s inside spans, and the deviation (m, 3) of fast force in them."""
+    """Return starts (m,) in s of 1 s windows within spans and their vibration RMS (m, 3)."""
     t, acc = imu.acc.t_best, imu.acc.x
     good = np.isfinite(t) & rotation.finite_rows(acc) & inside(t, within)
     t, acc = t[good], acc[good]
@@ -148,7 +151,7 @@ def vibration_levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
 
 
 def centred_mean(x: Array, n: int) -> Array:
-    """Return the centred mean (m, k) over ``n`` samples, over fewer at the ends."""
+    """Return the centred moving mean (m, k) over ``n`` samples, over fewer at the ends."""
     total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
     i = np.arange(len(x))
     low, high = np.maximum(i - n // 2, 0), np.minimum(i + (n - n // 2), len(x))

@@ -16,7 +16,7 @@ BEGUN_S = 0.5
 
 
 def events(log: FlightLog, segments: Segments) -> list[Event]:
-    """Return everything that happened, in time order, one event each however many sources report it."""
+    """Return all events of a flight in time order, merged across sources."""
     found: list[Event] = []
     quoted: list[flight_events.Text] = []
     for what, make in (
@@ -36,7 +36,7 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
     )
     lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
     for k, event in enumerate(found):
-        # A warning as the log begins is the autopilot starting, one of a wreck no news.
+        # Warnings at the start of the log (autopilot boot) and of a wreck are only notes.
         starts = event.t < BEGUN_S and event.t_end is None
         if event.severity == "warning" and (starts or any(a + 0.1 < event.t <= b for a, b in lost)):
             found[k] = replace(event, severity="note")

@@ -33,23 +33,23 @@ from attlog.story.flight_events import (
 
 # --- jumps of GNSS -----------------------------------------------------------------------------------------------
 
-# An estimator rejects GNSS for a while before it says so: what is looked at around a report.
+# Window around a report of a GNSS jump: an estimator rejects GNSS for some time before it reports.
 JUMP_BEFORE_S, JUMP_AFTER_S = 10.0, 1.0
-# Fewer seconds with fixes before the report tell nothing.
+# Minimum time with fixes before the report.
 MIN_FIX_S = 5.0
-# Below this the position follows the velocity: ArduPilot's EK2_GLITCH_RAD and EK3_GLITCH_RAD are 25 m, and a position
-# wanders by some metres in minutes.
+# Maximum disagreement of a steady GNSS: ArduPilot's EK2_GLITCH_RAD and EK3_GLITCH_RAD are 25 m, and a position drifts
+# by some metres in minutes.
 MAX_STEADY_M = 5.0
 GAP_S, GNSS_FIX_3D = 2.0, 3
-# Of a sphere of 6,371 km.
+# One degree of latitude on a sphere of radius 6,371 km.
 M_PER_DEG = 111_195.0
 
 
 def gnss_disagreement_m(receivers: Sequence[Gnss], t: float) -> float:
-    """Return the largest distance in m between position and integrated velocity around ``t`` s, NaN where unknown.
+    """Return the largest difference in m of position and integrated velocity around ``t`` s.
 
-    Of the first receiver with a 3D fix without a gap, with position and velocity, from 10 s before to 1 s after. A lost
-    fix is infinite. A receiver measures position and velocity apart (Doppler).
+    Uses the first receiver with gapless positions and velocities from 10 s before to 1 s after; infinite where a fix is
+    lost, NaN without such a receiver. A receiver measures velocity (Doppler) independently of position.
     """
     for gnss in receivers:
         near = (gnss.t >= t - JUMP_BEFORE_S) & (gnss.t <= t + JUMP_AFTER_S)
@@ -79,15 +79,15 @@ def _spread(
 
 # --- rejected aids -----------------------------------------------------------------------------------------------
 
-# Rejected for this long without a break: single outliers are what the test is for.
+# Minimum uninterrupted rejection; single outliers are normal.
 MIN_REJECTION_S = 1.0
-# Both ends of a flight: the ground pushes there, and a blow reaches back through records of 5 Hz.
+# Time cut from both ends of a flight: ground contact, and an impact within one record of 5 Hz.
 FLIGHT_MARGIN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """Rejection of an aid: spans of a second and more, the largest ratio to its gate, and the record."""
+    """Rejection of an aid: spans of at least 1 s, largest test ratio, log record."""
 
     aid: str
     spans: list[Span]
@@ -107,7 +107,7 @@ class Rejection:
 
     @property
     def text(self) -> str:
-        """A sentence with all of it."""
+        """Sentence with duration and largest ratio."""
         first, last = self.spans[0][0], self.spans[-1][1]
         parts = f" in {len(self.spans)} parts of {MIN_REJECTION_S:.0f} s and more ({self.longest:.0f} s on end)"
         times = parts if len(self.spans) > 1 else ""
@@ -118,7 +118,7 @@ class Rejection:
 
 
 def aid_rejections(log: FlightLog, segments: Segments) -> list[Rejection]:
-    """Return for each aid with a test ratio in flight what was rejected there (maybe nothing), without wrecks."""
+    """Return the rejections, possibly none, of each aid with test ratios in flight."""
     spans = [
         (a + FLIGHT_MARGIN_S, b - FLIGHT_MARGIN_S)
         for a, b in segments.spans("airborne")
@@ -148,7 +148,7 @@ def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
     ]
 
 
-# Cores of one estimator do the same within so many seconds: one event.
+# Texts of an estimator's cores within this time are one event.
 TOGETHER_S = 1.5
 LOST_S = 2.0
 FIX_3D = 3
@@ -157,7 +157,7 @@ SWITCHED = ("lane_switch", "estimator_instance_changed")
 
 
 def onboard_estimator_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """Return the events in no order, and the texts that they quote."""
+    """Return the estimator's events, unordered, and the texts that they quote."""
     quoted: list[Text] = []
     found = [*_realign_events(log, segments, quoted), *_reset_events(segments), *_switch_events(log, segments, quoted)]
     return [
@@ -185,7 +185,7 @@ def _driven_at(segments: Segments, t: float) -> bool:
 
 
 def _realign_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
-    """Return yaw alignments: the first after arming is usual, others are warnings."""
+    """Return yaw alignments while armed; the first is normal, later ones are warnings."""
     found = []
     texts = matching_texts(log, REALIGNED)
     quoted += texts
@@ -205,7 +205,7 @@ def _realign_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> l
 
 
 def _reset_events(segments: Segments) -> list[Event]:
-    """Return steps of the onboard attitude while armed that are no rotation."""
+    """Return resets of the onboard attitude while armed."""
     return [
         Event("reset", s.t1, "note", f"The onboard attitude was reset at {s.t1:.1f} s: {s.why}.", evidence=[s.why])
         for s in segments.of("reset")
@@ -250,7 +250,7 @@ def _reason(text: str) -> str:
 
 
 def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
-    """Return time in flight without a 3D fix of any receiver, after there had been one."""
+    """Return spans in flight without a 3D fix of any receiver, after the first fix."""
     stamps = [g.t[(g.fix >= FIX_3D) & np.isfinite(g.t)] for g in log.gnss]
     t = np.sort(np.concatenate(stamps)) if stamps else np.zeros(0)
     if len(t) < 2:
@@ -270,7 +270,7 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
 
 
 def _gnss_jumps(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
-    """Return reports (ERR records or texts) of positions that left the predicted ones."""
+    """Return the autopilot's reports of GNSS jumps, from ERR records or texts."""
     said = matching_texts(log, JUMP)
     quoted += said
     reported = [p for p in log.problems if p.code == "gnss_glitch" and p.t is not None]
@@ -286,7 +286,7 @@ def _gnss_jumps(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[
 
 
 def _gnss_jump_event(log: FlightLog, t: float, weight: EventSeverity, count: str, evidence: str) -> Event:
-    """Return the event of GNSS and estimator apart: GNSS jumped, or it was steady and the estimator left it."""
+    """Return a GNSS jump, or a divergence of the estimator from a steady GNSS."""
     size = gnss_disagreement_m(log.gnss, t)
     jumped = np.isfinite(size) and size >= MAX_STEADY_M
     text = f"{'GNSS jumped' if jumped else 'The EKF and GNSS came apart'} at {t:.1f} s{count}."
@@ -298,25 +298,25 @@ def _gnss_jump_event(log: FlightLog, t: float, weight: EventSeverity, count: str
 
 
 def is_estimator_jump(event: Event) -> bool:
-    """Return whether the estimator left a GNSS whose position and velocity agree."""
+    """Return whether GNSS position and velocity agree at a reported jump."""
     return event.kind == "gnss_jump" and event.value is not None and event.value < MAX_STEADY_M
 
 
 # --- failsafes ---------------------------------------------------------------------------------------------------
 
-# A failsafe's cause is said so soon before or after it.
+# Maximum time between a failsafe and the text with its cause.
 CAUSE_S = 2.0
 AGAIN_S = 60.0
 KILLED_S = 1.0
-# In a log's first second a battery may not have been measured yet.
+# Battery values in the first second of a log may be unmeasured.
 MEASURED_S = 1.0
-# A failsafe so soon after a landing still belongs to the flight; a mode set so soon before one ends none.
+# A failsafe up to this long after landing belongs to the flight; a mode set later than this before landing did not end
+# it.
 ENDED_S = 2.0
 AT_ONCE_S = 10.0
-# A failsafe sets its mode so soon before or after its text.
+# Maximum time between a failsafe's text and its mode change.
 SET_S = 1.0
-# What a failsafe is of, where its text says so. Rovers to 2.50 say bits: 1 throttle, 2 ground station (APMrover2,
-# defines.h).
+# Name of a failsafe by its text. Rover up to 2.50 reports bits: 1 throttle, 2 ground station (APMrover2, defines.h).
 FAILSAFE_NAMES = (
     (re.compile(r"\bradio|\brc\b|\bmanual control|trigger 0x[13]\b", re.I), "Radio failsafe"),
     (re.compile(r"\bgcs\b|ground station|data ?link|trigger 0x2\b", re.I), "Ground station failsafe"),
@@ -324,9 +324,9 @@ FAILSAFE_NAMES = (
     (re.compile(r"\bgps\b|\bgnss\b", re.I), "GNSS failsafe"),
     (re.compile(r"\bterrain", re.I), "Terrain failsafe"),
 )
-# The failsafe of GNSS means 5 s without a position: so soon after the first one they cannot have passed.
+# A GNSS failsafe needs 5 s without a position, so it is false within 5 s of the first fix.
 FIRST_FIX_S, FAILSAFE_FIX_3D = 5.0, 3
-# ERR records of ArduPilot and PX4's flag, by the codes of their problems.
+# Failsafe name by problem code (ArduPilot ERR records, PX4 flag).
 FAILSAFE_CODES = {
     "err_5_1": "Radio failsafe",
     "err_7_1": "GNSS failsafe",
@@ -340,7 +340,7 @@ FAILSAFE_CODES = {
 
 
 def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """Return failsafes, kill switch and battery in no order, and the texts that they quote."""
+    """Return events of failsafes, kill switch and battery, unordered, and their texts."""
     quoted: list[Text] = []
     found = _kill_switch_events(log, segments, quoted)
     said = [x for x in matching_texts(log, FAILSAFE) if not HARMLESS_WORDS.search(x[2])]
@@ -385,7 +385,7 @@ def _first_fix(log: FlightLog, t: float) -> bool:
 
 
 def _weigh_failsafe(event: Event, segments: Segments) -> Event:
-    """Return a failsafe with its severity: of a disarmed vehicle it is a note."""
+    """Set the severity of a failsafe: a note while disarmed."""
     if "armed" in segments.unknown:
         return event
     driven = [(a, b + CAUSE_S) for a, b in (*segments.spans("armed"), *segments.spans("airborne"))]
@@ -455,7 +455,10 @@ def failsafe_phrases(first: list[str], log: FlightLog, segments: Segments, event
 
 
 def _ended_it(log: FlightLog, t: float, landing: float) -> bool:
-    """Return whether a failsafe at ``t`` ended a flight: landed at once, or in the mode that was set then."""
+    """Return whether a failsafe at ``t`` ended the flight.
+
+    The vehicle landed within 10 s, or in the mode set at the failsafe.
+    """
     if landing - t <= AT_ONCE_S:
         return True
     set_ = (

@@ -44,13 +44,13 @@ KINDS = (
     "battery",
     "message",
 )
-# A crash is one of these with severity ``serious``.
+# Kinds of crash events, with severity ``serious``.
 CRASHES = ("impact", "overturn", "tumble")
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event at ``t`` s, until ``t_end`` s if it lasted: a kind, a sentence, its size and its evidence.
+    """Event at ``t`` s, or from ``t`` to ``t_end`` s, with its size and evidence.
 
     ``evidence``: sensors with their values, flags, and the autopilot's texts.
     """
@@ -71,7 +71,7 @@ class Event:
 
 
 def format_significant(x: float, count: int = 2) -> str:
-    """Format a size with at least so many significant figures, without an exponent: 4.6, 13, 250."""
+    """Format a size with at least ``count`` significant figures, no exponent: 4.6, 13, 250."""
     if x == 0.0:
         return "0"
     digits = count - len(str(int(abs(x)))) if abs(x) >= 1.0 else count
@@ -79,7 +79,7 @@ def format_significant(x: float, count: int = 2) -> str:
 
 
 def format_time(t: float) -> str:
-    """Format a time in words, without "-0.0 s" for a clock that begins a little late."""
+    """Format a time as ``at 12.3 s``; times just below zero become 0.0."""
     return f"at {max(t, 0.0) if t > -0.05 else t:.1f} s"
 
 
@@ -87,10 +87,10 @@ def format_time(t: float) -> str:
 
 Text = tuple[float, int, str]
 
-# The level of syslog from which a text is a warning.
+# Syslog level (0 emergency to 7 debug) up to which a text is a warning.
 WARNING = 4
 MESSAGE_MARGIN_S = 2.0
-# ArduPilot gives most of its texts one level: these words make one a warning.
+# Words that make a text a warning: ArduPilot sends most texts with one level.
 WARNING_WORDS = re.compile(
     r"fail|crash|glitch|variance|unhealthy|not healthy|inconsistent|error|lost|bad |emergency|terminat|estop|"
     r"thrust loss|imbalance|vibration comp|clipping|parachute|forced reset|stopped aiding|re-aligned|lane switch|"
@@ -117,12 +117,12 @@ PREARM = re.compile(r"pre-?arm|preflight fail|^arm:|arming denied|arming_checks"
 ARMING = re.compile(r"^pre-?arm|^arm:", re.IGNORECASE)
 PREFIX = re.compile(r"^\[[\w ]+\]\s*")
 MAX_TEXT = 110
-# A flight says a few dozen things; a damaged one could say anything.
+# Maximum number of messages: a flight has a few dozen, a damaged log any number.
 MAX_MESSAGES = 100
 
 
 def clean_text(text: str) -> str:
-    """Return a text in one line without the module's name before it."""
+    """Return a text in one line without its module prefix."""
     return PREFIX.sub("", " ".join(text.split()))[:MAX_TEXT].strip()
 
 
@@ -142,9 +142,9 @@ def is_warning(text: Text) -> bool:
 
 
 def message_events(log: FlightLog, quoted: Iterable[Text], flights: list[Span]) -> list[Event]:
-    """Return warnings and errors that belong to no other event; a repeated one is one event.
+    """Return warnings and errors of the autopilot that no other event quotes.
 
-    In flight (``flights``) they are warnings, on the ground notes.
+    Repeats are merged. Severity is warning within ``flights``, else note.
     """
     near = [(a - MESSAGE_MARGIN_S, b + MESSAGE_MARGIN_S) for a, b in flights]
     taken = {(t, text) for t, _, text in quoted}
@@ -165,12 +165,12 @@ def message_events(log: FlightLog, quoted: Iterable[Text], flights: list[Span]) 
 
 # --- movement ----------------------------------------------------------------------------------------------------
 
-# A flight that lasts to within so much of the log's end has no end in it.
+# The log ends in flight where the flight lasts to within this time of its end.
 END_S = 1.0
-# A flight that lasts from so soon after the log's begin had begun before.
+# The log begins in flight where the flight starts within this time of its begin.
 BEGUN_S = 0.5
 BOOT_S = 3600.0
-# Below this rate of the IMU a blow was at least what it shows.
+# Minimum IMU rate that resolves an impact peak; slower ones give a lower bound.
 FULL_PEAK_HZ = 100.0
 TAKE_OFF = re.compile(r"takeoff detected", re.IGNORECASE)
 LANDED = re.compile(r"landing detected|land complete", re.IGNORECASE)
@@ -180,7 +180,7 @@ OVER_DEG = 90.0
 
 
 def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """Return the events of movement in no order, and the texts that they quote."""
+    """Return arming, flight and crash events, unordered, and the texts that they quote."""
     quoted: list[Text] = []
     found = [*_power_up(log), *_arming(log)]
     flights = segments.spans("airborne")
@@ -215,7 +215,7 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
 
 
 def _power_up(log: FlightLog) -> list[Event]:
-    """Return when the autopilot was switched on, by its clock."""
+    """Return the power-up of the autopilot by its clock."""
     at = -1e-6 * log.t0_us
     if not 0 <= log.t0_us < 1e6 * BOOT_S:
         return []
@@ -224,7 +224,7 @@ def _power_up(log: FlightLog) -> list[Event]:
 
 
 def _arming(log: FlightLog) -> list[Event]:
-    """Return arming and disarming by the flag's changes; the state at the log's start began before it."""
+    """Return arming and disarming from changes of the flag, and an initially armed state."""
     line = log.state.armed
     if line is None or not line.value:
         return []
@@ -250,7 +250,7 @@ def _flown_event(log: FlightLog, kind: str, t: float, word: str, texts: list[Tex
 
 
 def _flight_sources(log: FlightLog) -> list[str]:
-    """Return the evidence of flight in a log: its IMU, else a height."""
+    """Return the source that shows flight: the IMU, else a height, else throttle."""
     if log.imu is not None:
         return ["IMU"]
     stream = height_stream(log)
@@ -266,7 +266,7 @@ def format_size(ending: CrashEvent) -> str:
 
 
 def overturn_word(ending: CrashEvent) -> str:
-    """Return the word for an overturn: up to 90 deg it fell over."""
+    """Return the verb for an overturn: up to 90 deg the vehicle fell over."""
     return "Turned over" if ending.size > OVER_DEG else "Fell over"
 
 
@@ -286,7 +286,7 @@ def _crash_event(ending: CrashEvent, evidence: list[str]) -> Event:
 
 
 def _wreck_moved(segments: Segments, crashes: list[CrashEvent], end: float) -> list[Event]:
-    """Return when a wreck that lay still was moved without drive."""
+    """Return movements of a wreck without motor drive after it lay still."""
     air = segments.air
     if air is None or not crashes or air.grid.slow:
         return []
@@ -303,7 +303,7 @@ def _wreck_moved(segments: Segments, crashes: list[CrashEvent], end: float) -> l
 
 
 def impact_limit_text(log: FlightLog) -> str:
-    """Return why an upright crash would not show, empty where the IMU is fast enough."""
+    """Return why an upright crash is undetectable; empty where the IMU is fast enough."""
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
     if shows_impacts(log) or rate == 0.0:
         return ""
@@ -314,9 +314,9 @@ def impact_limit_text(log: FlightLog) -> str:
 
 STRONG_M_S2, STRONG_S = 15.0, 5
 ONBOARD_M_S2, MIN_LEVELS = 60.0, 10
-# Clipped samples up to so many are chance, and no warning.
+# Up to MAX_CHANCE_CLIPS clipped samples are ignored, up to MAX_NOTE_CLIPS are a note.
 MAX_CHANCE_CLIPS, MAX_NOTE_CLIPS = 3, 10
-# Before the end of a flight: what a touch-down, or the blow of a crash, does to a range is no clipping in flight.
+# Time excluded before the end of a flight: clipping by a touch-down, or by the impact of a crash.
 LANDING_S, BLOW_S = 1.0, 0.1
 
 
@@ -324,7 +324,7 @@ def sensor_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list
     """Return clipping and vibration in flight, and the texts that they quote."""
     found, quoted = [], []
     if any(problem.code == "imu_mostly_refused" for problem in log.problems):
-        return [], []  # what is no measurement of a vehicle clips no sensor
+        return [], []  # most IMU data is invalid, so clipping is unknown
     within = clipping_spans(segments)
     clip, texts = _clipping_event(log, within)
     if clip is not None:
@@ -338,7 +338,7 @@ def sensor_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list
 
 
 def clipping_spans(segments: Segments) -> list[Span]:
-    """Return when clipping counts: in flight without touch-down, and while a vehicle that never flew was driven."""
+    """Return flights without touch-down, or the armed spans where none was flown."""
     flights = segments.spans("airborne")
     crashes = [e.t for e in segments.endings if e.is_crash]
     if flights:
@@ -347,7 +347,7 @@ def clipping_spans(segments: Segments) -> list[Span]:
 
 
 def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, list[Text]]:
-    """Return clipping: its time by the flags of the selected unit, its size by the counters of every unit."""
+    """Return clipping: time by the selected IMU's flags, size by the counters of all IMUs."""
     first: list[float] = []
     last: list[float] = []
     counts: dict[str, int] = {}
@@ -372,7 +372,7 @@ def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, l
 
 
 def _is_calm(own: Stream | None, flown: list[Span]) -> bool:
-    """Return whether the autopilot's own measure of the worst axis stays below its limit in flight."""
+    """Return whether the autopilot's own vibration level stays below its limit in flight."""
     if own is None:
         return False
     x = own.x[inside(own.t, flown) & rotation.finite_rows(own.x)].max(axis=1, initial=0.0)
@@ -381,9 +381,10 @@ def _is_calm(own: Stream | None, flown: list[Span]) -> bool:
 
 
 def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
-    """Return vibration in flight above 15 m/s^2 rms of the worst axis, or above 60 by the autopilot's measure.
+    """Return strong vibration in flight: 15 m/s^2 RMS, or 60 m/s^2 by the autopilot.
 
-    None where that measure, made of every sample, stays below its limit: logged samples alias and count motion.
+    RMS of the worst axis of the logged samples. None where the autopilot's level, computed from all samples, stays
+    below its limit: logged samples contain aliases and motion.
     """
     imu = log.replay_imu
     if imu is None or _is_calm(log.vibration.level, flown):

@@ -31,19 +31,19 @@ from attlog.story.flight_events import (
 
 # --- flight ------------------------------------------------------------------------------------------------------
 
-# Pushes of the throttle so close to each other are one.
+# Throttle-up spans closer than this are merged.
 MAX_THROTTLE_PAUSE_S = 5.0
-# Motors that ran for longer than this before a flight are named.
+# Time armed before lift-off above which it is mentioned.
 STOOD_S = 10.0
-# Up to so many flights are named with their times; more are counted.
+# Fewer flights than this are listed with their times; more are only counted.
 LISTED = 3
-# Throttle is up above this part of its largest value.
+# Throttle counts as up above this share of its maximum.
 OF_FLIGHT = 0.5
 UPRIGHT_DEG = 30.0
 
 
 def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """Return when the vehicle flew, how high and how tilted, or why it did not; the fullest first."""
+    """Return phrases on flights, height and tilt, or why none was flown; longest first."""
     flights = segments.spans("airborne")
     crashed = any(e.is_crash for e in events)
     if not flights:
@@ -68,7 +68,7 @@ def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) 
 
 
 def ending_of_slow(log: FlightLog, t: float) -> str:
-    """Return how a vehicle stood after a flight whose end only its attitude shows."""
+    """Return the final tilt as a phrase, for an IMU too slow to show the landing."""
     tilt = largest_tilt(log, [(t + 2.0, t + 5.0)])
     return "" if tilt is None else ", ended upright" if tilt < UPRIGHT_DEG else f", ended at {tilt:.0f}° of tilt"
 
@@ -78,7 +78,7 @@ def number_word(n: int) -> str:
 
 
 def _size_phrases(log: FlightLog, segments: Segments, flights: Sequence[Span]) -> list[str]:
-    """Return height and tilt reached, the fullest first."""
+    """Return phrases on maximum height and tilt, longest first."""
     air = segments.air
     found = None if air is None else highest_level(air.levels, inside(air.grid.t, flights))
     top = None if found is None else found[1]
@@ -99,13 +99,13 @@ def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
 
 
 def _stood_armed(segments: Segments, liftoff: float) -> bool:
-    """Return whether motors ran for more than 10 s before a lift-off."""
+    """Return whether the vehicle was armed for more than 10 s before lift-off."""
     return any(a < liftoff <= b and liftoff - a > STOOD_S for a, b in segments.spans("armed"))
 
 
 def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """Return what a vehicle did that never flew."""
-    # a failsafe after the last sample may be named; other texts go on long after the samples
+    """Return phrases for a log without flight."""
+    # the duration includes failsafes after the last sample, but not other texts
     seconds = max([log.seconds, *(e.t for e in events if e.kind in ("failsafe", "battery"))])
     total = f"{seconds:.0f} s"
     if not log.kind.flies:
@@ -147,7 +147,7 @@ def how_often(n: int) -> str:
 
 
 def _throttle_spans(segments: Segments) -> list[Span]:
-    """Return when throttle was up, for a second and more, with pauses of up to 5 s."""
+    """Return spans of at least 1 s with throttle up, merged across pauses of 5 s."""
     air = segments.air
     if air is None or not air.driven.any() or air.power_source == "arming":
         return []
@@ -163,7 +163,7 @@ def _throttle_spans(segments: Segments) -> list[Span]:
 
 
 def _still_reason(log: FlightLog, segments: Segments, pushed: Sequence[Span]) -> str:
-    """Return the best reason why it did not fly: a constant height or a constant tilt."""
+    """Return the evidence against flight: unchanged rangefinder, small tilt."""
     tilt = largest_tilt(log, pushed)
     levels = segments.air.levels if segments.air is not None else []
     ranged = log.rangefinder is not None and all(level.sensor != "range" for level in levels)
@@ -182,13 +182,13 @@ def has_open_end(events: Sequence[Event]) -> bool:
 
 
 WORDS = 30
-# Endings so close to each other are one crash.
+# Crash events closer than this are one crash.
 MAX_CRASH_GAP_S = 5.0
 KILLED_S = 5.0
-# A blow above this height is no ground.
+# Impacts above this height are not with the ground.
 HIGH_M = 5.0
 NAMES = {"Copter": "ArduCopter", "Plane": "ArduPlane", "Rover": "ArduRover", "Sub": "ArduSub"}
-# What may explain an end, by kind.
+# Event kinds that may explain a crash.
 TOLD_FIRST = (
     "clipping",
     "vibration",
@@ -201,13 +201,13 @@ TOLD_FIRST = (
     "gnss_lost",
     "gnss_jump",
 )
-# An angle that is wrong from so soon after the first lift-off until so shortly before the last landing.
+# Margin after the first lift-off and before the last landing for an angle wrong throughout.
 THROUGHOUT_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class WrongAngle:
-    """An angle (tilt, heading) of the onboard attitude that was wrong by ``size_deg`` from ``t`` to ``t_end`` s."""
+    """Wrong angle (tilt, heading) of the onboard attitude from ``t`` to ``t_end`` s."""
 
     angle: str
     size_deg: float
@@ -218,7 +218,7 @@ class WrongAngle:
 def headline(
     log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True, wrong: WrongAngle | None = None
 ) -> str:
-    """Return the fullest headline of at most 30 words.
+    """Return the longest headline of at most 30 words.
 
     ``events``: of the flight, in time order. ``sound``: no finding is a warning. ``wrong``: angle of the onboard
     attitude that was wrong in flight.
@@ -237,7 +237,7 @@ def headline(
 
 
 def _vehicle(log: FlightLog) -> str:
-    """Return the vehicle's usual name, with "simulated"."""
+    """Return the vehicle's usual name, with "simulated" for a simulation."""
     name = log.vehicle if log.vehicle not in ("unknown", "generic", "") else "vehicle"
     name = name[0].upper() + name[1:]
     return f"{name} (simulated)" if log.simulated else name
@@ -255,7 +255,7 @@ def _firmware(log: FlightLog) -> str:
 
 
 def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
-    """Return what went wrong first before a crash, or at all; the fullest first."""
+    """Return phrases on the first fault, before a crash if any; longest first."""
     crash = next((e.t for e in events if e.is_crash), np.inf)
     found = [e for e in events if e.severity == "warning" and e.kind in TOLD_FIRST and e.t <= crash]
     found = [e for e in found if not (e.kind == "failsafe" and "Kill switch" in e.text)]
@@ -282,7 +282,7 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
 
 
 def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments) -> list[str]:
-    """Return the first fault with a wrong angle, which explains what the estimator did."""
+    """Add a wrong attitude angle to the phrases on the first fault."""
     flights = segments.spans("airborne")
     if wrong is None or not flights:
         return first
@@ -300,7 +300,7 @@ def _realigned(found: Sequence[Event]) -> str:
 
 
 def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool) -> list[str]:
-    """Return how the flight ended, the fullest first."""
+    """Return phrases on how the flight ended, longest first."""
     crashes = _crashes(segments.endings)
     if crashes:
         blow = next((e.t for e in crashes[0] if e.kind == "impact"), crashes[0][0].t)
@@ -309,7 +309,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
             return list(dict.fromkeys((f"{full}.", f"{short}.")))
         again = f"; crashed again at {crashes[1][0].t:.1f} s"
         sizes = f"{again}{_size(crashes[1])}"
-        bare = short.partition(" (")[0]  # a second crash is worth more than the size of the first
+        bare = short.partition(" (")[0]  # drop the first crash's size rather than the second crash
         return list(dict.fromkeys((f"{full}{sizes}.", f"{short}{sizes}.", f"{bare}{again}.", f"{short}.")))
     warned = any(e.severity in ("warning", "serious") for e in events if e.kind != "hard_landing")
     hard = [e for e in segments.endings if e.kind == "hard_landing"]
@@ -328,7 +328,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
 
 
 def _too_slow(log: FlightLog) -> bool:
-    """Return whether no impact at all would show: a tenth of the rate at which most do."""
+    """Return whether every IMU is too slow to show any impact."""
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
     return bool(impact_limit_text(log)) and rate < 0.1 * FULL_PEAK_HZ
 
@@ -350,7 +350,7 @@ def _size(group: Sequence[CrashEvent]) -> str:
 
 
 def _crash_target(kind: VehicleKind, segments: Segments, t: float) -> str:
-    """Return what a crash hit: the ground, something higher up, or nothing because it never flew."""
+    """Return what was hit: the ground or an obstacle; empty if it never flew."""
     if not segments.spans("airborne"):
         return ""
     air = segments.air
@@ -362,7 +362,7 @@ def _crash_target(kind: VehicleKind, segments: Segments, t: float) -> str:
 
 
 def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
-    """Return a crash in words, and shorter; ``what`` is empty for a vehicle that never flew."""
+    """Return a long and a short phrase for a crash; ``what`` is the object hit or empty."""
     blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
     if blow is not None:
         hit = f"hit {what or 'something'} at {blow.t:.1f} s ({format_size(blow)})"
@@ -383,7 +383,7 @@ def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
 
 
 def _rest_phrase(ending: CrashEvent) -> str:
-    """Return how the vehicle lay afterwards."""
+    """Return the phrase on the vehicle's tilt at rest after a crash."""
     angle = ending.lies_deg
     if angle is None:
         return ""
