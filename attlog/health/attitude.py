@@ -291,7 +291,7 @@ def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
 
 # Jumps of the onboard attitude: yaw realignments, resets and lane switches, with their size.
 
-# Smaller jumps are normal; from 15 deg position hold becomes unstable.
+# Smaller jumps are normal; from 15 deg a flight in position hold goes astray.
 MIN_JUMP_DEG, LARGE_JUMP_DEG = 3.0, 15.0
 JUMP_LIMIT = f"ok up to {MIN_JUMP_DEG:.0f} deg, fault above {LARGE_JUMP_DEG:.0f} deg in flight"
 # Without logged arming, steps within this time of the first attitude are its alignment.
@@ -343,7 +343,10 @@ def jump_checks(case: HealthCase) -> list[Check]:
 
 
 def right_side(log: FlightLog, reference: Reference | None, k: int, heading: bool, size: float) -> str:
-    """Return whether the attitude is right before or after the jump to sample ``k``."""
+    """Return a sentence on the error before and after the jump to sample ``k``.
+
+    Empty where the reference does not clearly favour one side.
+    """
     attitude = log.onboard_attitude
     if reference is None or attitude is None or reference.kind not in ("truth", "smoother"):
         return ""

@@ -43,29 +43,30 @@ from attlog.reference import alignment, scoring
 from attlog.segments import resets
 from attlog.segments.model import Segments
 
-# No place on earth has another field: 22 to 67 uT, with room for an iron vehicle.
+# Plausible field strength: 22 to 67 uT on earth, with margin for iron in the vehicle.
 STRENGTH_UT = (15.0, 90.0)
 STRENGTH_LIMIT = "ok within 20 % of the model and varying up to 10 %; fault outside 15 to 90 uT"
-# Room for what a calibration leaves of iron and currents in an airframe, in size and in spread.
+# Maximum deviation from the model, and maximum spread, as residuals of calibration, iron and currents.
 MODEL_SHARE, VARYING_SHARE = 0.2, 0.1
-# Fewer samples, or less time, show no spread.
+# Minimum samples and time for a spread.
 MIN_STRENGTH_SAMPLES, MIN_STRENGTH_S = 10, 8.0
-# In its first seconds an onboard heading may be anywhere: sound compasses then spread by 20 to 92 deg.
+# Time excluded after the start of the attitude, whose heading is not yet aligned: sound compasses spread by 20 to 92
+# deg there.
 ALIGNED_S = 5.0
 # Standard deviations between the 5th and the 95th percentile of a normal distribution.
 MIDDLE_SIGMAS = 3.29
-# In faster turns 50 ms between a field and its stamp are 3 deg, and no fault of the compass.
+# Maximum turn rate: above it a compass delay of 50 ms is 3 deg.
 FAST_DPS = 60.0
-# Below this rate field and attitude are of different times, unless the vehicle turns slower than that.
+# Streams slower than SLOW_HZ are used only at turn rates below SLOW_DPS, because times of field and attitude differ.
 SLOW_HZ, SLOW_DPS = 8.0, 15.0
-# Spread of the field's direction in earth axes; a mean within the second is not significant.
+# Limits of the spread of the field's direction in earth axes.
 STEADY_DEG, UNSTEADY_DEG = 5.0, 20.0
-# Distance of the field's north from the model's, twice that below SLOW_HZ; far off, compass or heading is wrong.
+# Limits of the difference between measured and model declination, doubled below SLOW_HZ.
 NORTH_OFF_DEG, NORTH_FAR_DEG = 4.0, 15.0
 
 
 def field_checks(case: HealthCase) -> list[Check]:
-    """Check dead compasses, and size, steadiness and declination of the field of the one in use."""
+    """Check for dead compasses; check size, steadiness and declination of the one in use."""
     log, segments = case.log, case.segments
     if not log.mags:
         return [unknown("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
@@ -86,7 +87,7 @@ def field_checks(case: HealthCase) -> list[Check]:
 
 
 def field_strength(log: FlightLog, segments: Segments) -> Check:
-    """Check the size of the field in use against the world magnetic model, and its spread."""
+    """Check field strength of the compass in use against the world magnetic model."""
     mag = log.mags[log.mag or 0]
     norm = np.sqrt(np.nansum(mag.field.x**2, axis=1)) * 1e6
     used = (norm > 0) & samples_in_use(log, segments, mag.field.t_best)
@@ -112,15 +113,16 @@ def field_strength(log: FlightLog, segments: Segments) -> Check:
 
 
 def _compass_name(log: FlightLog, mag: Mag) -> str:
-    """Return the compass's name, which says so where an IMU has the same record (RAW_IMU of MAVLink)."""
+    """Return the compass's name, marked where it shares an IMU's record (MAVLink RAW_IMU)."""
     source = mag.field.source
     return f"The compass of {source}" if any(imu.gyro.source == source for imu in log.imus) else source
 
 
 def field_direction(log: FlightLog, segments: Segments) -> list[Check]:
-    """Check steadiness and declination of the horizontal field, turned by truth or the onboard attitude.
+    """Check steadiness and declination of the horizontal field in earth axes.
 
-    Samples are in use, from the attitude's alignment on, in turns slow enough for the rates of field and attitude.
+    The field is rotated by truth or the onboard attitude. Samples count in flight, after the attitude's alignment, in
+    turns slow enough for both sample rates.
     """
     limit = f"ok up to {STEADY_DEG:.0f} deg, twice that below {SLOW_HZ:.0f} Hz, fault above {UNSTEADY_DEG:.0f} deg"
     truth = log.truth_with_north
@@ -159,7 +161,7 @@ def field_direction(log: FlightLog, segments: Segments) -> list[Check]:
 
 
 def alignment_time(log: FlightLog, attitude: Attitude, segments: Segments) -> float:
-    """Return when the attitude was aligned, s: at its last jump before the flight, and ALIGNED_S after its start."""
+    """Return the alignment time in s: last jump before flight, at least ALIGNED_S."""
     if attitude is log.truth:
         return -np.inf
     index, _ = resets.known_resets(log, log.onboard or "", segments)
@@ -169,7 +171,7 @@ def alignment_time(log: FlightLog, attitude: Attitude, segments: Segments) -> fl
 
 
 def turning_dps(t: Array, q: Array, at: Array) -> Array:
-    """Return the rate (n,) in deg/s of an attitude (m, 4) at ``t`` (m,) around ``at`` (n,) s; infinite beyond it."""
+    """Return turn rates (n,) in deg/s of an attitude at times ``at``; infinite outside it."""
     if len(t) < 2:
         return np.full(len(at), np.inf)
     rate = np.degrees(rotation.length(rotation.increments(q))) / np.maximum(np.diff(t), 1e-6)
@@ -179,9 +181,9 @@ def turning_dps(t: Array, q: Array, at: Array) -> Array:
 
 
 def circular_mean(angle: Array) -> tuple[float, float]:
-    """Return circular mean and standard deviation in deg of angles (n,) in rad, the latter by their middle 90 %.
+    """Return circular mean and standard deviation in deg of angles (n,) in rad.
 
-    A twentieth at either end is turns in which the field's clock is late.
+    The deviation is from the middle 90 %: the tails come from turns, through the compass delay.
     """
     mean = float(np.angle(np.mean(np.exp(1j * angle))))
     low, high = np.quantile(np.degrees(rotation.wrap(angle - mean)), [0.05, 0.95])
@@ -189,7 +191,7 @@ def circular_mean(angle: Array) -> tuple[float, float]:
 
 
 def declination_checks(case: HealthCase) -> list[Check]:
-    """Check the declination that is set against the world magnetic model, where it is used and a place is known."""
+    """Check the declination parameter against the world magnetic model."""
     log = case.log
     given, model = log.parameters.declination, alignment.earth_field(log)
     if given is None or model is None or looks_up_declination(log):
@@ -201,11 +203,11 @@ def declination_checks(case: HealthCase) -> list[Check]:
     return [Check("declination_set", verdict, text, round(given, 2), "deg", limit)]
 
 
-# Motors, by two points: the ground and the air. A regression over the power in flight was never sure enough on 64 real
-# logs. What the place adds (steel in the ground, a car) goes with the ground as well, so the ground before take-off and
-# after landing must agree, and the heading in flight must improve.
+# Field of the motors from two points, ground and air: regression on power in flight was too uncertain on 64 real logs.
+# Local disturbances on the ground (steel, a car) have the same effect, so the fields before take-off and after landing
+# must agree, and the heading in flight must improve.
 
-# Of the earth's horizontal field: ardupilot.org, "Magnetic Interference", limits it to 30 %.
+# Maximum motor field as a share of the earth's horizontal field (ardupilot.org, "Magnetic Interference").
 MOTORS_FAR_SHARE = 0.3
 MOTORS_LIMIT = "ok where ground and air agree within 4 sigma or 2 uT, fault above 30 % of the horizontal field"
 MOTORS_SOURCE = "ground against air, two points; 30 %: ardupilot.org, Magnetic Interference"
@@ -245,7 +247,7 @@ def motor_check(case: HealthCase, study: CompassStudy) -> Check:
 
 
 def turns_heading(study: CompassStudy) -> bool:
-    """Return whether the motors may turn the heading: their field is not vertical, and removing it does not harm."""
+    """Return whether the motor field has a horizontal part whose removal helps or is untested."""
     proof = study.motor_proof
     return bool(study.ground_differs_along[:2].any()) and (proof is None or proof.after < proof.before)
 
@@ -255,7 +257,7 @@ def _promised_error(source: str, proof: HeadingProof) -> str:
 
 
 def motor_advice(checks: Sequence[Check], studies: Sequence[CompassStudy]) -> list[Check]:
-    """Return the checks of the studies; where several are bent, all advise the one that a compensation mends best."""
+    """Return the motor checks, all advising the compass with the best compensation."""
     proven = [(c, s) for c, s in zip(checks, studies, strict=True) if c.action and s.motors and not motors_refusal(s)]
     if not proven:
         return list(checks)
@@ -272,7 +274,7 @@ def motor_advice(checks: Sequence[Check], studies: Sequence[CompassStudy]) -> li
 
 
 def motors_refusal(study: CompassStudy) -> str:
-    """Return why no compensation for the motors is offered; empty where it may be."""
+    """Return why no motor compensation is offered; empty where it is."""
     if why := reason_unsound(study):
         return why
     if study.motors is None:
@@ -308,15 +310,15 @@ def _motor_evidence(study: CompassStudy) -> list[str]:
     return evidence
 
 
-# Soft iron, in words only: a flight shows it too roughly to be set. Horizontally
-# ``m = (1 + s) u + a (u_x, -u_y) + b (u_y, u_x) + w (u_y, -u_x) + o`` with scale s, turn w and offset o; a and b are
-# the ellipse that soft iron makes of a circle. They swing the heading by hypot(a, b) rad, twice in a full turn.
+# Soft iron is only reported: a flight determines it too roughly for parameters. Horizontal model
+# ``m = (1 + s) u + a (u_x, -u_y) + b (u_y, u_x) + w (u_y, -u_x) + o`` with scale s, rotation w and offset o. a and b
+# describe the soft-iron ellipse; their heading error is up to hypot(a, b) rad, with two periods in a full turn.
 
-# A tenth swings the heading by 6 deg.
+# Limit of the ellipse (0.1 is a heading error of 6 deg), and its significance.
 SOFT_IRON_OFF, SOFT_IRON_SIGMAS = 0.1, 4.0
-# What attitude errors make of a sound compass: with errors of the fit alone 22 of 39 sound ones would be off.
+# Error from the attitude, added to that of the fit: without it 22 of 39 sound compasses fail.
 SOFT_IRON_FLOOR = 0.015
-# Directions of the field that the flight saw, from the 5th to the 95th percentile about their mean.
+# Minimum range of field directions in body axes, 5th to 95th percentile.
 MIN_FIELD_TURN_DEG = 60.0
 SOFT_IRON_LIMIT = f"ok up to {100 * SOFT_IRON_OFF:.0f} % or {SOFT_IRON_SIGMAS:.0f} sigma"
 SOFT_IRON_ADVICE = (
@@ -352,19 +354,19 @@ def soft_iron_check(study: CompassStudy) -> Check:
 
 
 def _field_turn_deg(x: np.ndarray, y: np.ndarray) -> float:
-    """Return the angle in deg over which the horizontal field (n,) turns in body axes."""
+    """Return the range in deg of horizontal field directions (n,) in body axes."""
     angle = np.arctan2(y, x)
     middle = np.angle(np.mean(np.exp(1j * angle)))
     low, high = np.quantile((angle - middle + np.pi) % (2.0 * np.pi), [0.05, 0.95])
     return float(np.degrees(high - low))
 
 
-# The better compass: by the headings side by side, else by the size of the fields.
+# Comparison of compasses by heading error, else by field strength.
 
-# A sound compass reads the earth's field to the first share and varies by less than the second; one that is off by
-# more than the third is not sound.
+# Field strength of a sound compass: within CLOSE_SHARE of the earth's with a variation below STEADY_SHARE; an unsound
+# one is off by more than OFF_SHARE.
 CLOSE_SHARE, STEADY_SHARE, OFF_SHARE = 0.1, 0.1, 0.2
-# Another is better where its heading errs by half as much, and by 5 deg less: attitudes do not err by that.
+# A better compass has at most half the heading error, and 5 deg less, which exceeds attitude errors.
 BETTER_SHARE, BETTER_DEG = 0.5, 5.0
 CHOICE_LIMIT = (
     f"ok unless another errs by {BETTER_DEG:.0f} deg less and half as much, else by the field's size within 10 %"
@@ -372,7 +374,7 @@ CHOICE_LIMIT = (
 
 
 def choice_checks(case: HealthCase, studies: Sequence[CompassStudy]) -> list[Check]:
-    """Check whether another compass is better; nothing with fewer than two that measure."""
+    """Check whether another compass is better; nothing with fewer than two live ones."""
     log = case.log
     mags = [mag for mag in log.mags if not compass.dead_reason(mag, log.replay_imu)]
     flown = flight_before_crash(case.segments)
@@ -404,7 +406,7 @@ def _choice_by_heading(log: FlightLog, own: CompassStudy, others: Sequence[Compa
 
 
 def _heading_errors(study: CompassStudy) -> tuple[float, float]:
-    """Return the RMS heading error in deg as logged, and without the offset of the flight."""
+    """Return the RMS heading error in deg as logged, and after removal of the fitted offset."""
     samples = study.samples
     q, field = samples.q[samples.air], samples.measured[samples.air]
     logged, fitted = (heading_error(q, field - o, samples.earth) for o in (np.zeros(3), study.air.offset))
@@ -422,7 +424,7 @@ def _heading_line(study: CompassStudy, logged: float, fitted: float) -> str:
 
 
 def _choice_by_size(log: FlightLog, flown: list[Span], used: Mag, others: Sequence[Mag]) -> list[Check]:
-    """Compare the sizes of the fields with the earth's, which needs no attitude."""
+    """Compare field strengths with the earth's; needs no attitude."""
     model = alignment.earth_field(log)
     own_size, own_spread = _field_size(used, flown)
     if model is None or not np.isfinite(own_size):
@@ -445,7 +447,7 @@ def _choice_by_size(log: FlightLog, flown: list[Span], used: Mag, others: Sequen
 
 
 def _field_size(mag: Mag, spans: list[Span]) -> tuple[float, float]:
-    """Return the median size of a field in uT, and its standard deviation as a share of it."""
+    """Return the median field strength in uT and its relative standard deviation."""
     norm: Array = 1e6 * np.linalg.norm(mag.field.x[inside(mag.field.t_best, spans)], axis=1)
     norm = norm[np.isfinite(norm)]
     if not len(norm):
@@ -455,18 +457,21 @@ def _field_size(mag: Mag, spans: list[Span]) -> tuple[float, float]:
 
 
 def was_calibrated(mag: Mag) -> bool:
-    """Return whether a compass ever was; a firmware that applies offsets of zero refuses to arm with it."""
+    """Return whether a compass was ever calibrated.
+
+    A firmware that applies offsets of zero refuses to arm with it.
+    """
     return mag.calibrated and (mag.offsets is None or len(mag.offsets.x) == 0 or bool(mag.offsets.x.any()))
 
 
 def switch_parameters(log: FlightLog, other: Mag, used: Mag) -> dict[str, float]:
-    """Return the parameters that change to use another compass, empty where the log lacks a switch."""
+    """Return the parameters that select another compass; empty where one is not logged."""
     wanted = compass_switches(log.settings.values, other.index, used.index)
     return {name: value for name, value in wanted.items() if log.param(name) != value}
 
 
 def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
-    """Add the switches of both compasses where the log holds them, else words."""
+    """Add the parameters that switch compasses to a check, else advice in words."""
     check.action = f"Use {other.field.source} instead of {used.field.source}."
     if not was_calibrated(other):
         check.why_no_setting = f"{other.field.source} was never calibrated: calibrate it first."
@@ -483,16 +488,17 @@ def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
 
 
 def compass_checks(case: HealthCase) -> list[Check]:
-    """Check offset, motors and soft iron of each compass by motion alone, and which compass is best.
+    """Check offset, motor field and soft iron of each compass, and which is best.
 
-    Of the compass in use, offset and motors fall back on the reference's heading and on the size of the field.
+    The attitude is from motion alone. For the compass in use the fallbacks are the reference's heading (offset) and the
+    field strength (motors).
     """
     log = case.log
     if not log.mags:
         return []
     used = log.mags[log.mag or 0].field.source
     studies, why = compass_studies(case)
-    # A compass that is switched off misleads nothing; where it is the better one, the choice names its numbers.
+    # An unused compass has no effect; if it is the better one, the comparison reports its numbers.
     enabled = [study for study in studies if study.samples.mag.enabled] or studies
     checks = [offset_check(case, study) for study in enabled]
     checks += motor_advice([motor_check(case, study) for study in enabled], enabled)
@@ -513,12 +519,12 @@ def compass_checks(case: HealthCase) -> list[Check]:
 
 
 def not_in_use(check: Check) -> Check:
-    """Return a check with a warning for a fault: the vehicle did not fly by this compass."""
+    """Reduce a fault to a warning, for a compass not in use."""
     return replace(check, verdict="warning") if check.verdict == "fault" else check
 
 
 def without_repeats(checks: list[Check]) -> list[Check]:
-    """Drop what is unknown of another compass for the same reason."""
+    """Drop unknown checks that repeat the reason of another compass."""
     seen: set[str] = set()
     kept = []
     for check in checks:

@@ -1,12 +1,12 @@
-"""Offset of each compass in flight, by an attitude without any compass, and whether it may be set.
+"""Offset of each compass in flight by an attitude from motion alone.
 
-The compass reads ``m = R' h + o``: R attitude by motion alone, h the earth's field by the world magnetic model. A
-smoother with the compass follows part of its error: by 79 mG where one without it erred by 9 to 22. The heading by
-motion comes from GNSS acceleration; without acceleration its sigma is too small (85 to 132 deg wrong at 1.8 to 5 deg).
+Model ``m = R' h + o``: R attitude from motion alone, h the earth's field by the world magnetic model, o the offset. A
+smoother that uses the compass absorbs part of its error (offsets wrong by 79 mG, against 9 to 22 mG without compass).
+Heading from motion needs GNSS acceleration; without it sigma is too small (85 to 132 deg wrong at 1.8 to 5 deg).
 
-An offset fitted in flight holds the motors' field too. Set, such offsets have turned the heading on the ground, where
-the estimator takes its yaw, by up to 180 deg. So the ground must show the same offset, and it must improve the heading
-of the half of the flight that it was not fitted to.
+An offset fitted in flight includes the motors' field. As a parameter it turned the heading on the ground, where the
+estimator aligns its yaw, by up to 180 deg. So the ground must confirm the offset, and it must improve the heading in
+cross-validation between both halves of the flight.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ from attlog.segments.model import Segments
 Mask = NDArray[np.bool_]
 Cause = Literal["offset", "turn", "neither"]
 
-# Time before take-off and after landing in which the vehicle stands where it took off or landed.
+# Time before take-off and after landing used as ground.
 GROUND_S = 20.0
-# Below this share of the power in flight, motors bend no field that matters.
+# Maximum power of idle motors, relative to hover; their field is negligible.
 IDLE_SHARE = 0.25
-# Samples count where the attitude knows its heading to this sigma.
+# Maximum heading sigma of the attitude for a sample to count.
 MAX_SIGMA_HEADING_RAD = np.radians(5.0)
-# Errors of an attitude last for seconds: more samples of a long log cost time and show nothing new.
+# Maximum samples: attitude errors are correlated over seconds, so more add no information.
 MAX_FLIGHT_SAMPLES, MAX_GROUND_SAMPLES = 2000, 400
-# Fewer samples, or less time, may be one moment of a hand nearby.
+# Minimum samples and time on the ground, to exclude short disturbances.
 MIN_GROUND_SAMPLES, MIN_GROUND_S = 10, 2.0
 
 
@@ -80,17 +80,17 @@ class FieldSamples:
 
     @property
     def error(self) -> Array:
-        """Measured less expected field (n, 3), uT in body axes."""
+        """Measured minus expected field (n, 3), uT in body axes."""
         return self.measured - self.expected
 
     def mean_power(self, use: Mask) -> float:
-        """Return the median power of some samples; 0 where none is known, as with motors that never ran."""
+        """Return the median power of selected samples; 0 where unknown (motors never ran)."""
         known = self.power[use & np.isfinite(self.power)]
         return float(np.median(known)) if len(known) else 0.0
 
 
 def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: MagneticField) -> FieldSamples | None:
-    """Return the samples of a compass where ``motion`` knows its heading; None without any in flight."""
+    """Return the samples of a compass with known heading; None without any in flight."""
     t, field = mag.field.t_best, 1e6 * mag.field.x
     flown = flight_before_crash(case.segments)
     good = rotation.finite_rows(field) & np.isfinite(t)
@@ -130,7 +130,7 @@ def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: Mag
 
 
 def ground_spans(segments: Segments) -> tuple[list[Span], list[Span]]:
-    """Return the time before the first take-off and, unless something crashed, after the last landing."""
+    """Return spans before the first take-off and, without a crash, after the last landing."""
     flown = segments.spans("airborne")
     if not flown:
         return [], []
@@ -139,7 +139,7 @@ def ground_spans(segments: Segments) -> tuple[list[Span], list[Span]]:
 
 
 def _idle_motors(armed: TimeLine | None, t: Array, power: Array, hover: float) -> Mask:
-    """Select times with motors off or idle: by the power, where it is unknown by being disarmed."""
+    """Mark times with motors off or idle: by power, else by disarming."""
     off = np.zeros(len(t), bool)
     if armed is not None and len(armed.value):
         k = np.clip(np.searchsorted(armed.t, t, side="right") - 1, 0, None)
@@ -155,26 +155,24 @@ def _enough_ground(t: Array, use: Mask) -> Mask:
 
 
 def thinned(use: Mask, most: int) -> Mask:
-    """Select at most so many of the samples, evenly."""
+    """Select at most ``most`` of the marked samples, evenly."""
     where = np.flatnonzero(use)
     kept = np.zeros(len(use), bool)
     kept[where[:: max(1, -(-len(where) // most))]] = True
     return kept
 
 
-# Whether the heading by motion is known.
-
-# Flight with a known heading.
+# Minimum flight time with known heading.
 MIN_HEADING_S = 30.0
-# Horizontal acceleration (RMS of changes of velocity over 1 s) that shows a heading.
+# Minimum horizontal acceleration (RMS over 1 s) that determines the heading.
 MIN_ACCELERATION_M_S2 = 0.25
-# Usual lateness of GNSS velocity, on which the RMS hardly depends, and the time over which tilt errors change.
+# Typical delay of GNSS velocity (the RMS is insensitive to it), and correlation time of tilt errors.
 GNSS_DELAY_S, TILT_ERROR_S = 0.1, 30.0
 FLY_ADVICE = "Fly forward, stop hard, turn and repeat for a minute."
 
 
 def reason_no_heading(case: HealthCase) -> str:
-    """Return why motion shows no heading to check compasses by, with what would help; empty where it does."""
+    """Return why motion gives no heading to check compasses, with advice; else empty."""
     if case.log.replay_imu is None:
         return "No inertial unit of this log can be replayed, so nothing judges the compass."
     flown = flight_before_crash(case.segments)
@@ -201,7 +199,7 @@ def reason_no_heading(case: HealthCase) -> str:
 def horizontal_acceleration(log: FlightLog, motion: MotionAttitude, flown: list[Span]) -> float:
     """Return the smaller RMS of horizontal acceleration in m/s^2 by GNSS and by the force.
 
-    GNSS alone has its noise for acceleration; the force alone its slow errors of tilt, so the mean of 30 s is removed.
+    GNSS acceleration contains noise and the force slow tilt errors (its mean over 30 s is removed), hence the smaller.
     """
     imu = log.replay_imu
     receiver = next((r for r in log.gnss if np.isfinite(r.vel_ned).any()), None)
@@ -221,14 +219,14 @@ def horizontal_acceleration(log: FlightLog, motion: MotionAttitude, flown: list[
     return float(min(np.sqrt(np.mean(np.abs(x / seconds) ** 2)) for x in (steps.gnss, force)))
 
 
-# The offset in uT along the body's axes, and its total error: of the fit, of heading and tilt, of the earth's model.
+# Offset in uT in body axes, and its total error: of the fit, of heading and tilt, of the field model.
 
-# Residuals beyond 2.5 robust deviations are weighted down (measured on 98 compasses).
+# Huber threshold in robust deviations (tuned on 98 compasses).
 HUBER = 2.5
-# Error of compass and model that remains however long the flight: 3 mG.
+# Systematic error of compass and model: 3 mG.
 FLOOR_UT = 0.3
-# An offset counts above four total errors and 15 mG: then none of 39 untouched simulated flights shows one; with four
-# standard errors of the fit 29 do.
+# Significance of an offset: 4 total sigma and 15 mG. None of 39 simulated flights without offset exceeds it; with 4
+# sigma of the fit alone 29 do.
 OFFSET_SIGMAS, MIN_OFFSET_UT = 4.0, 1.5
 
 
@@ -257,12 +255,12 @@ class OffsetFit:
 
     @property
     def counts(self) -> bool:
-        """Whether an axis is off significantly and by enough."""
+        """Whether any axis has a significant offset."""
         return bool(np.any(np.abs(self.offset) > np.maximum(OFFSET_SIGMAS * self.sigma, MIN_OFFSET_UT)))
 
 
 def fit_offset(samples: FieldSamples, use: Mask) -> OffsetFit | None:
-    """Fit the offset of selected samples; None from fewer than two."""
+    """Fit the offset to selected samples; None from fewer than two."""
     t, error = samples.t[use], samples.error[use]
     if len(t) < 2:
         return None
@@ -276,7 +274,7 @@ def fit_offset(samples: FieldSamples, use: Mask) -> OffsetFit | None:
 
 
 def total_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
-    """Return the total error (3,) uT of an offset of a vehicle that is mostly level.
+    """Return the total sigma (3,) in uT of an offset, for a mostly level vehicle.
 
     ``standard`` (3,) uT: standard errors of the fit; ``sigma_heading`` rad; ``earth`` (3,) uT NED.
     """
@@ -287,22 +285,22 @@ def total_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
     return np.asarray(np.sqrt(fitted**2 + np.array([across, across, along]) ** 2 + FLOOR_UT**2))
 
 
-# Heading errors of the compass before and after a correction, on the half of the flight that it was not fitted to.
+# Cross-validated heading errors of a compass before and after a correction.
 
-# A correction is offered where that heading improves by 30 % and 1 deg to below 12 deg.
+# Required improvement: by 30 % and 1 deg, to below 12 deg.
 MIN_IMPROVEMENT, MIN_IMPROVEMENT_DEG, MAX_HEADING_ERROR_DEG = 0.3, 1.0, 12.0
 
 
 @dataclass(frozen=True, slots=True)
 class HeadingProof:
-    """RMS heading error in deg ``before`` and ``after`` a correction that was fitted elsewhere."""
+    """Cross-validated RMS heading error in deg ``before`` and ``after`` a correction."""
 
     before: float
     after: float
 
     @property
     def holds(self) -> bool:
-        """Whether the correction helps enough."""
+        """Whether the correction improves the heading enough."""
         least = max(MIN_IMPROVEMENT * self.before, MIN_IMPROVEMENT_DEG)
         return self.before - self.after >= least and self.after < MAX_HEADING_ERROR_DEG
 
@@ -318,7 +316,7 @@ def heading_error(q: Array, field: Array, earth: Array) -> Array:
     ``field`` (n, 3) in body axes and the earth's ``earth`` (3,) NED in the same unit.
     """
     seen = rotation.rotate(q, field)
-    # A field that is turned to the east (clockwise) makes the heading read too little.
+    # A field rotated clockwise (to the east) gives a heading that is too small.
     return -rotation.wrap(np.arctan2(seen[:, 1], seen[:, 0]) - math.atan2(earth[1], earth[0]))
 
 
@@ -334,7 +332,10 @@ def flight_halves(samples: FieldSamples) -> tuple[Mask, Mask]:
 
 
 def cross_validate(samples: FieldSamples, parts: tuple[Mask, Mask], error: tuple[Array, Array]) -> HeadingProof:
-    """Return the heading errors of two parts, each corrected by the ``error`` (n, 3) uT fitted to the other."""
+    """Return heading errors of two parts, each corrected by the fit to the other.
+
+    ``error``: compass errors (n, 3) in uT by the fits to both parts.
+    """
     before, after = [], []
     for part, other in zip(parts, reversed(error), strict=True):
         q, field = samples.q[part], samples.measured[part]
@@ -343,27 +344,27 @@ def cross_validate(samples: FieldSamples, parts: tuple[Mask, Mask], error: tuple
     return HeadingProof(rms_deg(np.concatenate(before)), rms_deg(np.concatenate(after)))
 
 
-# One compass over a flight: its offset in the air and on the ground, and the field that the motors add.
+# Study of one compass: offset in the air and on the ground, and motor field.
 
-# A compass that reads less, or whose axes change by less than 3 mG while the vehicle moves, measures nothing.
+# Minimum field strength, and minimum standard deviation of an axis in flight (3 mG), of a live compass.
 MIN_ALIVE_UT, MIN_MOVING_UT = 5.0, 0.3
-# Fields before take-off and after landing are equal within 25 mG or a fifth of what the flight adds.
+# Tolerance between fields before take-off and after landing: 25 mG or a fifth of the change in flight.
 GROUND_REPEATS_UT, GROUND_REPEATS_SHARE = 2.5, 0.2
-# Offsets of both halves agree within 40 % of the offset or three sigmas.
+# Tolerance between offsets of both halves of the flight: 40 % of the offset or 3 sigma.
 HALVES_SHARE, HALVES_SIGMAS = 0.4, 3.0
-# Ground and air differ beyond four sigmas and 20 mG; the ground confirms an offset that is nearer to it than to none.
+# Ground and air differ beyond 4 sigma and 20 mG. The ground confirms an offset within half of its horizontal size.
 GROUND_UT, GROUND_SHARE = 2.0, 0.5
-# Where power hardly changes, an offset explains the flight as well as the motors do: up to 10 % and 0.5 deg.
+# Tolerance by which the motor model may be worse than a constant offset: with nearly constant power both fit equally.
 MOTORS_AS_GOOD, MOTORS_AS_GOOD_DEG = 1.1, 0.5
-# The flight must take so much more power than the ground, by its median in flight.
+# Minimum rise of power from ground to flight, relative to its median in flight.
 MIN_POWER_RISE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class MotorField:
-    """Field that the motors add: ``per_unit`` (3,) uT for each ampere or for full throttle.
+    """Magnetic field of the motors: ``per_unit`` (3,) uT per ampere or at full throttle.
 
-    ``power`` (A, or 0 to 1) is that in flight above the ground's. ``offset`` (3,) uT remains without power.
+    ``power`` (A, or 0 to 1): power in flight minus that on the ground. ``offset`` (3,) uT: field without power.
     """
 
     per_unit: Array
@@ -378,10 +379,11 @@ class MotorField:
 
 @dataclass(frozen=True, slots=True)
 class CompassStudy:
-    """One compass: fits in the ``air``, and on the ``ground`` ``before`` and ``after`` with motors off.
+    """Study of one compass: offsets in the air, and on the ground with motors off.
 
-    ``steady``: both halves of the flight show the same offset. ``cause``: what alone explains the field in flight, an
-    offset, a turn, or neither. ``motors``: None without ground or power.
+    ``before``, ``after``, ``ground``: before take-off, after landing, and both. ``steady``: the offsets of both halves
+    of the flight agree. ``cause``: single cause that explains the field in flight: offset, turn, or neither.
+    ``motors``: None without ground or power.
     """
 
     samples: FieldSamples
@@ -397,7 +399,7 @@ class CompassStudy:
 
     @property
     def ground_agrees(self) -> bool:
-        """Whether the ground confirms the offset of the air."""
+        """Whether the ground confirms the horizontal offset in the air."""
         if self.ground is None or self.ground_differs:
             return False
         apart = self.air.offset - self.ground.offset
@@ -406,7 +408,7 @@ class CompassStudy:
 
     @property
     def ground_differs(self) -> bool:
-        """Whether the compass reads another field on the ground than in the air."""
+        """Whether offsets on the ground and in the air differ significantly."""
         return bool(self.ground_differs_along.any())
 
     @property
@@ -419,13 +421,13 @@ class CompassStudy:
 
     @property
     def follows_motors(self) -> bool:
-        """Whether power explains the heading in flight, as well as a constant offset does."""
+        """Whether the motor model improves the heading at least as well as a constant offset."""
         one, other = self.motor_proof, self.proof
         return one is not None and one.holds and one.after <= MOTORS_AS_GOOD * other.after + MOTORS_AS_GOOD_DEG
 
     @property
     def ground_repeats(self) -> bool:
-        """Whether the compass reads the same before take-off and after landing."""
+        """Whether the offsets before take-off and after landing agree."""
         if self.before is None or self.after is None or self.ground is None:
             return False
         apart = float(np.linalg.norm(self.before.offset - self.after.offset))
@@ -435,7 +437,7 @@ class CompassStudy:
 
 @cached_per_log
 def compass_studies(case: HealthCase) -> tuple[list[CompassStudy], str]:
-    """Study every compass with a known heading; with the reason where there is none."""
+    """Return the studies of all compasses, and the reason where there are none."""
     why = reason_no_heading(case)
     model = alignment.earth_field(case.log)
     if why or case.motion is None or model is None:
@@ -454,14 +456,14 @@ def compass_studies(case: HealthCase) -> tuple[list[CompassStudy], str]:
 
 
 def is_alive(samples: FieldSamples) -> bool:
-    """Return whether the compass reads a field that changes."""
+    """Return whether the compass measures a changing field."""
     field = samples.measured[samples.air]
     size = float(np.median(np.linalg.norm(field, axis=1)))
     return size > MIN_ALIVE_UT and bool(np.any(np.std(field, axis=0) > MIN_MOVING_UT))
 
 
 def study_samples(samples: FieldSamples) -> CompassStudy | None:
-    """Fit air, ground, halves and motors of one compass; None where the air determines nothing."""
+    """Fit the offsets and motor field of one compass; None where flight data is too little."""
     parts = flight_halves(samples)
     air, first, second = (fit_offset(samples, use) for use in (samples.air, *parts))
     if air is None or first is None or second is None:
@@ -488,9 +490,9 @@ def study_samples(samples: FieldSamples) -> CompassStudy | None:
 
 
 def motor_field(samples: FieldSamples, use: Mask, air: OffsetFit, ground: OffsetFit | None) -> MotorField | None:
-    """Return the motors' field by two points, the ground and the fit ``air`` of the samples ``use``.
+    """Return the motor field from the difference of the offsets in air and on ground.
 
-    None without ground or power, or where power hardly differs.
+    ``air``: fit to the samples ``use``. None without ground or power, or where power hardly differs.
     """
     if ground is None or not np.isfinite(samples.hover):
         return None
@@ -514,7 +516,7 @@ def _single_cause(samples: FieldSamples) -> Cause:
 
 # 150 mG: the heading swings by 45 deg where the horizontal field is 20 uT.
 OFFSET_FAR_UT = 15.0
-# Where four sigmas are larger, an offset that is not found is no answer.
+# Maximum 4 sigma for verdict ok; unknown above.
 MAX_UNCERTAINTY_UT = 10.0
 OFFSET_LIMIT = (
     f"ok up to {OFFSET_SIGMAS:.0f} sigma or {MIN_OFFSET_UT} uT, fault above {OFFSET_FAR_UT:.0f} uT horizontally"
@@ -553,7 +555,7 @@ def offset_check(case: HealthCase, study: CompassStudy) -> Check:
 
 
 def offset_refusal(case: HealthCase, study: CompassStudy) -> str:
-    """Return why the offset of the flight is not to be set; empty where it may be."""
+    """Return why the offset is not offered as parameters; empty where it is."""
     if why := reason_unsound(study):
         return why
     if study.ground is None:
@@ -577,7 +579,7 @@ def offset_refusal(case: HealthCase, study: CompassStudy) -> str:
 
 
 def reason_unsound(study: CompassStudy) -> str:
-    """Return why no offset of this flight is constant; empty where it is."""
+    """Return why the offset of this flight is not constant; empty where it is."""
     if not study.samples.mag.calibrated:
         return "This compass was never calibrated: calibrate it on the ground."
     if not study.steady:
@@ -597,5 +599,5 @@ def _offset_evidence(study: CompassStudy) -> list[str]:
 
 
 def axes_with_interval(value: Array, sigma: Array) -> str:
-    """Return three numbers in words, each with half its 95 % interval."""
+    """Format three numbers, each with half of its 95 % interval."""
     return ", ".join(f"{v:.1f} ± {1.96 * s:.1f}" for v, s in zip(value, sigma, strict=True))

@@ -1,4 +1,4 @@
-"""Motor current or throttle beside the field of a compass, and the size of the field against it."""
+"""Compass field strength against motor current or throttle."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from attlog.segments.model import Segments
 Power = Literal["current", "throttle"]
 
 MOVE_ADVICE = "Move the compass away from power wires, or calibrate it against the motors."
-# A weaker correlation is no sign: the field also changes with attitude and place.
+# Minimum correlation; the field also changes with attitude and place.
 MIN_CORRELATION = 0.6
-# The earth's field has 22 uT or more; a fitted line that ends lower is compared with this.
+# Lower bound of the fitted field in a relative change; the earth's field is at least 22 uT.
 MIN_FIELD_UT = 1.0
 # Change of the field over the range of the drive: ardupilot.org, "Magnetic Interference", limits it to 30 %.
 INTERFERENCE_PCT = (12.0, 30.0)
 LIMIT = f"ok up to {INTERFERENCE_PCT[0]:.0f} % or r below {MIN_CORRELATION}, fault above {INTERFERENCE_PCT[1]:.0f} %"
-# The least range of a drive that shows a slope: 0.1 of throttle, and twice the noise of a current sensor.
+# Minimum range of the drive for a slope: 0.1 of throttle, twice the noise of a current sensor.
 MIN_RANGES: dict[Power, float] = {"throttle": 0.1, "current": 2.0}
-# A tenth of a minute at 5 Hz: fewer samples correlate by chance.
+# Minimum time and samples against correlation by chance.
 MIN_FIELD_S, MIN_FIELD_SAMPLES = 10.0, 50
-# Offsets explain a field whose size then varies by half as much, where the vehicle turned far enough for a sphere.
+# Offsets explain the variation if a sphere fit halves it, with a minimum turn for the fit.
 STEADIER_SHARE, MIN_SPHERE_TURN_DEG = 0.5, 15.0
-# A record of power further away than this from a sample of the field is of another manoeuvre.
+# Maximum time from a field sample to a power record.
 MAX_POWER_DISTANCE_S = 2.0
-# A current that never exceeds this is that of a sensor that is not there.
+# Minimum peak current; below it there is no current sensor.
 MIN_CURRENT_A = 0.5
 
 
 def motor_drives(log: FlightLog) -> dict[Power, Stream]:
-    """Return battery current (A) and throttle (0 to 1), where they are logged."""
+    """Return the logged streams of battery current (A) and throttle (0 to 1)."""
     found: dict[Power, Stream] = {}
     battery, throttle = log.power.battery, log.power.throttle
     if battery is not None and battery.x.shape[1] > 1 and np.isfinite(battery.x[:, 1]).any():
@@ -69,7 +69,7 @@ def power_at(drive: Stream | None, t: Array) -> Array:
 
 
 def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:
-    """Check the size of a compass's field against current and throttle."""
+    """Check field strength of a compass against current and throttle."""
     field = mag.field
     use = samples_in_use(log, segments, field.t_best, ("armed", "airborne"))
     use &= inside(field.t_best, segments.spans("armed") or segments.spans("airborne"))
@@ -102,9 +102,10 @@ def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:
 def follow_drive(
     field: Stream, drive: Stream, use: NDArray[np.bool_], min_range: float
 ) -> tuple[float, float, float] | None:
-    """Return correlation of the field's size with a drive, and its line (uT) at the drive's 5th and 95th percentile.
+    """Return the correlation of field strength and drive, and the ends of the fitted line.
 
-    ``use`` (n,) selects samples of the field. None where the drive varies by less than ``min_range`` or few remain.
+    The ends are field strengths in uT at the drive's 5th and 95th percentile. ``use`` (n,) selects field samples. None
+    where the drive varies by less than ``min_range``, or with too few samples.
     """
     size = np.sqrt(np.sum(field.x**2, axis=1)) * 1e6
     use = np.isfinite(size) & (size > 0) & use
@@ -124,9 +125,10 @@ def follow_drive(
 
 
 def offsets_explain(field: Stream, drive: Stream, use: NDArray[np.bool_]) -> bool:
-    """Return whether offsets of the compass explain why its size follows a drive, as on a fast flight one way.
+    """Return whether compass offsets explain the correlation of field strength and drive.
 
-    The best sphere's offsets must leave a size that varies less and no longer follows the drive.
+    Happens in fast flight in one direction. After removal of the sphere fit's offsets the field strength must vary less
+    and no longer correlate with the drive.
     """
     use = use & rotation.finite_rows(field.x)
     x = 1e6 * field.x[use]

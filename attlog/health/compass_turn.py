@@ -1,8 +1,8 @@
-"""Offset and turn of the compass in use by the heading of the reference, where motion alone shows none.
+"""Offset and turn of the compass in use by the reference's heading.
 
-The compass reads ``m = T R' h + o``: R attitude, h the earth's field by the world magnetic model, o an offset that
-moves with the vehicle (hard iron), T a turn about its vertical (mounting, or a heading that is off). A vehicle that
-turns shows both; without turns, a turn keeps the size of the horizontal field and an offset does not.
+Fallback where motion alone gives no heading. Model ``m = T R' h + o``: R attitude, h the earth's field by the world
+magnetic model, o hard-iron offset in body axes, T rotation about the body's vertical (mounting or heading error). Turns
+of the vehicle separate both; without turns, T keeps the horizontal field strength and o does not.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from attlog.reference import alignment
 from attlog.reference.model import Reference
 from attlog.segments.model import Segments
 
-# Four blocks of 5 s, of at least 2.5 Hz: fewer give no standard error.
+# Minimum samples and time for a standard error: four blocks of 5 s at 2.5 Hz.
 MIN_SAMPLES, MIN_FLIGHT_S = 50, 20.0
-# Horizontally; 5 uT (50 mG) swing the heading by 14 deg where the horizontal field is 20 uT.
+# Limits of the horizontal offset: 5 uT (50 mG) is a heading error of 14 deg in a horizontal field of 20 uT.
 OFFSET_OFF_UT, OFFSET_FAR_UT = 5.0, 15.0
-# Errors count from four sigmas of 1.5 standard errors, 0.3 uT, and 0.8 deg of tilt in the vertical field.
+# Significance: 4 sigma, with sigma from 1.5 standard errors, 0.3 uT, and 0.8 deg of tilt in the vertical field.
 SIGMAS, STANDARD_ERRORS, FLOOR_UT, TILT_RAD = 4.0, 1.5, 0.3, math.radians(0.8)
-# Error of the model's field in size.
+# Relative error of the model's field strength.
 MODEL_SIZE_ERROR = 0.01
-# Prior of the turn where nothing turns: onboard headings of flights with truth are off by 0.3 to 3 deg.
+# Prior sigma of the turn without vehicle turns: onboard headings differ from truth by 0.3 to 3 deg.
 HEADING_PRIOR_RAD = math.radians(3.0)
-# Twice the error of a coarse mounting, and half of the smallest setting of an orientation (45 deg).
+# Limits of the turn: twice a coarse mounting error, and half of the smallest orientation step (45 deg).
 TURN_OFF_DEG, TURN_FAR_DEG = 10.0, 20.0
-# The horizontal field has the model's size to 2 % (prior); a turn keeps it to 10 %.
+# Prior sigma of the horizontal field strength, and its maximum relative change by a pure turn.
 SCALE_PRIOR, SIZE_KEPT = 0.02, 0.1
-# Halves of a flight agree within 40 % of the error or three sigmas.
+# Tolerance between both halves of the flight: 40 % of the error or 3 sigma.
 HALVES_SHARE, HALVES_SIGMAS = 0.4, 3.0
-# One fault alone explains the field where it leaves at most 1.5 times what both leave (RMS).
+# Maximum RMS residual of a single cause relative to that of both.
 SIMPLER_RATIO = 1.5
 NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 OFFSET_LIMIT = f"ok up to {OFFSET_OFF_UT:.0f} uT or {SIGMAS:.0f} sigma, fault above {OFFSET_FAR_UT:.0f} uT"
@@ -45,7 +45,7 @@ TURN_LIMIT = f"ok up to {TURN_OFF_DEG:.0f} deg, fault above {TURN_FAR_DEG:.0f} d
 
 @dataclass(frozen=True, slots=True)
 class TurnFit:
-    """Offset (3,) uT and turn (deg, clockwise) of a compass with their sigmas, by the simplest model that fits.
+    """Offset (3,) uT and clockwise turn of a compass by the simplest model that fits.
 
     ``left_ut``: residual RMS. ``steady``: both halves of the flight agree; ``one_fault``: an offset or a turn alone
     explains the field.
@@ -62,11 +62,11 @@ class TurnFit:
     one_fault: bool = True
 
     def by(self, reference: Reference) -> str:
-        """Return samples, time and attitude of the fit in words."""
+        """Return samples, time and attitude source of the fit as text."""
         return f"{self.samples} samples in {self.seconds:.0f} s, turned by {reference.source}"
 
     def reason_unsure(self, reference: Reference) -> str:
-        """Return why neither offset nor turn counts; empty where they do."""
+        """Return why the fit is not reliable; empty where it is."""
         if not self.one_fault and reference.kind != "truth":
             return "Neither an offset nor a turn alone explains the field: the attitude's heading may be in error."
         if not self.steady:
@@ -96,14 +96,14 @@ def turn_checks(case: HealthCase) -> list[Check]:
 
 
 def heading_reference(case: HealthCase) -> Reference | None:
-    """Return truth or smoother with a heading of its own, else a sound onboard attitude; None without one."""
+    """Return truth or smoother with its own heading, else a sound onboard attitude."""
     own = case.reference is not None and case.reference.heading.by == "own"
     found = case.reference if own else case.rates
     return found if found is None or found.heading.by == "own" else None
 
 
 def offset_check(source: str, found: TurnFit, reference: Reference) -> Check:
-    """Check the horizontal size of an offset."""
+    """Check the horizontal offset of a compass."""
     level, unsure = float(np.hypot(*found.offset[:2])), float(found.offset_sigma[:2].max())
     off = level > max(OFFSET_OFF_UT, SIGMAS * unsure)
     if not off and SIGMAS * unsure > OFFSET_FAR_UT:
@@ -134,7 +134,7 @@ def turn_check(source: str, found: TurnFit, reference: Reference) -> Check:
 
 
 def fit_turn(log: FlightLog, segments: Segments, reference: Reference) -> TurnFit | None:
-    """Fit offset and turn to the field in flight; None where too little can be compared."""
+    """Fit offset and turn to the field in flight; None with too few samples."""
     model = alignment.earth_field(log)
     if log.mag is None or model is None:
         return None
@@ -205,6 +205,6 @@ def fit_simplest(t: Array, u: Array, m: Array, seconds: float) -> TurnFit | None
 
 
 def _rms_left(columns: Array, target: Array, x: Array) -> float:
-    """Return the residual RMS of a model in uT without its largest twentieth."""
+    """Return the RMS residual in uT of a model without the largest 5 %."""
     left = np.sort(np.sum((target - columns @ x) ** 2, axis=1))
     return float(np.sqrt(np.mean(left[: max(1, int(0.95 * len(left)))])))

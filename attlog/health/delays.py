@@ -1,4 +1,4 @@
-"""Delay of IMU, GNSS and compass: fits against an attitude, and the parameters that should hold them.
+"""Delays of IMU, GNSS and compass by fits to an attitude, and their parameters.
 
 GNSS: with attitude R, force f and gravity g the velocity is the integral V of ``R f + g``. Between fixes 2 s apart it
 changes by ``V(t_j - tau) - V(t_i - tau)``, linear in a change of the delay tau, a turn of the attitude about the
@@ -27,17 +27,17 @@ from attlog.health.regression import RobustFit, interval_text, robust_fit
 from attlog.reference import alignment
 from attlog.reference.model import Reference
 
-# Velocities change over this time, give or take.
+# Time between differenced velocities, and its tolerance.
 VELOCITY_SPAN_S, SPAN_TOLERANCE_S = 2.0, 0.7
-# Force is not integrated across a longer hole between inertial samples.
+# Maximum interval between IMU samples for integration of the force.
 MAX_STEP_S = 0.1
-# Fewer samples cannot give a delay, its halves and a turn; a larger delay is a fit that went astray.
+# Minimum samples for a fit of delay and turn in both halves; maximum plausible delay.
 MIN_DELAY_SAMPLES, MAX_DELAY_S = 30, 0.6
-# Gauss-Newton ends at half a millisecond, a tenth of the step of settings.
+# Gauss-Newton iterations, and convergence limit: a tenth of the resolution of parameters.
 PASSES, CONVERGED_S = 8, 5e-4
-# Half the step of numerical derivatives.
+# Half the step of the numerical derivatives.
 SLOPE_S = 0.02
-# Standard errors of clustered blocks are too small by about this.
+# Empirical factor on clustered standard errors.
 STANDARD_ERRORS = 1.5
 
 
@@ -53,10 +53,10 @@ class AttitudePath:
 
 @dataclass(frozen=True, slots=True)
 class DelayFit:
-    """Delay and its standard error in s, ``halves`` those of both halves of the flight.
+    """Delay and standard error in s; ``halves``: delays in both halves of the flight.
 
-    ``turn_deg``: turn of the attitude about the vertical that fits best. ``moving``: RMS of what shows the delay, m/s^2
-    or uT/s. ``n`` samples in ``seconds``.
+    ``turn_deg``: fitted rotation of the attitude about the vertical. ``moving``: RMS of the excitation, m/s^2 or uT/s.
+    ``n`` samples in ``seconds``.
     """
 
     delay: float
@@ -68,12 +68,12 @@ class DelayFit:
     seconds: float
 
 
-# At a delay in s: times (n,), columns (n, k, p), the first two those of delay and turn, and the rest (n, k).
+# Linearised equations at a delay in s: times (n,), columns (n, k, p) (delay, turn, others), residuals (n, k).
 Equations = Callable[[float], tuple[Array, Array, Array]]
 
 
 def fit_gnss_delay(imu: Imu, receiver: Gnss, path: AttitudePath, flown: list[Span], guess: float) -> DelayFit | None:
-    """Fit the delay of a receiver's velocities against its time of receipt; None from too few."""
+    """Fit the delay of GNSS velocities after their measurement; None from too few."""
     s, velocity, broken = _force_integral(imu, path, flown)
     t = receiver.t if receiver.received is None else receiver.received
     fixed = (receiver.fix >= FIX_3D) & np.isfinite(receiver.vel_ned[:, :2]).all(axis=1) & np.isfinite(t)
@@ -132,7 +132,7 @@ def fit_compass_delay(t: Array, field: Array, earth: Array, path: AttitudePath) 
 
 
 def _force_integral(imu: Imu, path: AttitudePath, flown: list[Span]) -> tuple[Array, Array, Array]:
-    """Return times (n,) s of the force, its integral (n, 2) m/s north and east, and holes up to each."""
+    """Return times (n,) s, integral of the force (n, 2) m/s north-east, and gap counts."""
     begin, end = (flown[0][0] - 2.0, flown[-1][1] + 2.0) if flown else (0.0, -1.0)
     stamps = imu.acc.t_best
     use = np.flatnonzero((stamps >= begin) & (stamps <= end))
@@ -148,7 +148,7 @@ def _force_integral(imu: Imu, path: AttitudePath, flown: list[Span]) -> tuple[Ar
 
 
 def _gauss_newton(equations: Equations, guess: float) -> DelayFit | None:
-    """Return the fit at the delay that no longer changes; None where there is none."""
+    """Return the converged Gauss-Newton fit; None without convergence."""
     before = guess
     for _ in range(PASSES):
         t, columns, rest = equations(before)
@@ -175,17 +175,15 @@ def _fit_delay(t: Array, columns: Array, rest: Array) -> RobustFit | None:
     return robust_fit(t, columns, rest) if len(t) >= MIN_DELAY_SAMPLES else None
 
 
-# The attitude that delays are fitted by.
-
-# A smoother with smaller sigmas knows its heading by motion alone; its tilt, where only that is needed.
+# Maximum sigmas of a smoother from motion alone: of heading, and of tilt where the heading is fitted.
 SURE_HEADING_DEG, SURE_TILT_DEG = 5.0, 1.0
 
 
 def attitude_path(case: HealthCase) -> AttitudePath | None:
-    """Return the attitude to fit delays by; None where none is accurate enough.
+    """Return the most accurate attitude to fit delays; None if none is accurate enough.
 
-    Motion alone where it knows its heading, else truth or a smoother with its own heading, else motion alone with a
-    heading that the fits turn as they need.
+    Motion alone with known heading, else truth or a smoother with its own heading, else motion alone with a heading
+    that is corrected by the fits.
     """
     motion, reference = case.motion, case.reference
     by_motion = None if motion is None else AttitudePath(motion.t, motion.q, motion.segment, "motion alone")
@@ -204,19 +202,20 @@ def _at_most(quality: dict[str, float | str], name: str, limit: float) -> bool:
 
 
 def reason_no_path(case: HealthCase) -> str:
-    """Return why there is no attitude to fit delays by, and what would give one."""
+    """Return why no attitude is accurate enough to fit delays, with advice."""
     if case.log.replay_imu is None:
         return f"No IMU of this log can be replayed. {case.log.advice('imu')}".strip()
     return "No attitude of this log is sure enough to measure delays by; fly longer with GNSS, faster and slower."
 
 
-# Delay of the logged gyro: by its filter's parameter, and by the rates.
+# Delay of the logged gyro: by its filter's parameter, and by its rates.
 
-# Low-pass filters of 40 Hz and more; a slower one costs phase in control.
+# Maximum delay of low-pass filters of 40 Hz and more; slower ones cost phase margin.
 SHORT_DELAY_MS = 6.0
-# A larger difference is no filter's that is named; no sensor's own filter (20 Hz); a wrong clock or sampling rule.
+# Limits of the measured minus the filter's delay: where the filter is logged, where it is not (sensor filter of 20 Hz),
+# and beyond which the clock or the sampling convention is wrong.
 AGREES_MS, HIDDEN_MS, WRONG_CLOCK_MS = 4.0, 10.0, 20.0
-# A delay counts above four sigmas, with half a millisecond of the reference's own clock.
+# Significance, and error of the reference's clock.
 IMU_SIGMAS, IMU_FLOOR_MS = 4.0, 0.5
 FILTER_LIMIT = f"ok up to {SHORT_DELAY_MS:.0f} ms"
 IMU_LIMIT = (
@@ -226,7 +225,7 @@ IMU_LIMIT = (
 
 
 def imu_delay_checks(case: HealthCase) -> list[Check]:
-    """Check the delay of the filters ahead of the logger, and of the gyro rates against the reference's."""
+    """Check the gyro's delay by its logged filter and against the reference's rates."""
     log = case.log
     if not log.imus:
         return []
@@ -273,9 +272,9 @@ def _rate_delay(imu: Imu, reference: Reference | None) -> Check:
 
 @dataclass(frozen=True, slots=True)
 class DelayLimits:
-    """Limits of an aid's delay: beyond ``off_ms`` and 3 sigma it is wrong; ``floor_ms`` belongs to every sigma.
+    """Limits of an aid's delay; wrong beyond ``off_ms`` and 3 sigma.
 
-    ``source``: their origin; ``fly``: how to show a delay better.
+    ``floor_ms``: error added to every sigma. ``source``: origin of the limits. ``fly``: manoeuvres that improve the fit.
     """
 
     question: str
@@ -290,12 +289,12 @@ class DelayLimits:
         return f"ok within {self.off_ms:.0f} ms or {SIGMAS:.0f} sigma of what is set"
 
 
-# A delay counts above three sigmas.
+# Significance of a delay.
 SIGMAS = 3.0
-# Settings are multiples of this: no delay is known better.
+# Resolution of proposed parameters, the accuracy of a delay.
 ROUND_MS = 5.0
-# On 24 simulated flights fits and smoothers are within 18 ms of the true GNSS delay, with a scatter of 8 ms; the
-# compass's delay scatters by 5 ms (44 to 53, and -2 to 2 ms).
+# On 24 simulated flights fits and smoothers are within 18 ms of the true GNSS delay, with a standard deviation of 8 ms;
+# compass delays scatter by 5 ms (44 to 53, and -2 to 2 ms).
 GNSS = DelayLimits("gnss_delay", 20.0, 8.0, "planted delays on 24 simulated flights", "accelerate and brake more")
 COMPASS = DelayLimits("magnetometer_delay", 20.0, 5.0, "24 simulated flights", "turn more")
 
@@ -308,9 +307,9 @@ def delay_check(
     parameter: DelayParameter | str,
     buffer: DelayParameter | None = None,
 ) -> Check:
-    """Check a delay in ms against its parameter, or say why that is not known; offer a value where it is wrong.
+    """Check a delay in ms against its parameter, and offer a value if it is wrong.
 
-    ``buffer``: the parameter of the longest delay that the estimator can hold.
+    ``parameter``: text where unknown. ``buffer``: parameter of the estimator's maximum delay.
     """
     text = f"{sensor} is {late:.0f} ms late ({late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}, 95 %)"
     check = Check(limits.question, "ok", f"{text}.", unit="ms", threshold=limits.text, sensor=sensor)
@@ -342,14 +341,14 @@ def delay_check(
     return check
 
 
-# GNSS. Estimates with little in common, the fit of velocities and the likelihood of the smoother without and with the
-# compass, are averaged; half their range is part of the error.
+# GNSS. Nearly independent estimates are averaged: the fit of velocities, and the likelihood of the smoother without and
+# with compass. Half their range is added to the error.
 
-# Change of the horizontal force that shows a delay (RMS), and the flight it takes.
+# Minimum change of the horizontal force (RMS), and minimum flight time.
 MIN_FORCE_CHANGE_M_S2, MIN_GNSS_S = 0.4, 15.0
-# Estimates further apart than this contradict each other.
+# Maximum difference between estimates.
 GNSS_APART_MS = 40.0
-# The equations are linear in a turn of the heading up to this.
+# Maximum fitted heading rotation; the linearisation is invalid above.
 MAX_TURN_DEG = 10.0
 # A larger sigma is too large to report a delay.
 GNSS_SURE_MS = 30.0
@@ -392,7 +391,10 @@ def _gnss_delay(case: HealthCase, receiver: Gnss, path: AttitudePath | None, flo
 
 
 def _smoother_delays(case: HealthCase, receiver: Gnss) -> list[float]:
-    """Return the delays in ms since receipt that smoothers without and with compass find of the receiver they use."""
+    """Return GNSS delays in ms by smoothers without and with compass.
+
+    The time from receipt to the log record is subtracted. Empty for a receiver that the smoother does not use.
+    """
     used = next((g for g in case.log.gnss if (g.fix >= FIX_3D).sum() > 1), None)
     qualities = [] if case.motion is None else [case.motion.quality]
     if case.reference is not None and case.reference.kind == "smoother":
@@ -403,7 +405,7 @@ def _smoother_delays(case: HealthCase, receiver: Gnss) -> list[float]:
 
 
 def _write_delay_s(receiver: Gnss) -> float:
-    """Return the median time from receipt to the record, s."""
+    """Return the median time in s from receipt to the log record."""
     if receiver.received is None or len(receiver.t) == 0:
         return 0.0
     between = sorted((receiver.t - receiver.received).tolist())
@@ -435,9 +437,9 @@ def gnss_reason_unsure(found: DelayFit, smoothed: list[float]) -> str:
 
 # A larger sigma is too large to report a delay.
 COMPASS_SURE_MS = 15.0
-# The field must change so fast (RMS), for so long.
+# Minimum rate of change of the field (RMS), and minimum flight time.
 MIN_FIELD_CHANGE_UT_S, MIN_COMPASS_S = 1.5, 20.0
-# Halves of the flight agree within this or three sigmas of their difference.
+# Tolerance between both halves: this, or 3 sigma of their difference (8.5 sigma of the whole fit).
 COMPASS_APART_MS, HALVES_SIGMAS = 25.0, 8.5
 
 

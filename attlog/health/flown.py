@@ -1,4 +1,4 @@
-"""Time in which samples count: in flight, standing still, in use; never as a wreck."""
+"""Spans used by checks: in flight, at rest, in use; without wrecks."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from attlog.health.check import HealthCase
 from attlog.segments.model import Segments
 
 CRASH_KINDS = ("impact", "loss_of_control", "wreck")
-# Cut from both ends of a flight: the ground pushes there.
+# Time cut from both ends of a flight, because of ground contact.
 EDGE_S = 1.0
-# Samples of this tilt are of a vehicle on its back.
+# Tilt above which a vehicle is upside down.
 UPSIDE_DOWN_DEG = 90.0
-# Shorter flight or arming is no use of the vehicle; the whole log counts instead.
+# Minimum flight or armed time; with less the whole log counts.
 MIN_USE_S = 10.0
 
 
 def crash_spans(segments: Segments) -> list[Span]:
-    """Return the spans as a wreck: from each crash to the next flight or the end."""
+    """Return the spans of wrecks: from each crash to the next flight or the end."""
     return merge((s.t0, max(s.t1, s.t0 + 1e-6)) for kind in CRASH_KINDS for s in segments.of(kind))
 
 
@@ -31,18 +31,18 @@ def before_crashes(segments: Segments, t: Array) -> NDArray[np.bool_]:
 
 
 def sound_spans(segments: Segments, spans: list[Span]) -> list[Span]:
-    """Return the time of ``spans`` up to the first impact and outside wrecks; what flies on may be bent."""
+    """Cut spans at the first impact and remove wrecks."""
     end = min((s.t0 for s in segments.of("impact")), default=np.inf)
     return intersect(spans, complement(crash_spans(segments), -np.inf, end))
 
 
 def flight_spans(segments: Segments) -> list[Span]:
-    """Return the flights without their first and last second."""
+    """Return the flights without first and last second, before any impact."""
     return sound_spans(segments, cut_edges(segments.spans("airborne")))
 
 
 def driven_spans(case: HealthCase) -> list[Span]:
-    """Return the flights, or the time armed where the log does not show flight."""
+    """Return the flights, or the armed spans where flight is not logged."""
     unknown = "airborne" in case.segments.unknown
     return sound_spans(case.segments, cut_edges(armed_spans(case.log))) if unknown else flight_spans(case.segments)
 
@@ -53,7 +53,7 @@ def first_crash(segments: Segments) -> float:
 
 
 def flight_before_crash(segments: Segments, edge_s: float = EDGE_S) -> list[Span]:
-    """Return the flights up to the first crash, without their ends."""
+    """Return the flights up to the first crash, without ``edge_s`` at both ends."""
     end = first_crash(segments)
     return cut_edges([(a, min(b, end)) for a, b in segments.spans("airborne") if a < end], edge_s)
 
@@ -64,7 +64,7 @@ def cut_edges(spans: list[Span], edge_s: float = EDGE_S) -> list[Span]:
 
 
 def armed_spans(log: FlightLog) -> list[Span]:
-    """Return the spans armed up to the last estimate, fix or test ratio; none where arming is not logged."""
+    """Return the armed spans; an open one ends at the last estimate, fix or test ratio."""
     armed = log.state.armed
     if armed is None or len(armed.t) == 0:
         return []
@@ -75,7 +75,7 @@ def armed_spans(log: FlightLog) -> list[Span]:
 
 
 def still_spans(segments: Segments) -> tuple[list[Span], str]:
-    """Return the rests on the ground, else the time there with motors on, and its name."""
+    """Return rests, else idling with motors on, and its description."""
     for kind, words in (("rest", "at rest"), ("idle", "on the ground with motors on")):
         if spans := sound_spans(segments, segments.spans(kind)):
             return spans, words
@@ -83,7 +83,7 @@ def still_spans(segments: Segments) -> tuple[list[Span], str]:
 
 
 def held_seconds(t: Array) -> Array:
-    """Return the time (n,) in s from each sample at ``t`` (n,) to the next, at most three usual steps."""
+    """Return the time (n,) in s from each sample to the next, at most three median steps."""
     if len(t) < 2:
         return np.zeros(len(t))
     step = np.diff(t)
@@ -94,9 +94,9 @@ def held_seconds(t: Array) -> Array:
 def samples_in_use(
     log: FlightLog, segments: Segments, t: Array, kinds: tuple[str, ...] = ("airborne", "armed")
 ) -> NDArray[np.bool_]:
-    """Select the times (n,) s upright, outside wrecks and in the first of ``kinds`` that lasts MIN_USE_S.
+    """Mark times (n,) in use: upright, outside wrecks, in flight or armed.
 
-    Without such a kind the whole log counts.
+    The first of ``kinds`` that lasts MIN_USE_S in total counts, else the whole log.
     """
     use = before_crashes(segments, t)
     long = [kind for kind in kinds if (segments.seconds(kind) or 0.0) > MIN_USE_S]

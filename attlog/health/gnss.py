@@ -13,19 +13,19 @@ from attlog.flight.model import FIX_3D, Array, FlightLog, Gnss
 from attlog.health.check import Check, HealthCase, Verdict, unknown
 from attlog.health.flown import driven_spans, held_seconds
 
-# Four seconds at 5 Hz: fewer have no 5th percentile.
+# Minimum fixes for a 5th percentile.
 MIN_FIXES = 20
-# A shorter outage is a late message.
+# Minimum outage; shorter ones are late messages.
 MIN_OUTAGE_S = 3.0
 QUALITY_LIMIT = "ok: in 95 % of the flight as good as the firmware asks before take-off, and no loss above 3 s"
 # States of jamming and spoofing that receivers report.
 SEEN_STATE, WARNING_STATE, CRITICAL_STATE = 1, 2, 3
-# A shorter state is one or two records.
+# Minimum duration of a state, more than two records.
 MIN_JAMMED_S = 1.0
 INTERFERENCE_LIMIT = "ok: the receiver names no jamming and no spoofing for 1 s; fault: critical, or spoofing"
 # Mean radius of the earth.
 EARTH_M = 6.371e6
-# Distance of a fix from where its velocity leads from the one before; not across longer intervals.
+# Jump of a fix against the previous one plus mean velocity: minimum size, significance, maximum interval.
 JUMP_M, JUMP_SIGMAS, MAX_FIX_INTERVAL_S = 3.0, 5.0, 1.5
 JUMP_LIMIT = f"ok: no step above {JUMP_M:.0f} m and {JUMP_SIGMAS:.0f} times its usual size"
 
@@ -43,7 +43,7 @@ def gnss_checks(case: HealthCase) -> list[Check]:
 
 
 def gnss_outages(gnss: Gnss, flights: list[Span], log: FlightLog) -> list[Span]:
-    """Return the spans in flight without a 3D fix, from the last fix to the next; pauses of the logger are none."""
+    """Return spans in flight without a 3D fix, except pauses of the logger."""
     t: NDArray[np.float64] = gnss.t[gnss.fix >= FIX_3D]
     imu = log.replay_imu
     found = []
@@ -56,15 +56,15 @@ def gnss_outages(gnss: Gnss, flights: list[Span], log: FlightLog) -> list[Span]:
 
 
 def _logger_paused(t: NDArray[np.float64], begin: float, end: float) -> bool:
-    """Return whether the inertial samples at ``t`` leave out half of a span, so that nothing was logged then."""
+    """Return whether IMU samples at ``t`` are missing for half of a span."""
     edges = np.concatenate([[begin], t[(t > begin) & (t < end)], [end]])
     return float(np.diff(edges).max()) > 0.5 * (end - begin)
 
 
 def _quality(log: FlightLog, receiver: Gnss, flown: list[Span], fixed: NDArray[np.bool_]) -> Check:
-    """Check the worse end (5th or 95th percentile) of each number with a fix against what the firmware needs.
+    """Check 5th or 95th percentiles of GNSS quality against the firmware's requirements.
 
-    Without a fix receivers report no satellites and accuracies of 100 m; outages are counted instead.
+    Only records with a fix count, because others report zero satellites and 100 m accuracy; outages are checked apart.
     """
     needs, reception = aiding.gnss_requirements(log), receiver.reception
     numbers: list[tuple[str, float, str, bool]] = []
@@ -103,7 +103,7 @@ def _quality(log: FlightLog, receiver: Gnss, flown: list[Span], fixed: NDArray[n
 
 
 def _number(x: float) -> str:
-    """Return two digits, of whole numbers all."""
+    """Format with two significant digits, integers in full."""
     return f"{x:.0f}" if x >= 10.0 or x == round(x) else f"{x:.2g}"
 
 
@@ -113,7 +113,7 @@ def _percentile(x: Array, percent: float) -> float:
 
 
 def _interference(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
-    """Check jamming and spoofing as the receiver reports them; nothing where it does not."""
+    """Check the receiver's reports of jamming and spoofing, if any."""
     reception = receiver.reception
     if reception is None:
         return []
@@ -144,7 +144,7 @@ def _interference(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
 
 
 def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
-    """Check steps between successive fixes that their mean velocity does not explain."""
+    """Check position steps between fixes against their mean velocity."""
     k = np.flatnonzero(use & (receiver.fix >= FIX_3D) & np.isfinite(receiver.lat + receiver.vel_ned[:, 0]))
     if len(k) < MIN_FIXES:
         return []
@@ -172,5 +172,5 @@ def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
 
 
 def _wrapped(degrees: Array) -> Array:
-    """Return differences of longitudes (n,) within half a turn."""
+    """Wrap longitude differences (n,) in deg to +-180."""
     return np.asarray((degrees + 180.0) % 360.0 - 180.0)

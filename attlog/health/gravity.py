@@ -20,32 +20,33 @@ from attlog.reference import alignment
 from attlog.segments import model
 from attlog.segments.model import Segments
 
-# Where the place is unknown, m/s^2.
+# Gravity in m/s^2 where the position is unknown.
 STANDARD_GRAVITY = 9.80665
-# 3 % of gravity tilts nothing but spoils heights; beyond the second an offset fitted in flight is not exact either.
+# Limits of the size of gravity: 3 % has no effect on tilt but on height; above the second an offset fitted in flight is
+# inexact, too.
 GRAVITY_OFF_M_S2, GRAVITY_FAR_M_S2 = 0.3, 1.0
-# Sizes outside are no calibration error: the accelerometer is wrong, and every comparison with it.
+# Range of calibration errors; outside, the accelerometer is faulty and unusable for comparisons.
 USABLE_M_S2 = (7.0, 13.0)
-# The floor covers the model of gravity and a level that is not exact.
+# Significance, and error of the gravity model and of a tilted rest.
 GRAVITY_SIGMAS, GRAVITY_FLOOR_M_S2 = 4.0, 0.01
 REST_LIMIT = (
     f"ok within {GRAVITY_OFF_M_S2} m/s^2 or {GRAVITY_SIGMAS:.0f} sigma of gravity, fault beyond {GRAVITY_FAR_M_S2:.0f}"
 )
 REST_SOURCE = "gravity at the place of the flight"
-# 3 deg is a level calibrated on a slope, 10 deg another mounting; over a flight the mean force strays by more.
+# Limits of the tilt at rest (level calibrated on a slope, other mounting), and by the mean force of a flight.
 TILT_LIMITS_DEG, FLOWN_TILT_LIMITS_DEG = (3.0, 10.0), (10.0, 30.0)
-# Direction of gravity by the mean force of a flight, whose limits hold no level.
+# Name of the direction check by mean force of a flight, too coarse for a level calibration.
 MEAN_GRAVITY = "mean gravity"
-# Change of vertical speed that a flight may begin or end with: its share of the mean falls with time.
+# Maximum change of vertical speed over a flight, whose effect on the mean falls with time; limit of the size in flight.
 CLIMB_M_S, FLOWN_OFF_M_S2 = 8.0, 0.5
-# A sample counts for so many usual intervals at most: what was lost for longer is not known.
+# Maximum weight of a sample in median intervals, at gaps.
 MAX_SAMPLE_STEPS = 5.0
-# Samples that show a median at rest and a mean in flight; slower attitudes smear manoeuvres.
+# Minimum samples at rest, samples and time in flight, and attitude rate (slower ones smear manoeuvres).
 MIN_SAMPLES, MIN_FLOWN_SAMPLES, MIN_FLOWN_S, MIN_ATTITUDE_HZ = 10, 50, 5.0, 5.0
 
 
 def gravity_checks(case: HealthCase) -> list[Check]:
-    """Check size and direction of gravity: at rest, else over a flight; the size of every unit."""
+    """Check size and direction of gravity at rest, else over a flight."""
     log = case.log
     if not log.imus:
         return []
@@ -79,11 +80,11 @@ def is_usable_gravity(size: float) -> bool:
     return USABLE_M_S2[0] <= size <= USABLE_M_S2[1]
 
 
-# Size at rest. One position shows neither an offset along the vertical nor a wrong scale alone.
+# Size at rest. One position cannot separate a vertical offset from a scale error.
 
 
 def gravity_at_rest(case: HealthCase) -> list[Check]:
-    """Check the size of gravity of each usable unit; one ``unknown`` where the vehicle never stands still."""
+    """Check the size of gravity of each usable IMU; one ``unknown`` without rest."""
     units = usable_imus(case)
     sizes = [(imu, size) for imu in units if (size := size_at_rest(case, imu)) is not None]
     found = [_rest_check(case, imu, size) for imu, size in sizes if 1.96 * _size_sigma(size) <= GRAVITY_OFF_M_S2]
@@ -99,7 +100,7 @@ def _size_sigma(size: Blocks) -> float:
 
 @cached_per_log
 def size_at_rest(case: HealthCase, imu: Imu) -> Blocks | None:
-    """Return blocks (b, 1) of the size of the specific force in m/s^2 while the vehicle stands still."""
+    """Return blocks (b, 1) of the specific force's length in m/s^2 at rest."""
     return stream_blocks(force_size(imu.acc), still_spans(case.segments)[0])
 
 
@@ -125,7 +126,7 @@ def _rest_check(case: HealthCase, imu: Imu, found: Blocks) -> Check:
 
 
 def _short_rest(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], where: str) -> Check:
-    """Check the size of gravity by the median of a rest that is too short for blocks."""
+    """Check the size of gravity by the median of a rest too short for blocks."""
     g = expected_gravity(log)
     value = float(np.median(rotation.length(imu.acc.x[rest])))
     off = abs(value - g) > GRAVITY_OFF_M_S2
@@ -142,10 +143,10 @@ def _short_rest(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], where: str) -
 
 
 def mean_force_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[Array, float] | None:
-    """Return the mean specific force (3,) in earth axes by the onboard attitude, and its seconds; None from too few.
+    """Return the mean specific force (3,) in earth axes in flight, and its seconds.
 
-    The vehicle's acceleration averages to its change of speed by the time, which leaves gravity. Each sample has the
-    weight of its time: a logger that thins its records keeps them unevenly.
+    Rotated by the onboard attitude; None from too few samples. Mean acceleration is change of speed over time, which is
+    small, so the mean is gravity. Samples are weighted by time, because thinned logs are uneven.
     """
     onboard = log.onboard_attitude
     if onboard is None or onboard.rate < MIN_ATTITUDE_HZ or imu.acc.rate <= 0:
@@ -181,7 +182,7 @@ def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
 
 
 def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
-    """Check the attitude's down against the mean specific force of a flight."""
+    """Check down of the attitude against the mean specific force of a flight."""
     limit = "ok up to 10 deg in flight, fault above 30 deg"
     flown = mean_force_in_flight(log, imu, segments)
     if flown is None:
@@ -197,7 +198,7 @@ def direction_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:
 
 
 def direction_at_rest(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], where: str) -> Check:
-    """Check the angle between measured gravity and the attitude's down, with the vehicle's trim put back."""
+    """Check the angle between gravity at rest and down of the IMU's attitude."""
     onboard = log.onboard_attitude
     assert onboard is not None
     limit = "ok up to 3 deg, fault above 10 deg"
@@ -217,7 +218,7 @@ def still_directions(imu: Imu, use: NDArray[np.bool_], q: Array) -> tuple[Array,
     """Return mean force (k, 3) in m/s^2 and up (k, 3), a unit vector, in body axes over still windows.
 
     ``use`` (n,) selects samples; ``q`` (n, 4) is the unit's attitude at the accelerometer's times, NaN where unknown.
-    The force may have any size: an accelerometer with a wrong scale still shows a direction.
+    The length of the force is not tested: with a wrong scale the direction is still valid.
     """
     n = min(len(imu.acc.t_best), len(imu.gyro.x))
     t, x = model.select_rising(
@@ -236,13 +237,13 @@ def degrees_between(a: Array, b: Array) -> Array:
 
 
 def imu_attitude(log: FlightLog, attitude: Attitude) -> Array:
-    """Return the attitude (n, 4) of the IMU: the logged one with the vehicle's trim put back."""
+    """Return the attitude (n, 4) of the IMU: the logged one with the trim removed."""
     trim = log.parameters.trim if attitude.has_trim else None
     return attitude.q if trim is None else rotation.multiply(attitude.q, rotation.from_rotvec(trim))
 
 
 def mounting_hint(force: Array, up: Array) -> list[str]:
-    """Return a sentence with the quarter turn that explains the difference; none where none does."""
+    """Return a sentence with the 90 deg rotation that explains a difference, if any."""
     for roll, pitch in product((0, 90, 180, 270), (0, 90, 270)):
         turn = rotation.from_euler(np.radians(roll), np.radians(pitch), 0.0)
         if (roll or pitch) and np.median(degrees_between(rotation.rotate(turn, force), up)) < TILT_LIMITS_DEG[1]:
@@ -260,7 +261,7 @@ MAX_LEFT_SHARE = 0.5
 
 
 def onboard_acc_bias_check(case: HealthCase) -> list[Check]:
-    """Check the tilt that the estimated accelerometer bias makes."""
+    """Check the tilt equivalent of the onboard accelerometer bias."""
     log, stream = case.log, case.log.estimator.acc_bias
     if stream is None:
         return []
@@ -281,7 +282,7 @@ def onboard_acc_bias_check(case: HealthCase) -> list[Check]:
 
 
 def tilt_with_and_without_bias(log: FlightLog, segments: Segments, bias: Array) -> tuple[float, float] | None:
-    """Return the median angle in deg at rest between the attitude's up and the force: as logged, and less the bias."""
+    """Return the median angle in deg at rest between up and force, with and without bias."""
     imu, onboard = log.replay_imu, log.onboard_attitude
     if imu is None or onboard is None:
         return None

@@ -1,9 +1,9 @@
 """Gyro: dead, range, bias at rest and in flight, scale, and steps of the bias.
 
-Over intervals the attitude turns by ``a = S g + b`` where the gyro turns by ``g``: the diagonal of S is one over the
-gyro's scale, its other elements the mounting, -b the bias. A smoother is made of this gyro and shows no scale; truth or
-the onboard attitude does, whose aids keep it from turning as far as a wrong scale. A smoother with GNSS finds steps of
-the bias best, by likelihood.
+Model ``a = S g + b`` of mean attitude rates a and gyro rates g over intervals: the diagonal of S is one over the gyro's
+scale, its other elements the mounting, -b the bias. A smoother integrates this gyro and cannot show its scale; truth
+can, and the onboard attitude, which its aids correct. Steps of the bias are found best by the likelihood of a smoother
+with GNSS.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from attlog.reference.model import GyroJump, Reference
 from attlog.segments import increments
 from attlog.segments.model import Segments
 
-# Short enough for turns, long enough that noise, vibration and a delay of some milliseconds do not lower the slope:
-# 0.98 at 0.1 s, 1.00 here, on flights whose scale is right.
+# Interval of mean rates: short against turns, long enough that noise, vibration and delays do not lower the slope (0.98
+# at 0.1 s, 1.00 here, for gyros with correct scale). Maximum interval, and maximum rotation in it.
 INTERVAL_S, MAX_INTERVAL_S, MAX_INTERVAL_RAD = 0.3, 0.7, 1.0
-# An axis that turns less (standard deviation) does not show its scale to a percent.
+# Minimum standard deviation of the rate about an axis for its scale.
 MIN_TURN_DPS = 8.0
-# Less flight gives no error of a slope that is clustered by blocks of 5 s.
+# Minimum intervals, blocks of 5 s and flight time for a clustered standard error.
 MIN_INTERVALS, MIN_BLOCKS, MIN_FLIGHT_S = 60, 6, 20.0
-# 2 % is seven times what sound flights show; 10 % is another range or unit.
+# Limits of the scale error: 2 % is seven times that of sound flights, 10 % another range or unit.
 SCALE_OFF, SCALE_FAR = 0.02, 0.1
-# A scale counts from four sigmas of 1.5 standard errors and 0.006: slopes of sound flights are 0.99 to 1.01.
+# Significance: 4 sigma of 1.5 standard errors and 0.006 (slopes of sound flights are 0.99 to 1.01).
 SCALE_SIGMAS, STANDARD_ERRORS, SCALE_FLOOR = 4.0, 1.5, 0.006
 TURN_ADVICE = "Fly turns of 90 deg and quick steps of 15 deg about all axes."
 NO_SCALE_SETTING = "No parameter scales a gyro."
 SCALE_LIMIT = (
     f"ok within {100 * SCALE_OFF:.0f} % or {SCALE_SIGMAS:.0f} sigma of 1, fault beyond {100 * SCALE_FAR:.0f} %"
 )
-# What an estimator learns unnoticed, and what it does not learn in a flight.
+# Limits of a bias step: estimators absorb the first unnoticed, the second not within a flight.
 STEP_DPS, STEP_FAR_DPS = 0.5, 3.0
-# Six sigmas: the clearest of many possible times is taken.
+# Significance of a step; 6 sigma because the best of many times is selected.
 STEP_SIGMAS, STEP_FLOOR_DPS = 6.0, 0.03
-# Blocks of 5 s before and after a step.
+# Minimum blocks of 5 s before and after a step.
 STEP_BLOCKS = 3
 STEP_LIMIT = f"ok: no step above {STEP_DPS} deg/s and {STEP_SIGMAS:.0f} sigma; fault above {STEP_FAR_DPS:.0f} deg/s"
 
@@ -71,7 +71,7 @@ def turn_checks(case: HealthCase) -> list[Check]:
 
 
 def _rate_checks(imu: Imu, segments: Segments, reference: Reference | None) -> tuple[Check, Check]:
-    """Return scale and bias step by the rates of an attitude."""
+    """Check scale and bias step by the rates of an attitude."""
     why = "No attitude that is not made of this gyro can be trusted."
     if reference is not None and reference.kind in ("truth", "onboard") and not reference.faults.gyro:
         t, g, a = interval_rates(imu, reference)
@@ -87,7 +87,10 @@ def _rate_checks(imu: Imu, segments: Segments, reference: Reference | None) -> t
 
 
 def interval_rates(imu: Imu, reference: Reference) -> tuple[Array, Array, Array]:
-    """Return begin (n,) s and mean rates (n, 3) rad/s by gyro and attitude over intervals without gaps and resets."""
+    """Return begin (n,) s and mean rates (n, 3) rad/s of gyro and attitude.
+
+    Over intervals without gaps and resets.
+    """
     if len(reference.t) < 3 or len(imu.gyro.t) < 3 or reference.rate <= 0:
         return np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3))
     step = max(1, round(INTERVAL_S * reference.rate))
@@ -99,7 +102,7 @@ def interval_rates(imu: Imu, reference: Reference) -> tuple[Array, Array, Array]
 
 
 def _smoother_step_check(imu: Imu, jumps: tuple[GyroJump, ...]) -> Check:
-    """Return the step of the bias that a smoother found by likelihood."""
+    """Check the bias steps that the smoother found by likelihood."""
     made = partial(Check, "gyro_bias_step", threshold=STEP_LIMIT)
     if not jumps:
         return made("ok", f"The smoother finds no step of the bias of {imu.gyro.source}.")
@@ -145,9 +148,9 @@ def _scale_check(imu: Imu, reference: Reference, t: Array, g: Array, found: list
 def _step_check(
     imu: Imu, reference: Reference, t: Array, columns: Array, a: Array, found: list[RobustFit | None]
 ) -> Check:
-    """Return the clearest step of the bias between two parts of the flight.
+    """Check the most significant bias step between two parts of the flight.
 
-    About z only truth shows steps: a compass drags an onboard heading by degrees per second, as a bias would.
+    About z only truth is used: a compass pulls an onboard heading by degrees per second, as a bias does.
     """
     solved = [one for one in found if one is not None]
     if len(solved) < 3:
@@ -174,9 +177,10 @@ def _step_check(
 
 
 def largest_step(bias: Array) -> tuple[float, float, int, int]:
-    """Return size and error of the clearest step of block means (n, axes), its axis, and the first block after it.
+    """Return size, error, axis and first block of the most significant step.
 
-    The size is that of medians before and after; the scatter is that of neighbours, which one step hardly changes.
+    ``bias`` (n, axes): block means. Size is the difference of medians before and after. The scatter is from neighbour
+    differences, which one step hardly changes.
     """
     scatter = 1.4826 * np.median(np.abs(np.diff(bias, axis=0)), axis=0) / math.sqrt(2.0)
     found = [_step_at(bias[:, axis], float(scatter[axis])) for axis in range(bias.shape[1])]
@@ -186,7 +190,7 @@ def largest_step(bias: Array) -> tuple[float, float, int, int]:
 
 
 def _step_at(bias: Array, scatter: float) -> tuple[float, float, int]:
-    """Return size, error and place of the step of one axis (n,) whose two means leave the least squares."""
+    """Return size, error and index of the least-squares step of one axis (n,)."""
     parts = range(STEP_BLOCKS, len(bias) - STEP_BLOCKS + 1)
     at = min(parts, key=lambda k: float(np.var(bias[:k]) * k + np.var(bias[k:]) * (len(bias) - k)))
     size = float(np.median(bias[at:]) - np.median(bias[:at]))
@@ -195,7 +199,7 @@ def _step_at(bias: Array, scatter: float) -> tuple[float, float, int]:
 
 
 def _step_time(t: Array, left: Array, near: float) -> float:
-    """Return the time within two blocks of ``near`` s at which the residual's mean changes most."""
+    """Return the time near ``near`` s at which the residual's mean changes most."""
     around: NDArray[np.int64] = np.flatnonzero(np.abs(t - near) <= 2.0 * BLOCK_S)
     if len(around) < 8:
         return near
@@ -206,26 +210,26 @@ def _step_time(t: Array, left: Array, near: float) -> float:
 
 # Dead sensor, range, and bias at rest and in flight.
 
-# What estimators learn within seconds.
+# Bias limits in deg/s (warning, fault); estimators learn such biases within seconds.
 BIAS_DPS = (1.0, 3.0)
 BIAS_SOURCE = "what estimators learn within seconds"
-# From here on results show how a filter copes with a broken gyro, not which filter is best.
+# Bias above which a comparison of filters is meaningless.
 UNUSABLE_DPS = 10.0
 # Resolution of the gyro in old logs.
 BIAS_FLOOR_DPS = 0.01
 BIAS_LIMIT = f"ok up to {BIAS_DPS[0]:.0f} deg/s, fault above {BIAS_DPS[1]:.0f} deg/s; the same for its change"
-# A change of the bias from rest to flight counts above so many joint errors.
+# Significance of a bias change from rest to flight, in joint sigmas.
 CHANGE_SIGMAS = 4.0
-# Of fewer samples the median is one moment.
+# Minimum samples at rest for a median.
 MIN_REST_SAMPLES = 10
 NO_BIAS_SETTING = "Gyro offsets are measured while the vehicle stands still, not in a log."
 STAND_ADVICE = "Log 10 s standing still before take-off."
 # Ranges of autopilot gyros; 2000 deg/s is the usual one.
 RANGES_DPS = (125.0, 250.0, 500.0, 1000.0, 2000.0)
 RANGE_LIMIT = "warning from 1999 deg/s, or where it stays at 125, 250, 500 or 1000 deg/s: the range of the sensor"
-# Share of the range within which a sample is at its end.
+# Relative tolerance of a sample at the end of the range.
 AT_LIMIT = 0.0005
-# Samples in a row at the end of a smaller range that are no chance.
+# Minimum consecutive samples at the end of a smaller range.
 FLAT_SAMPLES = 3
 
 
@@ -260,7 +264,7 @@ def count_at_limit(rate: Array) -> int:
 
 
 def gyro_bias_checks(case: HealthCase) -> list[Check]:
-    """Check the bias of each gyro at rest and in flight; of the gyro in use by short rests too."""
+    """Check the bias of each gyro at rest and in flight."""
     units = usable_imus(case)
     found = [one for imu in units if (one := _bias_check(case, imu)) is not None]
     imu = case.log.imus[case.log.imu or 0] if case.log.imus else None
@@ -276,7 +280,7 @@ def gyro_bias_checks(case: HealthCase) -> list[Check]:
 
 
 def unusable_gyro(log: FlightLog, segments: Segments, reference: Reference) -> str:
-    """Return why no filter can be compared with this gyro: contradicted, far off at rest, frozen; else empty."""
+    """Return why a gyro is unusable for a comparison of filters; empty where usable."""
     imu = log.replay_imu
     if reference.faults.gyro:
         return f"{reference.faults.gyro[0].lower()}{reference.faults.gyro[1:].rstrip('.')}"
@@ -287,7 +291,7 @@ def unusable_gyro(log: FlightLog, segments: Segments, reference: Reference) -> s
 
 
 def _rest_bias(imu: Imu, segments: Segments) -> Check | None:
-    """Return the median rate at rest, else on the ground with motors on, and its change between rests."""
+    """Check the median rate at rest, else idling, and its change between rests."""
     for kind, where in (("rest", "Standing still"), ("idle", "On the ground with motors on")):
         mask = segments.mask(imu.gyro.t, kind) & rotation.finite_rows(imu.gyro.x)
         if mask.sum() < MIN_REST_SAMPLES:
@@ -302,7 +306,7 @@ def _rest_bias(imu: Imu, segments: Segments) -> Check | None:
 
 
 def _moved_bias(imu: Imu, segments: Segments) -> Check | None:
-    """Return the check of two rests that differ by more than BIAS_DPS, which their common median hides."""
+    """Check for a bias change between rests, hidden in their common median."""
     t = imu.gyro.t
     good = rotation.finite_rows(imu.gyro.x)
     rests = [(a, b, imu.gyro.x[good & (t >= a) & (t <= b)]) for a, b in segments.spans("rest")]
@@ -326,7 +330,7 @@ def _moved_bias(imu: Imu, segments: Segments) -> Check | None:
 
 
 def _bias_check(case: HealthCase, imu: Imu) -> Check | None:
-    """Return the bias of one unit by blocks at rest, else in flight; None where neither is known."""
+    """Check the bias of one gyro at rest, else in flight; None where unknown."""
     spans, where = still_spans(case.segments)
     rest, air = stream_blocks(imu.gyro, spans), _bias_in_flight(case, imu)
     if rest is not None and 1.96 * float(np.degrees(rest.sigma(0.0).max())) > BIAS_DPS[0]:
@@ -358,7 +362,7 @@ def _bias_check(case: HealthCase, imu: Imu) -> Check | None:
 
 
 def _bias_in_flight(case: HealthCase, imu: Imu) -> SensorBias | None:
-    """Return the bias in flight by the smoother; of another unit with its mean difference added."""
+    """Return the gyro bias in flight: the smoother's, plus the difference of another IMU."""
     found, replayed = smoothed_gyro_bias(case), case.log.replay_imu
     if found is None or not found.sure or replayed is None or not flight_spans(case.segments):
         return None
