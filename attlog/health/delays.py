@@ -73,7 +73,7 @@ Equations = Callable[[float], tuple[Array, Array, Array]]
 
 
 def fit_gnss_delay(imu: Imu, receiver: Gnss, path: AttitudePath, flown: list[Span], guess: float) -> DelayFit | None:
-    """Fit the delay of GNSS velocities after their measurement; None from too few."""
+    """Fit the delay of GNSS velocities before their receipt; None from too few."""
     s, velocity, broken = _force_integral(imu, path, flown)
     t = receiver.t if receiver.received is None else receiver.received
     fixed = (receiver.fix >= FIX_3D) & np.isfinite(receiver.vel_ned[:, :2]).all(axis=1) & np.isfinite(t)
@@ -274,7 +274,7 @@ def _rate_delay(imu: Imu, reference: Reference | None) -> Check:
 class DelayLimits:
     """Limits of an aid's delay; wrong beyond ``off_ms`` and 3 sigma.
 
-    ``floor_ms``: error added to every sigma. ``source``: origin of the limits. ``fly``: manoeuvres that improve the fit.
+    ``floor_ms``: error added to every sigma. ``source``: origin of the limits. ``fly``: manoeuvres for a better fit.
     """
 
     question: str

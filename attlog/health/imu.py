@@ -1,4 +1,4 @@
-"""IMU samples for checks: usable units, blocks of still time and flight, biases by the smoother."""
+"""IMU data for checks: usable IMUs, block medians, biases by the smoother."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from attlog.segments import model
 
 
 def dead_reason(x: Array, source: str, sensor: str) -> str:
-    """Return why samples (n, 3) are those of a dead sensor: all zero, or an axis that never changes; else empty."""
+    """Return why samples (n, 3) are dead (all zero, or a constant axis); empty where alive."""
     if not x.any():
         return f"{source}: all values of the {sensor} are zero."
     stuck = [axis for axis, spread in zip("xyz", map(np.ptp, x.T), strict=True) if spread == 0]
@@ -28,25 +28,25 @@ def dead_reason(x: Array, source: str, sensor: str) -> str:
     return ""
 
 
-# Medians of a stream over blocks of seconds: the scatter of blocks, not of samples, gives the error of their middle.
+# Medians of a stream over blocks of seconds; the error is from the scatter of blocks, because samples are correlated.
 
-# Of fewer samples a median and its deviation mean nothing.
+# Minimum samples of a block.
 MIN_BLOCK_SAMPLES = 5
-# Of longer blocks the means of neighbours are sorted, at a tenth of the time.
+# Above this number of samples a block is reduced by means of neighbours, for speed.
 MAX_BLOCK_SAMPLES = 250
-# With fewer blocks of 5 s they are of 1 s; less time than 2 s is no phase.
+# Below this number of 5 s blocks, blocks last 1 s. Minimum total time.
 MIN_LONG_BLOCKS, SHORT_BLOCK_S, MIN_BLOCK_TIME_S = 5, 1.0, 2.0
-# Blocks are not independent either, so standard errors are too small by this.
+# Factor on standard errors, because blocks are correlated, too.
 STANDARD_ERRORS = 1.5
-# Robust deviation of a normal distribution, and the standard error of a median over that of a mean.
+# For a normal distribution: standard deviation over MAD, and standard error of a median over that of a mean.
 MAD, MEDIAN_SD = 1.4826, 1.2533
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Medians ``x`` (b, k) of blocks at their middles ``t`` (b,) s, of ``samples`` in ``seconds``.
+    """Block medians ``x`` (b, k) at block centres ``t`` (b,) s.
 
-    ``spread`` (k,): robust deviation of the samples of a block.
+    From ``samples`` in ``seconds``. ``spread`` (k,): robust deviation of the samples within a block.
     """
 
     t: Array
@@ -61,14 +61,20 @@ class Blocks:
         return np.asarray(np.median(self.x, axis=0))
 
     def sigma(self, floor: float) -> Array:
-        """Return the error (k,) of the middle, at least ``floor``; from fewer than three blocks by their samples."""
+        """Return the error (k,) of ``middle``, at least ``floor``.
+
+        From the scatter of blocks, for fewer than three from the samples.
+        """
         b = len(self.x)
         scatter = MAD * np.median(np.abs(self.x - self.middle), axis=0) if b > 2 else self.spread
         return np.asarray(np.hypot(STANDARD_ERRORS * MEDIAN_SD * scatter / np.sqrt(max(b, 1)), floor))
 
 
 def blocks(t: Array, x: Array, spans: list[Span]) -> Blocks | None:
-    """Return the blocks of ``x`` (n, k) at rising ``t`` (n,) s within ``spans``; None from less than 2 s."""
+    """Return block medians of ``x`` (n, k) within spans; None from less than 2 s.
+
+    ``t`` (n,) s is increasing.
+    """
     times: list[float] = []
     medians: list[Array] = []
     spreads: list[Array] = []
@@ -98,7 +104,7 @@ def blocks(t: Array, x: Array, spans: list[Span]) -> Blocks | None:
 
 
 def _decimated(x: Array) -> Array:
-    """Return at most some MAX_BLOCK_SAMPLES means of as many neighbours each, of values (n, k)."""
+    """Reduce values (n, k) to about MAX_BLOCK_SAMPLES means of neighbours."""
     each = len(x) // MAX_BLOCK_SAMPLES
     return x if each < 2 else x[: each * (len(x) // each)].reshape(-1, each, x.shape[1]).mean(axis=1)
 
@@ -109,7 +115,7 @@ def stream_blocks(stream: Stream, spans: list[Span]) -> Blocks | None:
 
 
 def finite_samples(stream: Stream, spans: list[Span]) -> tuple[Array, Array]:
-    """Return times (n,) s and values (n, k) of the finite samples around ``spans``, in rising order."""
+    """Return times (n,) s and values (n, k) of finite samples around spans, times increasing."""
     n = min(len(stream.t_best), len(stream.x))
     t, x = stream.t_best[:n], stream.x[:n]
     if not spans or n == 0:
@@ -120,7 +126,7 @@ def finite_samples(stream: Stream, spans: list[Span]) -> tuple[Array, Array]:
 
 @cached_per_log
 def usable_imus(case: HealthCase) -> list[Imu]:
-    """Return the units with live and calibrated accelerometer and gyro, the replayed one first."""
+    """Return IMUs with live, calibrated accelerometer and gyro, the replayed one first."""
 
     def alive(x: Array) -> bool:
         return len(x) >= MIN_BLOCK_SAMPLES and not dead_reason(x, "", "")
@@ -130,33 +136,33 @@ def usable_imus(case: HealthCase) -> list[Imu]:
 
 
 def axes_text(vector: Array, digits: int = 2) -> str:
-    """Return a vector in words: ``x +0.12, y -0.30, z +0.05``."""
+    """Format a vector: ``x +0.12, y -0.30, z +0.05``."""
     return ", ".join(f"{axis} {value:+.{digits}f}" for axis, value in zip("xyz", vector, strict=True))
 
 
-# Biases of the replayed unit in flight by the smoother, with their total errors. Where a flight hardly turns, the
-# horizontal accelerometer bias and the tilt cannot be separated: its sigma is then large, or, in the worst flights, the
-# runs with and without the compass disagree.
+# Biases of the replayed IMU in flight by the smoother, with total errors. Without turns the horizontal accelerometer
+# bias is not separable from tilt: sigma is then large or, in the worst flights, the smoothers with and without compass
+# disagree.
 
 Quality = Mapping[str, float | str]
-# The smoother's sigma of an accelerometer bias is too small by this (24 flights with truth).
+# Factor on the smoother's sigma of an accelerometer bias (24 flights with truth).
 SIGMA_FACTOR = 1.5
-# Tilt that no flight separates from it; along z the model of gravity and a scale error of 0.003 (0.03 m/s^2).
+# Minimum error: inseparable tilt; along z the gravity model and a scale error of 0.003 (0.03 m/s^2).
 FLOOR_M_S2 = np.array([0.03, 0.03, 0.05])
-# Largest sigma of a known bias: without a compass, and where one agrees with motion. On 24 flights with truth and 48
-# planted offsets errors reach 0.9 m/s^2 beyond it, and stay within two total sigmas below it.
+# Maximum sigma of a known bias: without a compass, and with one that agrees with motion. On 24 flights with truth and
+# 48 planted offsets errors are up to 0.9 m/s^2 above this limit, and within 2 total sigma below it.
 ALONE_M_S2, BOTH_M_S2 = 0.03, 0.045
-# Joint total sigmas up to which the runs with and without the compass agree.
+# Maximum difference between smoothers with and without compass, in joint total sigmas.
 MAX_JOINT_SIGMAS = 2.0
-# Drift of a gyro bias over a flight; a bias with a larger sigma than the second is not known.
+# Drift of a gyro bias over a flight; maximum sigma of a known bias.
 FLOOR_DPS, SURE_DPS = 0.05, 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class SensorBias:
-    """Error of a sensor along the body's axes, ``mean`` (3,) m/s^2 or deg/s, with its ``sigma`` (3,).
+    """Sensor bias ``mean`` (3,) with ``sigma`` (3,) in body axes, m/s^2 or deg/s.
 
-    ``known`` (3,): axes whose sigma is small enough. ``n`` samples in ``seconds``; ``by``: its source in words.
+    ``known`` (3,): axes with a small enough sigma. ``n`` samples in ``seconds``; ``by``: source as text.
     """
 
     mean: Array
@@ -175,7 +181,7 @@ class SensorBias:
 def smoothed_acc_bias(case: HealthCase) -> SensorBias | None:
     """Return the bias of the replayed accelerometer in m/s^2; None without a smoother with GNSS.
 
-    It is the reference's where that is a smoother whose compass agrees with motion, else the one without a compass.
+    From the reference if it is a smoother whose compass agrees with motion, else from the smoother without compass.
     """
     if (read := _longest_segment(case.motion)) is None:
         return None
@@ -218,14 +224,14 @@ def smoothed_gyro_bias(case: HealthCase) -> SensorBias | None:
 
 
 def _longest_segment(motion: MotionAttitude | None) -> tuple[Array, Quality] | None:
-    """Return the times (n,) s of the longest segment, which the smoother's biases are of, and its values."""
+    """Return times (n,) s of the longest segment, and the smoother's values for it."""
     if motion is None or len(motion.t) < 2:
         return None
     return motion.t[motion.segment == np.argmax(np.bincount(motion.segment))], motion.quality
 
 
 def _smoother_values(quality: Quality, mean: str, sigma: str) -> tuple[Array, Array] | None:
-    """Return mean and sigma (3,) of a bias from a smoother's values; None where one is missing."""
+    """Return mean and sigma (3,) of a bias from a smoother's values; None if incomplete."""
     numbers = [quality.get(name.format(axis)) for name in (mean, sigma) for axis in "xyz"]
     values = [float(x) for x in numbers if isinstance(x, float | int) and np.isfinite(x)]
     return (np.array(values[:3]), np.array(values[3:])) if len(values) == 6 else None

@@ -1,8 +1,8 @@
-"""IMUs of a vehicle against each other, standing still and in flight, and which one is off.
+"""Differences between the IMUs of a vehicle, and the faulty one of a pair.
 
-The faster unit is interpolated to the samples of the slower one; medians over blocks of 5 s separate a lasting
-difference from noise and vibration. The unit that is off is the one further from gravity or zero rate at rest, else by
-the smoother's biases.
+The faster IMU is interpolated to the samples of the slower one; medians over blocks of 5 s suppress noise and
+vibration. The faulty IMU is the one further from gravity or zero rate at rest, else the one with the larger bias by the
+smoother.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ Kind = Literal["acc", "gyro"]
 
 @dataclass(frozen=True, slots=True)
 class PairLimits:
-    """Limits of a difference: ok up to ``off``, fault beyond ``far``; an error of one unit counts from ``least``.
+    """Limits of a difference: ok up to ``off``, fault above ``far``.
 
-    ``floor``: error of every difference.
+    ``least``: minimum error of the faulty IMU. ``floor``: error added to every difference.
     """
 
     unit: str
@@ -54,22 +54,22 @@ class PairLimits:
         return f"ok up to {self.off:g} {self.unit} or {SIGMAS:.0f} sigma, fault above {self.far:g}"
 
 
-# A difference counts above four sigmas.
+# Significance of a difference.
 SIGMAS = 4.0
 PAIR_LIMITS: dict[Kind, PairLimits] = {
     "acc": PairLimits("m/s^2", 0.5, 0.75, 0.15, 0.02, "3 deg of tilt; arming checks refuse from 0.7 to 0.75 m/s^2"),
     "gyro": PairLimits("deg/s", 1.0, 5.0, 0.5, 0.02, "the limit of a gyro's bias; arming checks refuse from 5 deg/s"),
 }
-# m/s^2 and rad/s, about every axis: a hundredth of what simulated sensors without noise differ by.
+# Maximum difference of duplicate streams in m/s^2 or rad/s, a hundredth of that of simulated sensors without noise.
 DUPLICATE_DIFFERENCE = 1e-5
-# Slower samples of a vibrating unit fold: units logged at 2 Hz seem to differ by 1.3 m/s^2, and do not at rest.
+# Minimum rate in flight: vibration is aliased in slower ones (difference of 1.3 m/s^2 at 2 Hz, none at rest).
 MIN_FLOWN_HZ, IN_FLIGHT = 10.0, "in flight"
-# One unit is off where its error is so many times the other's.
+# Minimum ratio of the faulty IMU's error to the other's.
 LARGER_FACTOR = 2.0
 
 
 def imu_differences(case: HealthCase) -> list[Check]:
-    """Check accelerometer and gyro of each further unit against the replayed one; nothing for a single unit."""
+    """Check accelerometer and gyro of each other IMU against the replayed one."""
     units = usable_imus(case)
     if len(units) < 2:
         return []
@@ -84,7 +84,7 @@ def imu_differences(case: HealthCase) -> list[Check]:
 
 
 def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
-    """Return blocks of what ``b`` reads more than ``a`` within ``spans``; None where they share no time."""
+    """Return blocks of ``b`` minus ``a`` within spans; None without common time."""
     if not spans:
         return None
     fast, slow, sign = (a, b, 1.0) if a.rate >= b.rate else (b, a, -1.0)
@@ -95,19 +95,19 @@ def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
     t, x = (t, x) if use.all() else (t[use], x[use])
     more = sign * (x - np.column_stack([np.interp(t, t_fast, column) for column in x_fast.T]))
     found = blocks(t, more, spans)
-    # A stream of the unit in use repeats another one after a switch: no two sensors agree that well.
+    # Equal streams are duplicates: after a switch the stream of the IMU in use repeats that of another IMU.
     return None if found is None or bool(np.all(found.spread < DUPLICATE_DIFFERENCE)) else found
 
 
 @cached_per_log
 def difference_in_flight(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Blocks | None:
-    """Return blocks of what ``b`` reads more than ``a`` in flight, rad/s or m/s^2; None without any."""
+    """Return blocks of ``b`` minus ``a`` in flight, rad/s or m/s^2; None without any."""
     return difference(getattr(a, kind), getattr(b, kind), flight_spans(case.segments))
 
 
 @dataclass(frozen=True, slots=True)
 class ImuDifference:
-    """Difference of two units in a ``phase``: ``middle`` (3,) with its ``sigma`` (3,), and its size."""
+    """Difference of two IMUs in a ``phase``: ``middle`` (3,) with ``sigma`` (3,)."""
 
     middle: Array
     sigma: Array
@@ -126,7 +126,7 @@ class ImuDifference:
         return along / self.size if self.size > 0.0 else float(self.sigma.max())
 
     def text(self, unit: str) -> str:
-        """Return the size in words."""
+        """Format the size in ``unit`` with its phase."""
         return f"{self.size:.2f} ± {1.96 * self.unsure:.2f} {unit} {self.phase}"
 
 
@@ -147,7 +147,7 @@ def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDi
 
 
 def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
-    """Check the larger difference of two units, at rest or in flight."""
+    """Check the larger difference of two IMUs, at rest or in flight."""
     limits, every = PAIR_LIMITS[kind], _imu_differences(case, kind, a, b)
     if not every:
         return None
@@ -172,9 +172,9 @@ def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
 
 
 def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> tuple[Imu | None, str]:
-    """Return which of two units is off and by what that is known; None with the reason where it is not.
+    """Return the faulty one of two IMUs with the evidence, or None with the reason.
 
-    ``apart`` (3,) m/s^2 or deg/s: what b reads more than a.
+    ``apart`` (3,) m/s^2 or deg/s: ``b`` minus ``a``.
     """
     least = PAIR_LIMITS[kind].least
     if kind == "acc":
@@ -201,7 +201,7 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
 
 
 def _larger_index(sizes: list[float], least: float) -> int | None:
-    """Return the index of the clearly larger of two errors."""
+    """Return the index of the clearly larger of two errors, None where neither is."""
     if len(sizes) < 2:
         return None
     k = int(np.argmax(sizes))

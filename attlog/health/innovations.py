@@ -1,4 +1,4 @@
-"""Test ratios of the onboard estimator in flight: rejected aids, and noise that is set too small."""
+"""Test ratios of the onboard estimator: rejected aids, too small noise parameters."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from attlog.health.regression import median_interval
 from attlog.segments.flight_signs import true_runs
 from attlog.story.estimator_events import Rejection, aid_rejections
 
-# Checks of an aid by its test ratios: innovation over gate and standard deviation (of both firmwares the root). Above 1
-# the aid is rejected; 1 / gate is one standard deviation of what the estimator expects.
+# Test ratio: innovation / (gate x standard deviation), for both firmwares the root. Above 1 the aid is rejected; an
+# innovation of one expected standard deviation gives 1 / gate.
 
-# Of fewer ratios the 95th percentile is the largest.
+# Minimum ratios for a 95th percentile.
 MIN_RATIOS = 20
-# ArduPilot's EKF3 resets to GNSS that it rejected for so long (AP_NavEKF3.h, posRetryTimeUseVel_ms).
+# ArduPilot's EKF3 resets to GNSS after this time of rejection (AP_NavEKF3.h, posRetryTimeUseVel_ms).
 LONG_REJECTION_S = 10.0
-# Shares of the flight above 1: Gaussian innovations are beyond 3 sigma, the smallest gate, in 0.3 %.
+# Limits of the share of flight above 1; 0.3 % for Gaussian innovations and the smallest gate of 3 sigma.
 OFTEN_SHARE, FAULT_SHARE = 0.02, 0.10
-# Above 1 for so long without a break is no single outlier.
+# Minimum uninterrupted time above 1, to exclude single outliers.
 MIN_REJECTION_S = 1.0
 LIMIT = f"ok: above 1 for less than {MIN_REJECTION_S:.0f} s in all, "
 LIMIT += f"or for {100 * OFTEN_SHARE:.0f} % and never that long on end; "
@@ -60,14 +60,14 @@ class RatioSummary:
 
 
 def ratio_summaries(case: HealthCase) -> list[RatioSummary]:
-    """Return the ratios of each aid that was used in flight."""
+    """Return the summary of test ratios of each aid used in flight."""
     flown = driven_spans(case)
     found = [_ratio_summary(test, flown) for test in case.log.estimator.innovation_tests]
     return [one for one in found if one is not None]
 
 
 def _ratio_summary(test: InnovationTest, flown: list[Span]) -> RatioSummary | None:
-    """Return None where an aid was not used: no ratios in flight, or nothing but zeros."""
+    """Return the summary of an aid; None where unused: no ratios in flight, or only zeros."""
     use = inside(test.t, flown) & np.isfinite(test.ratio)
     t, ratio = test.t[use], test.ratio[use]
     if len(t) < MIN_RATIOS or not ratio.any():
@@ -137,22 +137,21 @@ def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | Non
 
 
 def _reason_no_ratios(case: HealthCase) -> str:
-    """Return why there are no test ratios, and what would log them."""
+    """Return why there are no test ratios, and how to log them."""
     if any(test.ratio.any() for test in case.log.estimator.innovation_tests):
         return "No flight is long enough to judge the EKF's test ratios."
     return parameters.advise_test_ratios(case.log)
 
 
-# A larger noise where a sound flight shows that the estimator's is too small. A filter that expects what happens has a
-# median ratio near 0.7 / gate: 0.13 for a gate of 5, 0.22 for 3. Both firmwares' defaults expect more noise on purpose:
-# 0.01 to 0.1 on 30 sound flights. Above 0.5 the filter follows every fix and rejects the next gust; where nothing else
-# is wrong, the noise times (median x gate) is what happens.
+# Proposal of a larger noise parameter. A consistent filter has a median ratio near 0.7 / gate: 0.13 for a gate of 5,
+# 0.22 for 3. Defaults of both firmwares are conservative: 0.01 to 0.1 on 30 sound flights. Above 0.5 the filter follows
+# every fix and rejects gusts; without other faults the proper noise is the old one times (median x gate).
 
-# Median ratio of a noise that is too small, where ratios are above 1 in at most 1 % of the flight.
+# Minimum median ratio of a too small noise, and maximum share of the flight above 1.
 HIGH_RATIO, RARE_SHARE = 0.5, 0.01
-# A shorter flight suggests no noise.
+# Minimum flight time for a proposal.
 MIN_NOISE_FLIGHT_S = 60.0
-# At most so many times the old noise in one step.
+# Maximum ratio of new to old noise.
 MAX_NOISE_FACTOR = 3.0
 # Checks that name another cause of large ratios.
 UNSOUND_CHECKS = (
@@ -169,7 +168,7 @@ UNSOUND_CHECKS = (
 
 
 def suggest_noise(case: HealthCase, one: RatioSummary, check: Check) -> None:
-    """Add a larger noise to a check where the ratios of a sound flight stay high."""
+    """Propose a larger noise parameter where test ratios of a sound flight stay high."""
     if one.interval[0] <= HIGH_RATIO or one.above > RARE_SHARE * one.seconds or one.seconds < MIN_NOISE_FLIGHT_S:
         return
     check.verdict = "warning"

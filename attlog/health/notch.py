@@ -1,4 +1,4 @@
-"""Gyro spectrum in flight, and the notch filter that removes the rotors' vibration."""
+"""Gyro spectrum in flight, and notch filters against rotor vibration."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ from attlog.health.spectrum import (
 )
 from attlog.health.vibration import sound_flight
 
-# A notch at a wrong frequency only delays the gyro. So a peak counts where its frequency is known, where it follows
-# throttle or rotors, is large, and is on every IMU that could show it.
+# A notch at a wrong frequency only adds delay. So a peak must have a known frequency, follow throttle or rotors, be
+# large, and appear on every IMU that can resolve it.
 
-# Smaller peaks (1 sigma) are not worth a notch: a low-pass at 40 Hz leaves 0.3 deg/s of them at 100 Hz.
+# Minimum RMS of a peak for a notch: a low-pass at 40 Hz reduces 2 deg/s at 100 Hz to 0.3 deg/s.
 MIN_PEAK_DPS = 2.0
-# Windows of 2 s, or bursts, that must show the peak.
+# Minimum number of 2 s windows, or bursts, with the peak.
 MIN_WINDOWS, MIN_BURSTS = 10, 5
-# A notch that is on lowers a peak by more than this.
+# Minimum attenuation by an active notch.
 LOWERED_DB = 6.0
 NOTCH_LIMIT = f"a peak of {MIN_PEAK_DPS:g} deg/s that follows throttle or rotors in 60 % of the windows"
 NOTCH_SOURCE = "ardupilot.org, Managing Gyro Noise; docs.px4.io, MC Filter Tuning"
 
 
 def notch_filter(case: HealthCase) -> list[Check]:
-    """Check for the notch that would help, the one that does already, or what to log to know."""
+    """Check which notch filter would help or is active, or what to log."""
     log, within = case.log, sound_flight(case.segments, case.log)
     if not log.kind.hovers or not filters_gyro(log):
         return []
     sources = all_spectra(log, within)
     if not sources:
-        return []  # said once, where the spectrum is asked for
+        return []  # already reported by the spectrum check
     best = max(sources, key=lambda s: (s.rate >= TRUSTED_RATE_HZ, not s.filtered, s.rate))
     found = analyse_peaks(log, best, within)
     active = active_notches(log)
@@ -78,7 +78,7 @@ def notch_filter(case: HealthCase) -> list[Check]:
 
 
 def _refusal(log: FlightLog, spectra: Spectra, peak: Peak, sources: list[Spectra]) -> str:
-    """Return why a peak gives no notch, a sentence; empty where it does."""
+    """Return why no notch is proposed for a peak; empty where one is."""
     shown = f"The gyro's peak at {peak.frequency:.0f} Hz"
     if peak.true is None:
         others = " or ".join(f"{f:.0f}" for f in peak.possible[:3])
@@ -101,12 +101,12 @@ def _refusal(log: FlightLog, spectra: Spectra, peak: Peak, sources: list[Spectra
 
 
 def min_windows(spectra: Spectra) -> int:
-    """Return how many windows must show a peak, or the lack of one."""
+    """Return the minimum number of windows for or against a peak."""
     return MIN_BURSTS if spectra.seconds < 1.0 else MIN_WINDOWS
 
 
 def _no_peak(log: FlightLog, spectra: Spectra, active: list[ActiveNotch]) -> Check:
-    """Return the check without a strong peak, by what the source could have shown."""
+    """Return the check without a strong peak, by the range of the source."""
     if spectra.rate < TRUSTED_RATE_HZ:
         slow = f"{spectra.source} at {spectra.rate:.0f} Hz is too slow to show the rotors' vibration."
         return _unknown_notch(slow, log)
@@ -120,7 +120,7 @@ def _no_peak(log: FlightLog, spectra: Spectra, active: list[ActiveNotch]) -> Che
 
 
 def _covered_peak(log: FlightLog, spectra: Spectra, peak: Peak, active: ActiveNotch, within: list[Span]) -> Check:
-    """Return the check of a notch that is on, and by how much it lowers the peak where bursts show it."""
+    """Return the check of an active notch, with its attenuation if bursts show it."""
     text = f"{active.name} covers the gyro's peak at {peak.true:.0f} Hz already."
     if active.follows == "measurement":
         text = f"{active.name} follows the gyro's peak at {peak.true:.0f} Hz already."
@@ -136,7 +136,10 @@ def _covered_peak(log: FlightLog, spectra: Spectra, peak: Peak, active: ActiveNo
 
 
 def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span]) -> float | None:
-    """Return how many dB lower a peak is behind the autopilot's filters, by bursts from there; None without."""
+    """Return the attenuation in dB of a peak by the autopilot's filters; None if unknown.
+
+    From bursts logged behind the filters.
+    """
     behind = burst_spectra(
         [b for b in log.vibration.bursts if b.sensor == "gyro" and b.unit == spectra.unit and b.filtered], within
     )
@@ -151,7 +154,7 @@ def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span
 
 
 def _notch_offer(log: FlightLog, spectra: Spectra, peak: Peak) -> Check:
-    """Return the parameters of a notch for a peak, or why this firmware has none."""
+    """Return the check that proposes notch parameters, or why none exist."""
     values = notch_parameters(log, wanted_notch(log, spectra, peak))
     settings = [Setting(n, log.param(n), value, unit) for n, (value, unit) in values.items()]
     changed = [s for s in settings if s.old is None or abs(s.old - s.new) > 1e-3 * max(1.0, abs(s.new))]
@@ -225,7 +228,7 @@ def gyro_spectrum(case: HealthCase) -> list[Check]:
     """Check the peaks of every gyro's fastest source, with their true frequencies where those are known."""
     log, within = case.log, sound_flight(case.segments, case.log)
     if not within or not log.kind.flies:
-        return []  # without flight the level says so already, and for all questions of vibration
+        return []  # without flight, the vibration level reports it
     sources = all_spectra(log, within)
     if not sources:
         found = unknown("gyro_spectrum", _too_slow(log), PEAK_LIMIT)
@@ -285,7 +288,7 @@ def _peak_text(peak: Peak) -> str:
 
 
 def notch_bands(case: HealthCase) -> dict[str, list[tuple[float, float]]]:
-    """Return frequency and width in Hz of the gyro's notches with a fixed frequency: ``set`` and ``proposed``."""
+    """Return frequency and width in Hz of fixed gyro notches, ``set`` and ``proposed``."""
     log = case.log
     if not all_spectra(log, sound_flight(case.segments, log)):
         return {}

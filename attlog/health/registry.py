@@ -1,4 +1,4 @@
-"""Registry of checks: one row a question with its maker, its kind of finding and its remedy; usual causes."""
+"""Registry of checks, one row for each question, and usual causes."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ Maker = Callable[[HealthCase], list[Check]]
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Question: its title, its maker, and what a warning or a fault of it means.
+    """Registry row of a check: title, maker, and kind of finding.
 
-    ``kind``: kind of finding; ``warning``, ``fault``: its severity by verdict; ``remedy``: key of
-    :meth:`FlightLog.remedy`, None where the check itself names the action.
+    ``warning``, ``fault``: severity of the finding by verdict. ``remedy``: key of :meth:`FlightLog.remedy`, None where
+    the check itself has an action.
     """
 
     title: str
@@ -46,8 +46,8 @@ class Row:
     remedy: str | None = None
 
 
-# In the order of tables and of equally bad signs of one finding. A maker runs at its first row, so that a check that
-# reads others (``HealthCase.found``) follows them; those in LAST run after all.
+# Order of rows: that of tables, and of equally severe signs of a finding. A maker runs at its first row, so a check
+# that reads ``HealthCase.found`` comes after its inputs; makers in LAST run at the end.
 CHECKS: Mapping[str, Row] = {
     "rate": Row("IMU rate", timing.timing_checks, "rate", warning="note", fault="serious"),
     "gaps": Row("gaps of the IMU", timing.timing_checks, "gaps", remedy="gaps"),
@@ -187,7 +187,7 @@ LAST = (attitude.smoother_checks,)
 
 
 def run_checks(case: HealthCase) -> list[Check]:
-    """Return every check of a log in the order of the rows; one that ends in a bug is unknown and says so."""
+    """Return all checks of a log in the order of rows; a check with a bug is ``unknown``."""
     makers: dict[Maker, str] = {}
     for question, row in sorted(CHECKS.items(), key=lambda item: item[1].make in LAST):
         makers.setdefault(row.make, question)

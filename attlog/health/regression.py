@@ -1,4 +1,4 @@
-"""Robust least squares and medians whose errors come from blocks of seconds: neighbours in time err together."""
+"""Robust least squares and medians with errors clustered by blocks of time."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ import numpy as np
 
 from attlog.flight.model import Array
 
-# Errors of an attitude last for seconds: samples of one block are one cluster.
+# Cluster length: attitude errors are correlated over seconds.
 BLOCK_S = 5.0
-# Residuals beyond so many robust deviations are weighted down (Huber1964).
+# Huber threshold in robust deviations (Huber1964).
 HUBER = 2.0
-# Passes of reweighting; the last gives weights and scatter.
+# Iterations of reweighting.
 HUBER_PASSES = 6
 
 
 @dataclass(frozen=True, slots=True)
 class RobustFit:
-    """Coefficients ``x`` (p,), their covariance (p, p), the residuals' robust deviation, and the number of blocks."""
+    """Coefficients ``x`` (p,), covariance (p, p), robust residual deviation, number of blocks."""
 
     x: Array
     covariance: Array
@@ -34,11 +34,11 @@ class RobustFit:
 def robust_fit(
     t: Array, columns: Array, y: Array, prior: Array | None = None, huber: float = HUBER
 ) -> RobustFit | None:
-    """Solve ``columns`` (n, k, p) times x = ``y`` (n, k) at ``t`` (n,) s; None where the columns do not determine x.
+    """Solve ``columns`` (n, k, p) x = ``y`` (n, k) by robust least squares; None if singular.
 
-    ``prior`` (p,): standard deviation of a coefficient about 0, infinity for none. Huber weights
-    (``huber`` robust deviations); the covariance is clustered by blocks of BLOCK_S (Cameron2015 10 and 11), with the
-    prior's own share added.
+    ``t`` (n,) s. ``prior`` (p,): standard deviation of a coefficient about 0, infinity for none. Huber weights with
+    threshold ``huber`` robust deviations. The covariance is clustered by blocks of BLOCK_S (Cameron2015 10 and 11),
+    plus the prior's contribution.
     """
     n, k, p = columns.shape
     flat, target = columns.reshape(n * k, p), y.ravel()
@@ -69,12 +69,12 @@ def robust_fit(
 
 
 def interval_text(value: float, sigma: float, digits: int) -> str:
-    """Return the 95 % interval in words: ``1.2 to 1.8``."""
+    """Format a 95 % interval: ``1.2 to 1.8``."""
     return f"{value - 1.96 * sigma:.{digits}f} to {value + 1.96 * sigma:.{digits}f}"
 
 
 def median_interval(t: Array, x: Array) -> tuple[float, float]:
-    """Return the 95 % interval of the median of ``x`` (n,) at ``t`` (n,) s, by order statistics of block medians."""
+    """Return the 95 % interval of a median by order statistics of block medians."""
     block = (t // BLOCK_S).astype(np.int64)
     starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
     medians = np.sort([float(np.median(part)) for part in np.split(x, starts[1:])])

@@ -1,4 +1,4 @@
-"""Parameters to set: from a sensor's error to the firmware's own names, and files of them."""
+"""Proposed parameters: from sensor errors to firmware parameters and files."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag
 from attlog.health.check import Setting
 
-# Parameters are 32-bit floats: values that differ by a smaller share are equal.
+# Relative tolerance for equal parameters, which are 32-bit floats.
 PARAMETER_TOLERANCE = 1e-5
 
 
 def range_refusal(log: FlightLog, settings: Sequence[Setting]) -> str:
-    """Return why one of the settings cannot be made, as a sentence; empty where all can.
+    """Return why one of the settings is not possible, as a sentence; empty if all are.
 
-    A parameter exists in a firmware where the log's own table holds it; a file given beside a log proves nothing.
+    A parameter exists in the firmware only if the log's own table has it, not if a separate file has.
     """
     for setting in settings:
         limits = ranges.documented_range(setting.name)
@@ -37,12 +37,12 @@ def range_refusal(log: FlightLog, settings: Sequence[Setting]) -> str:
 
 
 def changing(log: FlightLog, settings: Sequence[Setting]) -> list[Setting]:
-    """Return the settings that change something; none where one cannot be made, because they belong together."""
+    """Return the settings that change a value; none if any is not possible."""
     return [] if range_refusal(log, settings) else [setting for setting in settings if not is_set(log, setting)]
 
 
 def is_set(log: FlightLog, setting: Setting) -> bool:
-    """Return whether a parameter has the new value already, at the end of the log."""
+    """Return whether a parameter has the new value at the end of the log."""
     line = log.parameters.lines.get(setting.name)
     last = None if line is None or not line.value else float(line.value[-1])
     return last is not None and math.isclose(
@@ -52,16 +52,16 @@ def is_set(log: FlightLog, setting: Setting) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Settings that belong together, and where there are none the reason (``refused``, a sentence or empty)."""
+    """Settings valid only together, or the reason for none (``refused``, a sentence)."""
 
     settings: list[Setting] = field(default_factory=list)
     refused: str = ""
 
 
 def make_proposal(log: FlightLog, values: Mapping[str, float], units: Mapping[str, str], digits: int) -> Proposal:
-    """Return the proposal to set ``values`` (by name, in ``units``): all that are new, or none and the reason.
+    """Return the changed settings of ``values`` (by name, in ``units``), or the reason for none.
 
-    A value that differs from what flew only in decimals beyond ``digits`` stays as it was.
+    A value equal to the flown one when rounded to ``digits`` is unchanged.
     """
     old = recalibration.flown_parameters(log)
     new = {name: old[name] if name in old and round(old[name], digits) == v else v for name, v in values.items()}
@@ -71,7 +71,7 @@ def make_proposal(log: FlightLog, values: Mapping[str, float], units: Mapping[st
 
 
 def accelerometer_proposal(log: FlightLog, imu: Imu, bias: Array) -> Proposal:
-    """Return the parameters that remove an offset ``bias`` (3,) m/s^2 of the logged accelerometer, in body axes."""
+    """Return parameters that remove an accelerometer offset (3,) m/s^2 in body axes."""
     try:
         found = recalibration.flown_accelerometer(log, imu)
         check_sensor_order(log, found)
@@ -88,11 +88,11 @@ def compass_proposal(
     motor_t: Array | None = None,
     power: Literal["current", "throttle"] = "current",
 ) -> Proposal:
-    """Return the parameters that remove an offset and the motors' field from the logged field.
+    """Return parameters that remove a compass offset and the motor field.
 
-    ``offset_t`` (3,) and ``motor_t`` (3,), per ampere or unit of throttle (0 to 1): what it reads too much, tesla in
-    body axes. Both are set together, because each is right only with the other. The parameters are those of the device,
-    whichever slot holds it; :mod:`attlog.flight.calibration` defines what the firmware did to the logged values.
+    ``offset_t`` (3,) and ``motor_t`` (3,) (per ampere or unit of throttle, 0 to 1): errors of the logged field in
+    tesla, body axes. Both are set together, because each is valid only with the other. The parameters are those of the
+    device, whatever its slot; :mod:`attlog.flight.calibration` describes the firmware's correction of logged values.
     """
     try:
         found = recalibration.flown_compass(log, mag)
@@ -115,7 +115,7 @@ def check_sensor_order(log: FlightLog, found: Calibration) -> None:
         raise CalibrationUnknownError(f"{moved[0]} was set after take-off. Reboot and fly once.")
 
 
-# A file of settings that ground stations load, with the value of each when the log was flown.
+# Parameter file for ground stations, with the flown value of each parameter.
 
 FILE_WARNING = (
     "These values hold only for the vehicle of this log, and only where its parameters are still those named below.",
@@ -124,7 +124,7 @@ FILE_WARNING = (
 
 
 def param_file(firmware: str, log_name: str, settings: Sequence[Setting], vehicle: int = 1) -> str:
-    """Return the text of a parameter file, empty without settings; of a name given twice the first counts.
+    """Return the text of a parameter file, empty without settings; the first of duplicates counts.
 
     ``firmware``: PX4 or ArduPilot; ``vehicle``: its MAVLink id.
     """
@@ -140,7 +140,7 @@ def param_file(firmware: str, log_name: str, settings: Sequence[Setting], vehicl
 
 
 def _before(setting: Setting) -> str:
-    """Return the value of a parameter when the log was flown, in words."""
+    """Format the flown value of a parameter."""
     if setting.old is None:
         return f"{setting.name}: its value is not in the log"
     unit = f" {setting.unit}" if setting.unit else ""

@@ -1,4 +1,4 @@
-"""Onboard attitudes against each other: other sources, and the lanes of the estimator."""
+"""Differences between onboard attitudes: other sources, and estimator lanes."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from attlog.reference.model import Reference
 from attlog.reference.smoother import differences_deg
 from attlog.segments.model import Segments
 
-# Warning and fault: a backup estimator is coarse, but no compass is 20 deg off for half a flight.
+# Limits (warning, fault) of tilt and heading differences; backup estimators are coarse.
 TILT_DEG, HEADING_DEG = (10.0, 30.0), (20.0, 60.0)
 SOURCE_LIMIT = f"ok up to {TILT_DEG[0]:.0f} deg of tilt and {HEADING_DEG[0]:.0f} of heading"
 SOURCE_LIMIT += f", fault above {TILT_DEG[1]:.0f} and {HEADING_DEG[1]:.0f}"
-# Heading means nothing beyond this tilt.
+# Maximum tilt for a heading.
 MAX_HEADING_TILT_DEG = 60.0
-# A source differs that is off for a fifth of the time; it lasts where it is off for nine tenths. Not while it starts.
+# Minimum share of time beyond the limits for a difference, and for a lasting one; time excluded after the start.
 OFF_SHARE, LASTING_SHARE, SETTLED_S = 0.2, 0.9, 15.0
-# A difference that ends so long before the attitude has an end of its own.
+# Minimum time from the end of a difference to the end of the attitude for the end to be reported.
 END_MARGIN_S = 5.0
-# Sources within this of the worst differ alike.
+# Sources within this of the largest difference are reported together.
 SAME_TILT_DEG, SAME_HEADING_DEG = 1.0, 3.0
-# Fewer samples have no median; more of a long log cost time and show nothing new.
+# Minimum samples for a median, and maximum, for speed.
 MIN_SAMPLES, MAX_SAMPLES = 20, 4000
-# One of two is wrong where the other has so much of its error at most.
+# Maximum ratio of the smaller to the larger error of two sources for a decision.
 CLEARLY_BETTER = 0.4
 REFERENCE_NAMES = {"truth": "the truth", "smoother": "the smoother"}
 
 
 @dataclass(frozen=True, slots=True)
 class SourceDifference:
-    """Median tilt and heading difference in deg while beyond the limits.
+    """Median tilt and heading difference in deg of two attitudes while beyond the limits.
 
-    From ``since`` (None: never long) to ``until`` s: most of that time if it ``lasts``, else for that ``share`` of it.
+    From ``since`` (None: never for long) to ``until`` s; continuous if it ``lasts``, else for a ``share`` of that time.
     """
 
     tilt: float
@@ -53,7 +53,7 @@ class SourceDifference:
 
 
 def source_checks(case: HealthCase) -> list[Check]:
-    """Check how far other onboard attitudes are off, since when, and which of them is wrong by truth or smoother."""
+    """Check differences of other onboard attitudes, and which one is wrong."""
     log, segments, reference = case.log, case.segments, case.reference
     flew, name_flew = log.onboard_attitude, str(log.onboard)
     others = {n: a for n, a in log.attitudes.items() if n != log.onboard}
@@ -95,7 +95,7 @@ def source_checks(case: HealthCase) -> list[Check]:
 
 
 def source_difference(flew: Attitude, other: Attitude, segments: Segments) -> SourceDifference | None:
-    """Return the difference of two attitudes, in flight where there is flight; None without common time."""
+    """Return the difference of two attitudes, in flight if any; None without common time."""
     t = flew.t if flew.t_sample is None else flew.t_sample
     step = max(1, len(t) // MAX_SAMPLES)
     t, own = t[::step], flew.q[::step]
@@ -132,7 +132,10 @@ def heading_between(a: Array, b: Array) -> Array:
 def errors_of_both(
     reference: Reference | None, log: FlightLog, name: str, about: str, since: float
 ) -> tuple[float, float] | None:
-    """Return median errors in deg of the attitude that flew and of another from ``since`` s on; else None."""
+    """Return median errors in deg of the attitude in use and another from ``since`` s on.
+
+    None without a reference.
+    """
     if reference is None or reference.kind not in REFERENCE_NAMES:
         return None
     if about == "heading" and reference.heading.by != "own":
@@ -151,13 +154,13 @@ def errors_of_both(
 
 
 def trimmed_differences_deg(reference: Reference, attitude: Attitude, t: Array, q: Array) -> tuple[Array, Array]:
-    """Return tilt and heading differences (n,) deg of samples of an attitude, with the reference's trim."""
+    """Return tilt and heading differences (n,) deg to the reference, with its trim."""
     trim = reference.alignment.trim
     return differences_deg(reference, t, q if trim is None or attitude.has_trim else alignment.apply_trim(q, trim))
 
 
 def wrong_source_text(errors: tuple[float, float] | None, flew: str, others: str, reference: Reference | None) -> str:
-    """Return which source is wrong, and by what; empty where the reference is near neither or both."""
+    """Return which source is wrong by the reference; empty where undecided."""
     if errors is None or reference is None or min(errors) > CLEARLY_BETTER * max(errors):
         return ""
     wrong, right = (flew, others) if errors[0] > errors[1] else (others, flew)
@@ -166,7 +169,7 @@ def wrong_source_text(errors: tuple[float, float] | None, flew: str, others: str
 
 
 def difference_time_text(off: SourceDifference, flew: Attitude) -> str:
-    """Return when two attitudes differ: from a time on, between two times, or now and then."""
+    """Format when two attitudes differ: from a time on, between times, or at times."""
     if not off.lasts:
         return f"In {100 * off.share:.0f} % of the time from {off.since or 0.0:.0f} s to {off.until:.0f} s"
     ends = flew.t[-1] - off.until > END_MARGIN_S
@@ -174,14 +177,14 @@ def difference_time_text(off: SourceDifference, flew: Attitude) -> str:
 
 
 def names_text(names: list[str]) -> str:
-    """Return names as a part of a sentence."""
+    """Join names for a sentence."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-# Lanes: cores or instances of the onboard estimator, and whether another one was better than the one in use.
+# Lanes: cores or instances of the onboard estimator.
 
 LANE_NAME = re.compile(r"(XKQ|NKQ|XKF1|NKF1|estimator_attitude)\.(\d+)$")
-# A lane errs by less than this on sound flights; IMUs of one board are mounted within 1 deg of each other.
+# Limit of a lane's error, above that of sound flights; IMUs of one board are aligned within 1 deg.
 LANE_TILT_DEG, LANE_HEADING_DEG = 3.0, 10.0
 LANE_LIMIT = (
     f"ok: the lane in use errs by less than {LANE_TILT_DEG:.0f} deg in tilt and {LANE_HEADING_DEG:.0f} deg in heading, "
@@ -191,7 +194,7 @@ LANE_LIMIT += f"or by less than {1 / CLEARLY_BETTER:.1f} times the best"
 
 @dataclass(frozen=True, slots=True)
 class LaneError:
-    """Median errors of a lane in deg in flight over ``n`` samples; a heading that is not known is NaN."""
+    """Median errors of a lane in deg in flight over ``n`` samples; unknown heading is NaN."""
 
     lane: int
     tilt: float
@@ -204,7 +207,7 @@ class LaneError:
 
 
 def lane_errors(case: HealthCase) -> list[Check]:
-    """Check the lane in use against the others; nothing where only one ran or nothing flew."""
+    """Check the lane in use against the others; nothing with one lane or without flight."""
     log, flown, used = case.log, driven_spans(case), case.log.estimator.lane
     lanes = lanes_of(log)
     if len(lanes) < 2 or used is None or not flown:
@@ -237,7 +240,7 @@ def lane_errors(case: HealthCase) -> list[Check]:
 
 
 def lanes_of(log: FlightLog) -> dict[int, str]:
-    """Return the attitude's name of each lane by its number; of several families the one that flew."""
+    """Return attitude names by lane number, of the estimator family in use."""
     found: dict[str, dict[int, str]] = {}
     for name in log.attitudes:
         matched = LANE_NAME.match(name)
@@ -249,7 +252,7 @@ def lanes_of(log: FlightLog) -> dict[int, str]:
 
 
 def lane_in_use(lane: TimeLine, flown: list[Span]) -> int:
-    """Return the lane that flew longest in flight."""
+    """Return the lane in use for the longest time in flight."""
     at = np.concatenate([np.arange(a, b, 0.5) for a, b in flown])
     k = np.maximum(np.searchsorted(lane.t, at, side="right") - 1, 0)
     numbers, counts = np.unique(np.asarray(lane.value)[k], return_counts=True)
@@ -257,7 +260,7 @@ def lane_in_use(lane: TimeLine, flown: list[Span]) -> int:
 
 
 def _lane_switches(lane: TimeLine, flown: list[Span]) -> str:
-    """Return the changes of the lane in flight in words."""
+    """Format the lane changes in flight."""
     times = lane.t[1:][inside(lane.t[1:], flown)].tolist()
     if not times:
         return f"Lane {lane_in_use(lane, flown)} flew without a switch."
@@ -286,7 +289,7 @@ def _lane_attitude(log: FlightLog, name: str, flown: list[Span]) -> tuple[Array,
 
 
 def _largest_lane_difference(log: FlightLog, lanes: dict[int, str], flown: list[Span]) -> float:
-    """Return the largest median angle in deg between the first lane and any other in flight."""
+    """Return the largest median angle in deg in flight from the first lane to another."""
     first, *others = [name for _, name in sorted(lanes.items())]
     t, q = _lane_attitude(log, first, flown)
     found = [0.0]

@@ -1,4 +1,4 @@
-"""Power spectra of gyro and accelerometer in flight, window by window, from every source a log has."""
+"""Power spectra of gyro and accelerometer in flight, in windows, from all sources."""
 
 from __future__ import annotations
 
@@ -15,22 +15,21 @@ from attlog.segments import model
 
 Array = NDArray[np.float64]
 
-# Windows of a stream, and their segments' lengths, which overlap by half: 2 Hz at 2 s.
+# Window of a stream, and its length over that of a Welch segment: resolution 2 Hz.
 WINDOW_S, WINDOW_SEGMENTS = 2.0, 4
-# Segments of a burst, which is 0.5 s long: 4 Hz.
+# Length of a burst (0.5 s) over that of a segment: resolution 4 Hz.
 BURST_SEGMENTS = 2
-# Limits of a source, evenly spread over the flight: hours of it, or 8 kHz, cost no more.
+# Maximum windows and samples of a source, evenly over the flight, to limit time.
 MAX_WINDOWS, MAX_SAMPLES = 150, 200_000
-# Rotors turn 30 to 250 times a second: a slower stream shows nothing of them but aliases of aliases.
+# Minimum rate of a stream: rotors turn at 30 to 250 Hz.
 MIN_RATE_HZ = 90.0
-# A window holds no interval longer than 5 usual ones, and lacks at most a tenth of its samples: loggers drop single
-# ones, which are interpolated.
+# Maximum interval in a window in median intervals, and maximum share of lost samples, which are interpolated.
 GAP_STEPS, MAX_LOST_SHARE = 5.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Spectra:
-    """Spectra of one sensor in windows with their middle at ``t`` (w,) s over ``frequency`` (k,) Hz.
+    """Spectra of one sensor over ``frequency`` (k,) Hz in windows centred at ``t`` (w,) s.
 
     ``density`` (w, k, 3) along body axes in (deg/s)^2/Hz or (m/s^2)^2/Hz. ``rate`` Hz of the source, ``seconds`` of a
     window; ``filtered``: behind low-pass and notches of the autopilot.
@@ -48,7 +47,7 @@ class Spectra:
 
     @property
     def median(self) -> Array:
-        """Density (k, 3) of the median window."""
+        """Median density (k, 3) over windows."""
         middle: Array = np.median(self.density, axis=0)
         return middle
 
@@ -65,7 +64,7 @@ class Spectra:
 
 
 def all_spectra(log: FlightLog, within: list[Span], sensor: str = "gyro") -> list[Spectra]:
-    """Return the spectra of every unit's sources in spans, fast ones first."""
+    """Return the spectra of all IMU sources in spans, fastest first."""
     found = []
     for unit in sorted({imu.index for imu in log.imus} | {b.unit for b in log.vibration.bursts}):
         raw = [b for b in log.vibration.bursts if (b.sensor, b.unit, b.filtered) == (sensor, unit, False)]
@@ -80,7 +79,7 @@ def all_spectra(log: FlightLog, within: list[Span], sensor: str = "gyro") -> lis
 
 
 def stream_spectra(stream: Stream, within: list[Span], sensor: str, unit: int, filtered: bool) -> Spectra | None:
-    """Return spectra of 2 s windows without gaps; None where the stream is too slow or no window is whole."""
+    """Return spectra of gapless 2 s windows; None for a slow stream or without windows."""
     t = stream.t_best
     if len(t) < 8:
         return None
@@ -105,9 +104,9 @@ def stream_spectra(stream: Stream, within: list[Span], sensor: str, unit: int, f
 
 
 def sample_numbers(t: Array) -> tuple[Array, float]:
-    """Return the number (n,) of each sample at ``t`` (n,) s, lost ones counted, and the seconds between two numbers.
+    """Return sample numbers (n,), lost samples counted, and the sample interval in s.
 
-    By numbers and not by times, because interpolation between samples would remove high frequencies.
+    Numbers instead of times, because interpolation to regular times removes high frequencies.
     """
     steps = np.diff(t)
     usual = float(np.median(steps))
@@ -120,7 +119,7 @@ def sample_numbers(t: Array) -> tuple[Array, float]:
 
 
 def _whole_windows(t: Array, number: Array, within: list[Span], dt: float, n: int) -> Array:
-    """Return first numbers (m,) of windows of ``n`` numbers in spans, without gaps and with few lost samples."""
+    """Return first sample numbers (m,) of windows of ``n`` samples without gaps in spans."""
     found: list[Array] = []
     for part in model.segment_slices(inside(t, within), model.number_segments(t, GAP_STEPS * dt)):
         first, last = number[part.start], number[part.stop - 1]
@@ -131,7 +130,7 @@ def _whole_windows(t: Array, number: Array, within: list[Span], dt: float, n: in
 
 
 def burst_spectra(bursts: list[Burst], within: list[Span]) -> Spectra | None:
-    """Return spectra of one sensor's bursts in spans, those of the median length and rate; None without any."""
+    """Return spectra of a sensor's bursts of median length and rate in spans."""
     t = np.array([b.t + 0.5 * len(b.x) / b.rate for b in bursts])
     mine = [(at, b) for at, b, good in zip(t, bursts, inside(t, within), strict=True) if good]
     if not mine:
@@ -149,10 +148,10 @@ def burst_spectra(bursts: list[Burst], within: list[Span]) -> Spectra | None:
 
 
 def welch(x: NDArray[Any], rate: float, size: int, sensor: str = "") -> tuple[Array, Array]:
-    """Return frequencies (k,) Hz and one-sided densities (w, k, c) of windows ``x`` (w, n, c) by Welch's method.
+    """Return frequencies (k,) Hz and one-sided densities (w, k, c) by Welch's method.
 
-    Segments of ``size`` samples overlap by half, each without its mean, with a Hann taper. A gyro's rad/s become
-    deg/s.
+    ``x`` (w, n, c): windows. Segments of ``size`` samples overlap by half, with mean removed and Hann taper. Gyro rad/s
+    are converted to deg/s.
     """
     taper = np.hanning(size + 1)[:-1][:, None]
     scale = 2.0 / (rate * float(np.sum(taper**2))) * (math.degrees(1.0) ** 2 if sensor == "gyro" else 1.0)
@@ -166,39 +165,39 @@ def welch(x: NDArray[Any], rate: float, size: int, sensor: str = "") -> tuple[Ar
     return frequency, density * (scale / len(begins))
 
 
-# Peaks of a spectrum, and their place in every window.
+# Peaks of a spectrum, and their frequency in every window.
 
-# What a peak's frequency follows; empty where throttle hardly moved.
+# Quantity that a peak's frequency follows; empty if throttle hardly changed.
 Follows = Literal["throttle", "rotors", "nothing", ""]
 
-# What is slower is the flight itself and its control.
+# Minimum frequency of a peak; below are motion and control.
 LOWEST_HZ = 20.0
-# Height above the floor: 6 dB would pass a peak on every log tried.
+# Minimum height above the floor; 6 dB passes a peak on every log tried.
 PROMINENT_DB = 10.0
-# The floor is the median within this distance on both sides.
+# Half width of the median that gives the floor.
 FLOOR_HZ = 40.0
-# Of closer peaks the higher one is kept.
+# Minimum distance of peaks; the higher one is kept.
 MIN_PEAK_DISTANCE_HZ = 12.0
-# Peaks of a source that are followed.
+# Maximum number of peaks of a source.
 MAX_PEAKS = 4
-# A peak is at its expected frequency within this share, or 1.5 lines.
+# Relative tolerance of a peak's frequency, at least 1.5 lines.
 FREQUENCY_TOLERANCE = 0.04
-# A single window shows a peak of this height above the floor.
+# Minimum height of a peak in a single window.
 PRESENT_DB = 6.0
 # Standard error of a median over that of a mean, for a normal distribution.
 MEDIAN_SD = 1.25
-# Range of a peak about its usual frequency: half to twice the usual thrust.
+# Search range about a peak's median frequency: half to twice the thrust.
 TRACKED_RANGE = (0.72, 1.4)
 
 
 @dataclass(slots=True)
 class Peak:
-    """Peak at ``frequency`` Hz as the source shows it, ``height`` dB above the floor.
+    """Peak at ``frequency`` Hz in the source, possibly aliased, ``height`` dB above the floor.
 
     ``rms`` in deg/s or m/s^2 along its strongest ``axis`` (0 to 2), ``density`` of all axes at its line. ``share`` of
-    the windows show it; it ``follows`` throttle, rotors or nothing in ``windows`` that could show it. ``possible``:
-    frequencies in Hz that a source of this rate shows here; ``true``: the real one, None where unknown; ``why``: the
-    reason. ``harmonic`` of the rotors' speed, 0 for none.
+    the windows contain it; it ``follows`` throttle, rotors or nothing, tested on ``windows``. ``possible``: frequencies
+    in Hz with this alias; ``true``: the real one, None where unknown; ``why``: the reason. ``harmonic`` of the rotor
+    speed, 0 for none.
     """
 
     frequency: float
@@ -216,7 +215,7 @@ class Peak:
 
 
 def noise_floor(density: Array, step: float) -> Array:
-    """Return the local floor (k,) of a density (k,): its median within 40 Hz on both sides, ``step`` Hz a line."""
+    """Return the floor (k,) of a density (k,): moving median over +-40 Hz."""
     half = max(3, round(FLOOR_HZ / step))
     padded = np.pad(density, half, mode="reflect") if len(density) > half else np.pad(density, half, mode="edge")
     level: Array = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
@@ -249,12 +248,12 @@ def find_peaks(spectra: Spectra) -> list[Peak]:
 
 
 def _hidden(ratio: float, density: float, peak: Peak) -> bool:
-    """Return whether a line is in the range of a much stronger peak, for which it would be taken."""
+    """Return whether a line is within the search range of a much stronger peak."""
     return TRACKED_RANGE[0] <= ratio <= TRACKED_RANGE[1] and density < peak.density * 10.0 ** (-PROMINENT_DB / 10.0)
 
 
 def _interpolated_hz(density: Array, k: int, step: float) -> float:
-    """Return a peak's frequency in Hz by the parabola through three logarithms."""
+    """Return a peak's frequency in Hz by a parabola through three log densities."""
     a, b, c = np.log(np.maximum(density[k - 1 : k + 2], 1e-300))
     bend = a - 2.0 * b + c
     return float((k + (0.5 * (a - c) / bend if bend < 0 else 0.0)) * step)
@@ -274,12 +273,12 @@ def track_peak(spectra: Spectra, frequency: float) -> Array:
 
 
 def frequency_tolerance(spectra: Spectra, frequency: float) -> float:
-    """Return how near in Hz a peak must be to its expected frequency."""
+    """Return the tolerance in Hz about a peak's expected frequency."""
     return max(1.5 * spectra.step, FREQUENCY_TOLERANCE * frequency)
 
 
 def frequency_interval(spectra: Spectra, peak: Peak) -> tuple[float, float] | None:
-    """Return the 95 % interval in Hz of a peak's frequency by its windows, at least half a line each way."""
+    """Return the 95 % interval in Hz of a peak's frequency, at least half a line each way."""
     places = track_peak(spectra, peak.frequency)
     places = places[np.isfinite(places)]
     if len(places) < 2:
@@ -291,37 +290,37 @@ def frequency_interval(spectra: Spectra, peak: Peak) -> tuple[float, float] | No
 
 # Source of a peak (throttle, rotors), and its real frequency.
 
-# A peak follows something in so many of the windows with another expected frequency than the usual one.
+# Minimum share of windows that agree, of those whose expected frequency differs from the median.
 FOLLOWING_SHARE = 0.6
-# With fewer such windows it is unknown what a peak follows.
+# Minimum number of such windows.
 MIN_MOVED_WINDOWS = 4
-# Below, no rotor turns, or the throttle is not that of rotors.
+# Minimum throttle of turning rotors.
 MIN_THROTTLE = 0.02
-# Rotors and their blades that shake a vehicle stay below; higher frequencies are not named as the true ones.
+# Maximum true frequency; rotor and blade frequencies that matter are lower.
 MAX_TRUE_HZ = 500.0
-# Of the rotors' speed: up to the second of four blades.
+# Harmonics of the rotor speed.
 HARMONICS = (1, 2, 3, 4)
-# Where rotors' lines cover more of the band, a peak near one of them is no evidence.
+# Maximum share of the band covered by rotor lines; above it a coincidence is no evidence.
 MAX_COVERED = 0.3
-# 400 Hz, as stamps measure them. Of slower streams every prominent peak at 100 to 120 Hz was an alias.
+# Nominally 400 Hz. In slower streams all prominent peaks at 100 to 120 Hz were aliases.
 TRUSTED_RATE_HZ = 390.0
 
 
 def fold(frequency: Array | float, rate: float) -> Array:
-    """Return where samples at ``rate`` Hz show a frequency (any shape) in Hz: between 0 and half the rate."""
+    """Return the alias in Hz, 0 to half the rate, of frequencies (any shape) in Hz."""
     rest = np.mod(np.asarray(frequency, np.float64), rate)
     return np.minimum(rest, rate - rest)
 
 
 def aliases(frequency: float, rate: float) -> list[float]:
-    """Return the frequencies in Hz, up to 500, that samples at ``rate`` Hz show at ``frequency``, itself first."""
+    """Return the frequencies in Hz, up to 500, with alias ``frequency``, itself first."""
     turns = np.arange(0, int(MAX_TRUE_HZ / rate) + 2)
     found = {round(float(f), 1) for f in np.concatenate([turns * rate + frequency, turns * rate - frequency])}
     return sorted(f for f in found if frequency - 0.1 <= f <= max(MAX_TRUE_HZ, frequency))
 
 
 def find_source(log: FlightLog, spectra: Spectra, peak: Peak) -> None:
-    """Set what a peak follows: rotors where their speed is logged, else the root of throttle, as the notch does."""
+    """Set whether a peak follows rotor speed, the square root of throttle, or nothing."""
     seen = track_peak(spectra, peak.frequency)
     near = frequency_tolerance(spectra, peak.frequency)
     speeds = rotor_speeds(log, spectra)
@@ -344,11 +343,11 @@ def find_source(log: FlightLog, spectra: Spectra, peak: Peak) -> None:
 
 
 def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, speeds: Array) -> bool:
-    """Return whether a peak is where rotors or their harmonics are shown in most windows.
+    """Return whether a peak follows an alias or harmonic of the rotors in most windows.
 
-    Rotors at several speeds may cover much of the band, so that any peak is near one. Below 400 Hz their aliases may
-    be there by chance: then the peak must also move as they do, which a fold reverses, so the strongest line of each
-    window is compared.
+    Several rotor speeds may cover much of the band, so any peak is near one. Below 400 Hz an alias may match by chance:
+    then the peak must also move with it. Aliasing can reverse the direction, so the strongest line of each window is
+    compared.
     """
     known = np.isfinite(speeds).all(axis=1)
     if np.count_nonzero(known) < MIN_MOVED_WINDOWS:
@@ -388,7 +387,7 @@ def strongest_lines(spectra: Spectra) -> Array:
 
 
 def rotor_speeds(log: FlightLog, spectra: Spectra) -> Array | None:
-    """Return rotor speeds (w, rotors) in turns per second over the windows, None where none turns."""
+    """Return mean rotor speeds (w, rotors) in Hz over the windows, None if none turns."""
     if log.power.rpm is None or len(log.power.rpm.t) < 2:
         return None
     speeds = window_means(log.power.rpm, spectra) / 60.0
@@ -397,7 +396,7 @@ def rotor_speeds(log: FlightLog, spectra: Spectra) -> Array | None:
 
 
 def window_means(stream: Stream, spectra: Spectra) -> Array:
-    """Return means (w, k) of a slower stream's values over each window, NaN without any; the nearest for a burst."""
+    """Return window means (w, k) of a stream, for bursts the nearest value; NaN without any."""
     out = np.full((len(spectra.t), stream.x.shape[1]), np.nan)
     half = max(0.5 * spectra.seconds, 0.5)
     begin, end = np.searchsorted(stream.t, spectra.t - half), np.searchsorted(stream.t, spectra.t + half)
@@ -410,9 +409,9 @@ def window_means(stream: Stream, spectra: Spectra) -> Array:
 
 
 def find_true_frequency(spectra: Spectra, peak: Peak, onboard: OnboardSpectrum | None, within: list[Span]) -> None:
-    """Set the real frequency of a peak: known above 400 Hz or by rotors, else by the autopilot's spectrum.
+    """Set the true frequency of a peak, known for sources of 400 Hz or by rotors.
 
-    That one has another rate and may show one of the possible frequencies.
+    Else the autopilot's own spectrum, of another rate, may contain one of the possible frequencies.
     """
     peak.possible = aliases(peak.frequency, spectra.rate)
     if peak.true is not None:
@@ -437,8 +436,8 @@ def find_true_frequency(spectra: Spectra, peak: Peak, onboard: OnboardSpectrum |
 def analyse_peaks(log: FlightLog, spectra: Spectra, within: list[Span]) -> list[Peak]:
     """Return the peaks of a source, the strongest first, with what they follow and their frequencies.
 
-    They are searched in the median window, and in windows whose frequencies are scaled to the usual throttle: a peak
-    that moves far is prominent only there.
+    Searched in the median spectrum, and in that with frequencies scaled to the median throttle, where peaks that vary
+    widely are prominent.
     """
     moving = find_peaks(scaled_to_usual_throttle(log, spectra))
     for peak in moving:
@@ -460,7 +459,7 @@ def analyse_peaks(log: FlightLog, spectra: Spectra, within: list[Span]) -> list[
 
 
 def relative_throttle(log: FlightLog, spectra: Spectra) -> Array | None:
-    """Return throttle (w,) over its median, NaN where not logged; None without a rotor's throttle."""
+    """Return throttle (w,) relative to its median, NaN where not logged; None without rotors."""
     if log.power.throttle is None or len(log.power.throttle.t) < 2:
         return None
     throttle = window_means(log.power.throttle, spectra)[:, 0]
@@ -469,7 +468,7 @@ def relative_throttle(log: FlightLog, spectra: Spectra) -> Array | None:
 
 
 def scaled_to_usual_throttle(log: FlightLog, spectra: Spectra) -> Spectra:
-    """Return the spectra with the frequencies of each window scaled by the root of throttle."""
+    """Return spectra with frequencies scaled by the square root of relative throttle."""
     by = relative_throttle(log, spectra)
     if by is None:
         return spectra

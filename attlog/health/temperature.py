@@ -1,8 +1,7 @@
 """Gyro bias and size of gravity against temperature, at rest.
 
-Block medians are averaged over bins of 1 K, so that time spent at one temperature counts once; a line goes through the
-bins. The gyro over every rest, the accelerometer's size over the rest with the widest span: another place may be less
-level.
+Block medians are averaged over bins of 1 K, so that each temperature has equal weight, and a line is fitted to the bins.
+The gyro uses all rests; the size of gravity only the rest with the widest span, because another place may be less level.
 """
 
 from __future__ import annotations
@@ -20,9 +19,9 @@ from attlog.health.gravity import force_size
 from attlog.health.imu import finite_samples, stream_blocks, usable_imus
 from attlog.health.regression import interval_text
 
-# A slope over less than 5 K is noise and the warm-up of the first seconds.
+# Minimum temperature span for a slope.
 SPAN_K, BIN_K, MIN_BINS = 5.0, 1.0, 4
-# A slope counts above four sigmas of 1.5 standard errors: neighbouring bins err together.
+# Significance: 4 sigma of 1.5 standard errors, because neighbouring bins are correlated.
 SLOPE_SIGMAS, STANDARD_ERRORS = 4.0, 1.5
 SOURCE = "limits of a bias at rest; the span is what the log holds at rest"
 COLD_START_ADVICE = "Log from a cold start for ten minutes, standing still."
@@ -30,9 +29,9 @@ COLD_START_ADVICE = "Log from a cold start for ten minutes, standing still."
 
 @dataclass(frozen=True, slots=True)
 class SlopeLimits:
-    """Limits of a change over the span of temperature: those of a bias at rest and of gravity's size.
+    """Limits of the change over the temperature span, equal to those at rest.
 
-    ``factor``: from the stream's unit to ``unit``.
+    ``factor``: conversion from the stream's unit to ``unit``.
     """
 
     question: str
@@ -69,7 +68,7 @@ class TemperatureSlope:
 
 
 def temperature_checks(case: HealthCase, limits: SlopeLimits) -> list[Check]:
-    """Check the slope of each unit over temperature; one ``unknown`` where none is known."""
+    """Check the temperature slope of each IMU; one ``unknown`` where none is known."""
     units = usable_imus(case)
     if not units:
         return []
@@ -98,7 +97,7 @@ accelerometer_temperature = partial(temperature_checks, limits=ACC)
 
 
 def fit_temperature(stream: Stream, temperature: Stream | None, spans: list[Span]) -> TemperatureSlope | None:
-    """Fit a stream at rest over temperature, per kelvin; None below 5 K or 4 bins."""
+    """Fit a line over temperature to a stream at rest; None below 5 K or 4 bins."""
     values = stream_blocks(stream, spans)
     if temperature is None or values is None:
         return None
@@ -121,7 +120,7 @@ def fit_temperature(stream: Stream, temperature: Stream | None, spans: list[Span
 
 
 def _reach_k(imu: Imu, spans: list[Span]) -> float:
-    """Return the range of the temperature in some spans, K."""
+    """Return the temperature range in K within spans."""
     if imu.temperature is None or not spans:
         return 0.0
     celsius = imu.temperature.x[inside(imu.temperature.t, spans), 0]

@@ -1,4 +1,4 @@
-"""Timing of inertial samples, and sensors that stop: rate, gaps, jitter, frozen values, faults of the reference."""
+"""Checks of IMU rate, gaps and jitter, frozen sensors, and sensor faults."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from attlog.segments import model
 from attlog.segments.model import Segments
 from attlog.segments.rest import flag_spans
 
-# Above this the rotation between samples is small enough for every estimator.
+# Minimum rate for verdict ok: rotation between samples is small enough for every estimator.
 FULL_HZ = 95.0
 RATE_LIMIT = "ok from 95, replay from 10"
-# A shorter gap is lost records; where arming is not logged, a longer one is a pause.
+# Minimum pause of the logger; minimum pause where arming is not logged; margin to flight.
 PAUSE_S, LONG_PAUSE_S, FLIGHT_MARGIN_S = 2.0, 5.0, 1.0
-# A pause begins up to so long after disarming, and may hold this share armed.
+# Maximum delay of a pause after disarming, and maximum armed share within it.
 ARMED_MARGIN_S, ARMED_SHARE = 1.0, 0.1
-# So few gaps change nothing that is measured; a fifth of the time lost changes all.
+# Limits: number and share of time of gaps for verdict ok, share for a fault.
 FEW_GAPS, FEW_GAPS_PCT, MANY_GAPS_PCT = 3, 1.0, 20.0
 GAP_LIMIT = f"ok: fewer than {FEW_GAPS} above 50 ms while armed, and {FEW_GAPS_PCT:.0f} % of the time; "
 GAP_LIMIT += f"fault: above {MANY_GAPS_PCT:.0f} %"
-# Usual loggers scatter by a tenth of an interval; beyond the second, times of samples are guesses.
+# Limits (warning, fault) of the relative standard deviation of intervals; typical loggers have 10 %.
 JITTER_PCT = (15.0, 60.0)
 
 
@@ -45,7 +45,7 @@ def timing_checks(case: HealthCase) -> list[Check]:
         return [Check("rate", "fault", f"{source}: too short, {len(t)} of 3 samples.", 0.0, "Hz", ">= 10 Hz")]
     breaks = gap_indices(t) - 1
     found = [rate_check(source, imu.gyro.rate), gap_check(t, breaks, log, case.segments)]
-    # A logger that drops most samples is reported already.
+    # Decimated IMU data is already reported.
     thinned = any(p.code == "imu_decimated" and p.text.startswith(f"{source}:") for p in log.problems)
     return found if thinned else [*found, jitter_check(np.delete(np.diff(t), breaks))]
 
@@ -65,9 +65,9 @@ def rate_check(source: str, rate: float) -> Check:
 
 
 def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segments) -> Check:
-    """Check for missing samples; ``breaks`` are the samples before the gaps of ``t`` (n,) s.
+    """Check for gaps in IMU times (n,) s; ``breaks``: indices before gaps.
 
-    A gap from disarming to arming is a pause of the logger; so is a long one on the ground.
+    Gaps between disarming and arming, or long ones on the ground, are pauses of the logger.
     """
     made = partial(Check, "gaps", unit="s", threshold=GAP_LIMIT)
     if len(breaks) == 0:
@@ -97,7 +97,7 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
 
 
 def count_logged_gaps(log: FlightLog, start: Array, end: Array) -> int:
-    """Count the gaps in which the onboard attitude was logged, so that the card did not lose the samples."""
+    """Count gaps in which the onboard attitude is logged, so that the logger is not the cause."""
     onboard = log.onboard_attitude
     if onboard is None or onboard.rate <= 0:
         return 0
@@ -106,9 +106,9 @@ def count_logged_gaps(log: FlightLog, start: Array, end: Array) -> int:
 
 
 def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
-    """Return whether the vehicle was disarmed in a gap; where arming is not logged, whether it is long.
+    """Return whether a gap is a pause: disarmed, or without logged arming long enough.
 
-    The record of disarming is often lost too: a long gap without flight at either end counts.
+    A long gap without flight at either end also counts, because the record of disarming is often lost.
     """
     if log.state.armed is None or not log.state.armed.value:
         return t1 - t0 > LONG_PAUSE_S
@@ -127,17 +127,17 @@ def jitter_check(dt: np.ndarray) -> Check:
     return Check("jitter", graded(jitter, *JITTER_PCT), text, round(jitter, 2), "%", limit)
 
 
-# Sensors that report equal values while the vehicle moves: the sensor, its driver or its bus has stopped.
+# Frozen sensors: constant values while the vehicle moves, from a stopped sensor, driver or bus.
 
-# Values may be equal for so long by chance: an IMU's noise changes its last digit at each sample, a barometer's at most
-# of them; a compass of whole milligauss may rest.
+# Minimum duration of constant values. IMU noise changes every sample, barometer noise most samples; a compass with 1 mG
+# resolution may be constant for some time.
 FROZEN_IMU_S, FROZEN_MAG_S, FROZEN_BARO_S = 1.0, 5.0, 5.0
-# Fewer equal records in a row are a slow message.
+# Minimum number of equal records.
 MIN_FROZEN_RECORDS = 20
-# A vehicle moves where the gyro shows so much (standard deviation), attitude or field turn, or GNSS rises so far. A
-# force that shakes is no sign: engines run on the ground.
+# Evidence of motion: standard deviation of the gyro, rotation of attitude or field, or climb by GNSS. Vibration is no
+# evidence: engines run on the ground.
 MOVING_DPS, TURNED_DEG, CLIMBED_M = 3.0, 5.0, 10.0
-# Share of the record with a frozen gyro from which no replay means anything.
+# Maximum share of the log with a frozen gyro for a replay.
 UNUSABLE_PCT = 5.0
 FROZEN_LIMIT = f"ok: no value stays for {FROZEN_IMU_S:.0f} s (compass {FROZEN_MAG_S:.0f} s, "
 FROZEN_LIMIT += f"barometer {FROZEN_BARO_S:.0f} s) while the vehicle moves"
@@ -145,7 +145,7 @@ DOWN = np.array([0.0, 0.0, 1.0])
 
 
 def frozen_checks(case: HealthCase) -> list[Check]:
-    """Check the gyro, and all other sensors together, for values that stay equal while the vehicle moves."""
+    """Check gyro, and other sensors together, for constant values in motion."""
     log, imu = case.log, case.log.replay_imu
     if imu is None:
         return []
@@ -175,7 +175,7 @@ def frozen_checks(case: HealthCase) -> list[Check]:
 
 
 def _frozen_gyro(log: FlightLog) -> tuple[list[Span], float]:
-    """Return when the replayed gyro was frozen while the vehicle turned, and that time as percentage of the log."""
+    """Return spans with a frozen gyro while the vehicle turned, and their share of the log in %."""
     imu = log.replay_imu
     if imu is None:
         return [], 0.0
@@ -184,7 +184,7 @@ def _frozen_gyro(log: FlightLog) -> tuple[list[Span], float]:
 
 
 def frozen_gyro_reason(log: FlightLog) -> str:
-    """Return why a frozen gyro makes every replay wrong; empty where it does not."""
+    """Return why a frozen gyro makes a replay invalid; empty where valid."""
     _, lost = _frozen_gyro(log)
     return (
         f"the gyro stands still for {lost:.0f} % of the record while the vehicle moves" if lost > UNUSABLE_PCT else ""
@@ -192,7 +192,7 @@ def frozen_gyro_reason(log: FlightLog) -> str:
 
 
 def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
-    """Return the spans (t0, t1) s of at least ``least_s`` in which all records hold the same finite values."""
+    """Return spans (t0, t1) s of at least ``least_s`` with constant finite values."""
     if len(stream.t) < MIN_FROZEN_RECORDS:
         return []
     x = stream.x.reshape(len(stream.t), -1)
@@ -201,7 +201,7 @@ def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
 
 
 def frozen_compass(log: FlightLog) -> list[Span]:
-    """Return when the compass in use was frozen while the gyro turned; not one that never changes (dead)."""
+    """Return spans with a frozen compass in use while the gyro turned; not dead ones."""
     imu = log.replay_imu
     if log.mag is None or imu is None:
         return []
@@ -213,7 +213,10 @@ def frozen_compass(log: FlightLog) -> list[Span]:
 
 
 def _frozen_barometer(log: FlightLog, segments: Segments) -> list[Span]:
-    """Return when the first barometer was frozen in a climb; simulated ones without noise may rest in a hover."""
+    """Return spans with a frozen first barometer in a climb.
+
+    Not in a hover, where simulated barometers without noise may be constant.
+    """
     if not log.baro:
         return []
     flown = intersect(frozen_spans(log.baro[0], FROZEN_BARO_S), segments.spans("airborne"))
@@ -221,16 +224,16 @@ def _frozen_barometer(log: FlightLog, segments: Segments) -> list[Span]:
 
 
 def _climbed_m(gnss: Gnss, span: Span) -> float:
-    """Return the range (m) of a receiver's height in a span, 0 without any."""
+    """Return the height range in m of a receiver in a span, 0 without any."""
     height = gnss.alt[slice(*np.searchsorted(gnss.t, span))]
     height = height[np.isfinite(height)]
     return float(np.ptp(height)) if len(height) else 0.0
 
 
 def _turned_deg(log: FlightLog, span: Span) -> float:
-    """Return how far (deg) down, or without attitude the field, is off its median for a fifth of a span.
+    """Return the 80th percentile in deg of the angle of down to its median in a span.
 
-    An alignment at the start is one jump and no turn.
+    Without attitude, of the magnetic field. A quantile, because an alignment at the start is no turn.
     """
     attitude = log.onboard_attitude
     if attitude is not None:
@@ -249,7 +252,7 @@ def _turned_deg(log: FlightLog, span: Span) -> float:
 
 
 def _spread(stream: Stream, span: Span) -> float:
-    """Return the largest standard deviation of an axis in a span."""
+    """Return the largest standard deviation of any axis in a span."""
     first, last = np.searchsorted(stream.t, span)
     inside: Array = stream.x[first:last]
     return float(np.nanmax(np.std(inside, axis=0), initial=0.0)) if len(inside) > 1 else 0.0
@@ -261,7 +264,7 @@ def _frozen_text(what: str, spans: list[Span]) -> str:
     return f"the {what} says the same {len(spans)} times, {seconds(spans):.1f} s in all, while the vehicle moves"
 
 
-# Sensor faults that were found while the reference was chosen.
+# Sensor faults found during the choice of the reference.
 
 SENSOR_FAULT_LIMITS = {
     GYRO: "ok: fewer than 5 samples 20 times further from their neighbours than usual; fault above 20 deg/min of them",
@@ -272,7 +275,7 @@ SENSOR_FAULT_LIMITS = {
 
 
 def sensor_fault_checks(case: HealthCase) -> list[Check]:
-    """Return a check for each of these faults."""
+    """Return a check for each sensor fault found with the reference."""
     faults = {} if case.rates is None else case.rates.faults.sensors
     return [
         Check(

@@ -1,4 +1,4 @@
-"""Vibration of the accelerometers: level, onset, clipping, and the constant force that it becomes."""
+"""Accelerometer vibration: level, onset, clipping, and rectification."""
 
 from __future__ import annotations
 
@@ -19,34 +19,34 @@ from attlog.segments.airborne import height_stream
 from attlog.segments.model import Segments
 from attlog.segments.windows import vibration_levels
 
-# Level of the IMUs in flight.
+# Vibration level in flight.
 
-# Cut from a flight: the low-pass of the level still holds the ground at take-off, and a touch-down is a blow.
+# Time cut from a flight: settling of the level's low-pass after take-off, and the impact of touch-down.
 TAKE_OFF_S, LANDING_S = 1.0, 2.0
-# Fewer seconds of flight have no percentiles.
+# Minimum seconds of flight for percentiles.
 MIN_FLIGHT_S = 10
-# PX4 makes its level of samples at 200 to 250 Hz; a slower stream shows less of it.
+# Minimum rate for PX4's level, which is defined on samples at 200 to 250 Hz.
 FULL_RATE_HZ = 150.0
-# The first low-pass of ArduPilot's VIBE: what is slower is motion, not vibration.
+# Cut-off of the first low-pass of ArduPilot's VIBE, which separates motion from vibration.
 FLOOR_HZ = 5.0
-# Of the logged, mostly low-passed accelerometer: measured on the logs in hand (docs/flight.md).
+# Limits for the logged, mostly low-passed accelerometer, from real logs (docs/flight.md).
 STRONG_M_S2, VERY_STRONG_M_S2 = 3.0, 15.0
-# Onset: the median of the next 10 s is three times that of all flight before, at least 20 s, and 1 m/s^2.
+# Onset: the median of the next 10 s is at least three times that of all flight before (20 s or more), and 1 m/s^2.
 GROWTH, BEFORE_S, AFTER_S, MIN_GROWN_M_S2 = 3.0, 20, 10, 1.0
-# Vibration that comes with so much more throttle comes from the motors, not from a part that broke.
+# Ratio of throttle above which an onset comes from motor power, not from a broken part.
 MORE_POWER = 1.3
 # ardupilot.org, "Measuring Vibration": below 100 is likely fine, a number that keeps growing is not.
 FEW_CLIPS, MANY_CLIPS, LASTING_S = 10, 100, 3
 
 
 def sound_flight(segments: Segments, log: FlightLog) -> list[Span]:
-    """Return the time in flight (armed, for what cannot fly) without take-off, touch-down and wrecks."""
+    """Return flights without take-off, touch-down and wrecks; armed spans of ground vehicles."""
     spans = segments.spans("airborne" if log.kind.flies else "armed")
     return sound_spans(segments, [(a + TAKE_OFF_S, b - LANDING_S) for a, b in spans if b - a > TAKE_OFF_S + LANDING_S])
 
 
 def vibration_checks(case: HealthCase) -> list[Check]:
-    """Check the vibration of every IMU by the firmware's measure, else by the logged samples; and its clipping."""
+    """Check vibration of every IMU by the firmware's level, else by samples, and clipping."""
     log, within = case.log, sound_flight(case.segments, case.log)
     levels = [_level_check(log, one, within) for one in imu_vibrations(log)]
     if all(check.verdict == "unknown" for check in levels):
@@ -59,7 +59,7 @@ def vibration_checks(case: HealthCase) -> list[Check]:
 
 
 def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
-    """Return the autopilot's levels, else those by its definition from samples that are fast enough."""
+    """Return the autopilot's levels, else computed by its definition from fast samples."""
     if log.vibration.levels:
         return log.vibration.levels
     if raw := [b for b in log.vibration.bursts if b.sensor == "accelerometer" and not b.filtered]:
@@ -71,9 +71,9 @@ def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
 
 
 def burst_levels(bursts: list[Burst]) -> OnboardVibration:
-    """Return ArduPilot's level (m/s^2) of the worst axis, one for each burst of one unit.
+    """Return ArduPilot's vibration level in m/s^2 of the worst axis for each burst.
 
-    It is the RMS of what a low-pass of 5 Hz leaves; the 2 Hz low-pass of the firmware becomes the mean over the burst.
+    RMS after removal of a 5 Hz low-pass; a mean over the burst replaces the firmware's 2 Hz low-pass.
     """
     levels = [float(np.sqrt(np.mean(high_passed(b.x, b.rate) ** 2, axis=0)).max()) for b in bursts]
     t = np.array([b.t + len(b.x) / b.rate for b in bursts])
@@ -81,7 +81,7 @@ def burst_levels(bursts: list[Burst]) -> OnboardVibration:
 
 
 def high_passed(x: NDArray[np.float32], rate: float) -> Array:
-    """Return what the firmware's first-order low-pass of 5 Hz leaves of ``x`` (n, k), by its transfer function."""
+    """Return ``x`` (n, k) minus its first-order 5 Hz low-pass, in the frequency domain."""
     flat = x.astype(np.float64) - x.mean(axis=0)
     a = 1.0 / (1.0 + rate / (2.0 * np.pi * FLOOR_HZ))
     z = np.exp(-2j * np.pi * np.fft.rfftfreq(len(flat)))
@@ -91,7 +91,10 @@ def high_passed(x: NDArray[np.float32], rate: float) -> Array:
 
 
 def sample_levels(imu: Imu) -> OnboardVibration:
-    """Return PX4's level of a stream at full rate: length of the difference of successive samples, mean over 1 s."""
+    """Return PX4's vibration level of a full-rate stream.
+
+    Mean over 1 s of the length of sample differences.
+    """
     t, acc = imu.acc.t_best, imu.acc.x
     step = np.linalg.norm(np.diff(acc, axis=0), axis=1)
     dt = np.diff(t)
@@ -101,7 +104,7 @@ def sample_levels(imu: Imu) -> OnboardVibration:
 
 
 def second_means(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return starts (m,) s and means (m,) of the finite ``x`` (n,) at rising ``t`` (n,) in each second with any."""
+    """Return starts (m,) s and means (m,) of finite ``x`` (n,) in each second with samples."""
     good = np.isfinite(x)
     t, x = t[good], x[good]
     if len(t) == 0:
@@ -150,7 +153,7 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
 
 
 def quantile_interval(level: Array, share: float) -> tuple[float, float]:
-    """Return the 95 % interval of a quantile by order statistics (binomial); seconds count as independent."""
+    """Return the 95 % interval of a quantile by binomial order statistics."""
     n = len(level)
     half = 1.96 * np.sqrt(n * share * (1.0 - share))
     ordered = np.sort(level)
@@ -159,7 +162,7 @@ def quantile_interval(level: Array, share: float) -> tuple[float, float]:
 
 
 def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
-    """Check accelerometers that reached the end of their range in sound flight; nothing of the others."""
+    """Check accelerometers that clipped in flight."""
     found = []
     limit = f"up to {FEW_CLIPS} samples; fault above {MANY_CLIPS} in {LASTING_S} seconds and more"
     for one in (c for c in log.vibration.clippings if c.sensor == "accelerometer" and c.whole):
@@ -189,7 +192,7 @@ def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
 
 
 def logged_vibration(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
-    """Check the level of the logged samples in flight, and the time from which it is several times as large."""
+    """Check level and onset of vibration in logged samples in flight."""
     limit = f"ok up to {STRONG_M_S2:.0f} m/s^2 and steady, fault above {VERY_STRONG_M_S2:.0f}"
     t, x = vibration_levels(imu, flown)
     if len(t) < MIN_FLIGHT_S:
@@ -215,7 +218,7 @@ def logged_vibration(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
 
 
 def find_onset(level: Array) -> int | None:
-    """Return the window (m,) from which vibration has grown for good, None where it has not."""
+    """Return the window index from which vibration is lastingly larger, None without onset."""
     if len(level) < BEFORE_S + AFTER_S:
         return None
     k = np.arange(BEFORE_S, len(level) - AFTER_S + 1)
@@ -226,7 +229,7 @@ def find_onset(level: Array) -> int | None:
 
 
 def running_medians(x: Array) -> Array:
-    """Return the median (n,) of the first 1, 2, ... n of finite numbers (n,), each sorted in."""
+    """Return running medians (n,) of the first 1, 2, ... n finite numbers."""
     ordered: list[float] = []
     out = np.empty(len(x))
     for n, value in enumerate(x.tolist()):
@@ -236,20 +239,20 @@ def running_medians(x: Array) -> Array:
 
 
 def has_more_power(throttle: Stream | None, t: Array, since: int) -> bool:
-    """Return whether throttle is higher as vibration begins than before, with windows at ``t`` (m,) s."""
+    """Return whether throttle rises at the onset of vibration; windows at ``t`` (m,) s."""
     if throttle is None or len(throttle.t) < 2:
         return False
     x = np.interp(t, throttle.t, np.nan_to_num(throttle.x[:, 0]))
     return float(np.median(x[since : since + 3])) > MORE_POWER * float(np.median(x[:since]))
 
 
-# Mean vertical force in flight against the barometer: a sensor that vibrates may rectify it into a constant force.
+# Mean vertical force against the barometer: a vibrating accelerometer may rectify vibration into a constant force.
 
-# Change of the mean over a window without a change of vertical speed that explains it.
+# Averaging window, and limits of the change of mean force that the climb does not explain.
 FORCE_WINDOW_S, CHANGED_M_S2, WRONG_M_S2 = 10.0, 0.7, 1.5
 # Cut from both ends of a flight.
 FORCE_EDGE_S = 2.0
-# A slower attitude smears turns; a window that the attitude covers by less has another mean.
+# Minimum attitude rate, and minimum share of a window covered by the attitude.
 MIN_ATTITUDE_HZ, MIN_COVERED_SHARE = 5.0, 0.9
 
 
@@ -260,7 +263,7 @@ def vertical_force_check(case: HealthCase) -> list[Check]:
 
 
 def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
-    """Check whether the mean vertical force changes in flight without a climb that explains it."""
+    """Check for changes of the mean vertical force in flight without a matching climb."""
     limit = f"ok up to {CHANGED_M_S2} m/s^2 over {FORCE_WINDOW_S:.0f} s, fault above {WRONG_M_S2}"
     above, onboard = height_stream(log), log.onboard_attitude
     if above is None or onboard is None or onboard.rate < MIN_ATTITUDE_HZ:
@@ -295,7 +298,7 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
 
 
 def _force_windows(span: Span, imu: Imu, above: Stream) -> list[Span]:
-    """Return unbroken windows of 10 s in a span, without its ends."""
+    """Return gapless windows of 10 s in a span, without its ends."""
     t = imu.acc.t_best
     found = []
     start = span[0] + FORCE_EDGE_S
@@ -309,7 +312,7 @@ def _force_windows(span: Span, imu: Imu, above: Stream) -> list[Span]:
 
 
 def _mean_force(imu: Imu, t: Array, q: Array, window: Span) -> float:
-    """Return the mean upward specific force in m/s^2 over a window, NaN where the attitude does not cover it."""
+    """Return the mean upward specific force in m/s^2 over a window, NaN without attitude."""
     use = slice(*np.searchsorted(imu.acc.t_best, window))
     known, force = known_earth_force(imu.acc.t_best[use], imu.acc.x[use], t, q)
     covered = len(known) >= MIN_COVERED_SHARE * (use.stop - use.start)
@@ -317,7 +320,7 @@ def _mean_force(imu: Imu, t: Array, q: Array, window: Span) -> float:
 
 
 def _mean_acceleration(above: Stream, window: Span) -> float:
-    """Return the mean upward acceleration in m/s^2 over a window: change of the climb rate between its ends."""
+    """Return the mean upward acceleration in m/s^2 over a window by climb rates at its ends."""
     rates = []
     for at in window:
         i, j = np.searchsorted(above.t, [at - 1.5, at + 1.5])
