@@ -77,7 +77,7 @@ class Check:
 
     @property
     def is_trouble(self) -> bool:
-        """Whether the verdict is a warning or a fault."""
+        """True if the verdict is a warning or a fault."""
         return self.verdict in TROUBLE
 
     def measure(self, value: float, sigma: float, digits: int, least: float = -math.inf) -> Check:

@@ -255,7 +255,7 @@ class OffsetFit:
 
     @property
     def counts(self) -> bool:
-        """Whether any axis has a significant offset."""
+        """True if any axis has a significant offset."""
         return bool(np.any(np.abs(self.offset) > np.maximum(OFFSET_SIGMAS * self.sigma, MIN_OFFSET_UT)))
 
 
@@ -300,7 +300,7 @@ class HeadingProof:
 
     @property
     def holds(self) -> bool:
-        """Whether the correction improves the heading enough."""
+        """True if the correction improves the heading enough."""
         least = max(MIN_IMPROVEMENT * self.before, MIN_IMPROVEMENT_DEG)
         return self.before - self.after >= least and self.after < MAX_HEADING_ERROR_DEG
 
@@ -399,7 +399,7 @@ class CompassStudy:
 
     @property
     def ground_agrees(self) -> bool:
-        """Whether the ground confirms the horizontal offset in the air."""
+        """True if the ground confirms the horizontal offset in the air."""
         if self.ground is None or self.ground_differs:
             return False
         apart = self.air.offset - self.ground.offset
@@ -408,7 +408,7 @@ class CompassStudy:
 
     @property
     def ground_differs(self) -> bool:
-        """Whether offsets on the ground and in the air differ significantly."""
+        """True if offsets on the ground and in the air differ significantly."""
         return bool(self.ground_differs_along.any())
 
     @property
@@ -421,13 +421,13 @@ class CompassStudy:
 
     @property
     def follows_motors(self) -> bool:
-        """Whether the motor model improves the heading at least as well as a constant offset."""
+        """True if the motor model improves the heading at least as well as a constant offset."""
         one, other = self.motor_proof, self.proof
         return one is not None and one.holds and one.after <= MOTORS_AS_GOOD * other.after + MOTORS_AS_GOOD_DEG
 
     @property
     def ground_repeats(self) -> bool:
-        """Whether the offsets before take-off and after landing agree."""
+        """True if the offsets before take-off and after landing agree."""
         if self.before is None or self.after is None or self.ground is None:
             return False
         apart = float(np.linalg.norm(self.before.offset - self.after.offset))

@@ -1,4 +1,4 @@
-"""Figures of sensors and onboard estimator: traces without a row, up to the first crash, with gaps as gaps.
+"""Traces for figures of sensors and onboard estimator, up to the first crash.
 
 ``compass``: the field (uT, body axes) of a compass (``key``), the one in use first: x y z measured, expected_x ... the
 earth's field turned by an attitude, corrected_x ... less the offset that is offered; value ``by_motion`` 1 where that
@@ -48,13 +48,13 @@ from attlog.reference import alignment
 from attlog.segments.model import select_rising
 from attlog.story.flight_events import clipping_spans
 
-# A figure is at most as many pixels wide.
+# Maximum points of a trace, about the width of a figure in pixels.
 MAX_POINTS = 1500
 AXES = ("x", "y", "z")
 
 
 def traces(case: HealthCase, found: list[Check]) -> list[Trace]:
-    """Return every trace that the log can fill; ``found``: its checks, which say what is offered."""
+    """Return all traces with data; ``found``: checks of the log, for the proposed offsets."""
     parts: dict[str, Callable[[], list[Trace]]] = {
         "The figure of the field": partial(field_traces, case, found),
         "The figure of the interference": partial(interference_traces, case),
@@ -67,7 +67,7 @@ def traces(case: HealthCase, found: list[Check]) -> list[Trace]:
 
 
 def break_at_pauses(t: Array, columns: Array) -> Array:
-    """Return columns (n,) or (n, k) with NaN at the first sample after a pause, so that no line crosses it."""
+    """Set columns (n,) or (n, k) to NaN after a pause, to break lines there."""
     out = np.array(columns, np.float64)
     if len(t) > 1:
         out[1:][~without_pauses(t)] = np.nan
@@ -76,14 +76,14 @@ def break_at_pauses(t: Array, columns: Array) -> Array:
 
 # Compasses.
 
-# The attitude by motion is drawn with where its heading is known in this share of the flight.
+# Minimum share of the flight with known heading for the attitude from motion.
 MIN_SURE_SHARE = 0.5
-# Fewer points make no line.
+# Minimum points of the traces.
 MIN_FIELD_SAMPLES, MIN_INTERFERENCE_POINTS = 10, 50
 
 
 def field_traces(case: HealthCase, found: list[Check]) -> list[Trace]:
-    """Return the field of every compass beside the earth's; nothing without position or attitude."""
+    """Return traces of every compass and the earth's field; none without position or attitude."""
     model, attitude = alignment.earth_field(case.log), field_attitude(case)
     if model is None or attitude is None:
         return []
@@ -111,9 +111,9 @@ def field_traces(case: HealthCase, found: list[Check]) -> list[Trace]:
 
 
 def field_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, str] | None:
-    """Return times, quaternions, segments and name of the attitude that turns the earth's field; None without heading.
+    """Return times, quaternions, segments and name of the attitude for the earth's field.
 
-    Motion alone where its heading is known, else the reference, else (of a log that is not replayed) the onboard one.
+    Motion alone if its heading is known, else the reference, else (without replay) onboard; None without heading.
     """
     known, own, reference = case.motion, case.log.onboard_attitude, case.reference
     if known is not None and not reason_no_heading(case):
@@ -130,7 +130,7 @@ def field_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, s
 
 
 def interference_traces(case: HealthCase) -> list[Trace]:
-    """Return the field of the compass in use against the motors' power; nothing where that does not vary in flight."""
+    """Return the trace of the field against motor power; none with constant power."""
     model = alignment.earth_field(case.log)
     kind, drive = motor_drive(case.log)
     for mag in mags_in_use_first(case) if model is not None and drive is not None else []:
@@ -149,7 +149,7 @@ def interference_traces(case: HealthCase) -> list[Trace]:
 
 
 def interference_trace(key: str, power: Array, residual: Array, seconds: float) -> Trace:
-    """Return residuals (n,) uT against a drive (n,) in A or %, with the line of least squares."""
+    """Return residuals (n,) uT against power (n,) in A or %, with a least-squares line."""
     slope, start = np.polyfit(power, residual, 1)
     spread = float(np.std(power) * np.std(residual))
     r = float(np.mean((power - power.mean()) * (residual - residual.mean()))) / spread if spread > 0 else 0.0
@@ -171,18 +171,18 @@ def thinned_field(mag: Mag, use: np.ndarray) -> tuple[Array, Array]:
 
 # Vibration.
 
-# Seconds of flight, or records of rotors, that make a figure.
+# Minimum seconds of flight, or rotor records, for a trace.
 MIN_LEVELS = 10
-# Clipped samples are summed over this time.
+# Bin of clipped samples.
 CLIPPING_BIN_S = 1.0
-# Of the rotors' speed: one blade out of balance, two blades, their next.
+# Number of harmonics of the rotor speed.
 HARMONICS = 3
-# Slower is starting or stopping.
+# Minimum speed of a rotor in flight.
 TURNING_RPM = 300.0
 
 
 def level_traces(case: HealthCase) -> list[Trace]:
-    """Return the vibration of each IMU in flight by the firmware's measure; long flights as maxima of neighbours."""
+    """Return the firmware's vibration level of each IMU in flight, thinned by maxima."""
     within, found = vibration.sound_flight(case.segments, case.log), []
     for one in vibration.imu_vibrations(case.log):
         t, level = vibration.levels_in_flight(one, within)
@@ -195,7 +195,7 @@ def level_traces(case: HealthCase) -> list[Trace]:
 
 
 def level_trace(source: str, t: Array, level: Array, limit: float, fault: float) -> Trace:
-    """Return levels (n,) m/s^2 with their percentiles and the firmware's limits (m/s^2, not finite: none)."""
+    """Return levels (n,) with percentiles and limits, in m/s^2 (not finite: no limit)."""
     p50, p80 = np.quantile(level, [0.5, 0.8])
     values = {"p50": float(p50), "p80": float(p80), "worst": float(level.max()), "limit": limit}
     values |= {"fault": fault} if math.isfinite(fault) else {}
@@ -203,7 +203,7 @@ def level_trace(source: str, t: Array, level: Array, limit: float, fault: float)
 
 
 def clipping_traces(case: HealthCase) -> list[Trace]:
-    """Return the clipped samples of the unit with most, in flight or while driven."""
+    """Return clipped samples of the IMU with most, in flight or armed."""
     within = clipping_spans(case.segments)
     found: list[Trace] = []
     for one in case.log.vibration.clippings:
@@ -218,7 +218,7 @@ def clipping_traces(case: HealthCase) -> list[Trace]:
 
 
 def rotor_traces(case: HealthCase) -> list[Trace]:
-    """Return the rotors' fundamental in flight and its harmonics, where their speed was logged."""
+    """Return rotor fundamental and harmonics in flight, if rotor speed is logged."""
     rpm = case.log.power.rpm
     if rpm is None or len(rpm.t) < MIN_LEVELS:
         return []
@@ -232,7 +232,7 @@ def rotor_traces(case: HealthCase) -> list[Trace]:
 
 
 def notch_traces(case: HealthCase) -> list[Trace]:
-    """Return the gyro's notches that are set and that are proposed, where their frequency is fixed."""
+    """Return the active and the proposed gyro notches of fixed frequency."""
     found = []
     for key, bands in notch.notch_bands(case).items():
         if bands:
@@ -248,7 +248,7 @@ MIN_RATIOS = 10
 
 
 def ratio_traces(case: HealthCase) -> list[Trace]:
-    """Return the test ratios of each aid that was used, thinned by maxima."""
+    """Return test ratios of each aid in use, thinned by maxima."""
     end = first_crash(case.segments)
     found = []
     for test in case.log.estimator.innovation_tests:
@@ -261,7 +261,7 @@ def ratio_traces(case: HealthCase) -> list[Trace]:
 
 
 def thin_by_maxima(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return at most MAX_POINTS samples (n,): of equal numbers of neighbours the largest, at its own time."""
+    """Return at most MAX_POINTS samples (n,), the maximum of each group at its time."""
     if len(t) <= MAX_POINTS:
         return t, x
     starts = np.linspace(0, len(t), MAX_POINTS + 1).astype(np.int64)[:-1]
@@ -275,20 +275,20 @@ def thin_by_maxima(t: Array, x: Array) -> tuple[Array, Array]:
 
 # Points of the path.
 MAX_TRACK_POINTS, MIN_TRACK_POINTS = 2000, 10
-# Of latitude on a sphere of the earth's mean radius; a flight is too short for more.
+# Metres per degree of latitude on a sphere of mean earth radius.
 M_PER_DEG = 6371008.8 * math.pi / 180.0
-# A path is a path from 5 m on where velocities show a course for 3 s, else from 15 m: a receiver at rest strays less.
+# Minimum extent of a path: MIN_COURSE_M with a course for MIN_COURSE_S, else MIN_PATH_M; drift at rest is less.
 MIN_COURSE_M, MIN_PATH_M, MIN_COURSE_S = 5.0, 15.0, 3.0
-# Slower than this GNSS shows no course.
+# Minimum speed for a course.
 SLOW_M_S = 1.0
-# From this speed on (a plane: from that) heading and course are compared.
+# Minimum speed for comparison of heading and course, and that of planes.
 FAST_M_S, WINGED_M_S = 2.0, 5.0
-# An attitude further away is of another heading.
+# Maximum time to the nearest attitude for a heading.
 MAX_ATTITUDE_DISTANCE_S = 1.0
 
 
 def track_traces(case: HealthCase) -> list[Trace]:
-    """Return the path of the receiver with most fixes; nothing where the vehicle stayed in its place."""
+    """Return the path of the receiver with most fixes; none for a vehicle at rest."""
     log = case.log
     receiver = max(log.gnss, key=lambda g: int(np.count_nonzero(_has_position(g))), default=None)
     if receiver is None or np.count_nonzero(_has_position(receiver)) < MIN_TRACK_POINTS:
@@ -350,7 +350,7 @@ def heading_at(attitude: Attitude | None, t: Array) -> Array:
 
 
 def off_course(t: Array, difference: Array, use: NDArray[np.bool_]) -> dict[str, float]:
-    """Return median and quartiles (deg) of angles (n,) about their circular mean; nothing from few."""
+    """Return median and quartiles in deg of angles (n,) about their circular mean."""
     use = use & np.isfinite(difference)
     if np.count_nonzero(use) < MIN_TRACK_POINTS:
         return {}
@@ -363,12 +363,12 @@ def off_course(t: Array, difference: Array, use: NDArray[np.bool_]) -> dict[str,
 
 
 def _has_position(receiver: Gnss) -> NDArray[np.bool_]:
-    """Select the records (n,) with a position and a 3D fix; 0, 0 is none."""
+    """Mark records (n,) with a 3D fix and a position other than 0, 0."""
     known = np.isfinite(receiver.lat) & np.isfinite(receiver.lon) & (receiver.fix >= FIX_3D)
     return np.asarray(known & ((receiver.lat != 0.0) | (receiver.lon != 0.0)))
 
 
 def _extent_m(found: Trace, use: NDArray[np.bool_]) -> float:
-    """Return the larger side (m) of the box of all points but the outermost hundredths."""
+    """Return the larger side in m of the box of the middle 98 % of points."""
     sides = [np.nanquantile(found.columns[name][use], [0.01, 0.99]) for name in ("north", "east")]
     return max(float(high - low) for low, high in sides)

@@ -1,7 +1,7 @@
-"""Findings: what is wrong with a log, one entry for each cause, from checks, reports of the autopilot and events.
+"""Findings: problems of a log, one for each cause, from checks, reports and events.
 
-Each check, report and event that is not ok is a sign. :data:`REPORT_RULES` weigh what readers and autopilot report,
-:data:`RULES` give signs that share a cause the same kind; signs of one kind then become one finding.
+Each check, report and event that is not ok is a sign. :data:`REPORT_RULES` set severity and kind of the reports of
+readers and autopilot. :data:`RULES` give signs with a common cause the same kind; signs of a kind become one finding.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from attlog.story.flight_events import CRASHES, Event
 # Worst first.
 SEVERITY_ORDER: tuple[Weight, ...] = ("serious", "warning", "note", "info")
 WEIGHTS: Mapping[Severity, Weight] = {"error": "serious", "warning": "warning", "note": "note", "info": "info"}
-# Kinds of which each sign has a cause of its own.
+# Kinds whose signs are not merged.
 SEPARATE_KINDS = (BUG, "estimator_failed", "estimator_timed_out")
-# Order of kinds among equally bad findings.
+# Order of kinds among findings of equal severity.
 KINDS = (
     *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "vibration", "attitude", "mounting", "trim", "reset"),
     *("coverage", "estimator", "accelerometer", "accelerometer_axes", "accelerometer_delay", "frozen_sensors"),
@@ -35,10 +35,10 @@ KINDS = (
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One cause (``kind``) in a sentence, with its evidence and one action on this vehicle.
+    """Finding of one kind: a sentence with evidence, cause and action.
 
-    ``t`` to ``t_end`` s: when, ``offset`` bytes: where in the file; ``count``: number of events; ``value`` in ``unit``:
-    size. ``about``: angle (tilt, heading), or the check it comes from. ``cause``, ``action``: empty where unknown.
+    ``t`` to ``t_end`` s: time; ``offset`` bytes: position in the file; ``count``: number of events; ``value`` in
+    ``unit``: size. ``about``: angle (tilt, heading) or source check. ``cause``, ``action``: empty where unknown.
     """
 
     kind: str
@@ -57,13 +57,13 @@ class Finding:
 
     @property
     def is_trouble(self) -> bool:
-        """Whether it is serious or a warning."""
+        """True if the severity is serious or warning."""
         return self.severity in ("serious", "warning")
 
 
 @dataclass(frozen=True, slots=True)
 class OpenQuestion:
-    """Question without an answer: title of its card, and what would answer it (may be empty)."""
+    """Question without an answer: title, and how to get an answer (may be empty)."""
 
     title: str
     remedy: str = ""
@@ -71,7 +71,7 @@ class OpenQuestion:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """What rules may look at beside the signs. ``crashed``: sensors show a crash."""
+    """Input of the rules beside the signs; ``crashed``: sensors show a crash."""
 
     log: FlightLog
     events: Sequence[Event] = ()
@@ -89,10 +89,10 @@ def findings(
     unanswered: Iterable[OpenQuestion] = (),
     events: Iterable[Event] = (),
 ) -> list[Finding]:
-    """Return everything that is not ok, worst first, one finding for each cause.
+    """Return the findings of a log, most severe first.
 
-    ``others``: problems that the analysis found itself; ``events``: what happened. Parameters that checks offer to set
-    are the action of their findings; checks of sensors that are not in use are notes.
+    ``others``: problems found by the analysis. Parameters proposed by checks become the action of their findings.
+    Checks of sensors not in use are notes.
     """
     events, checks = list(events), without_refused_imu(list(checks), log)
     reports = [problem_finding(problem) for problem in [*log.problems, *others]]
@@ -118,7 +118,7 @@ def findings(
 
 
 def problem_finding(problem: Problem, kind: str = "") -> Finding:
-    """Return a problem of reader, autopilot or analysis as a sign of ``kind``, its code where empty."""
+    """Convert a problem to a sign of ``kind``, by default the problem's code."""
     return Finding(
         kind or problem.code,
         WEIGHTS[problem.severity],
@@ -134,7 +134,7 @@ def problem_finding(problem: Problem, kind: str = "") -> Finding:
 
 
 def event_finding(event: Event, kind: str) -> Finding:
-    """Return an event as a sign of ``kind``."""
+    """Convert an event to a sign of ``kind``."""
     return Finding(
         kind,
         event.severity,
@@ -148,7 +148,10 @@ def event_finding(event: Event, kind: str) -> Finding:
 
 
 def check_signs(checks: Sequence[Check], log: FlightLog, reports: Signs, skip: Iterable[str] = ()) -> Signs:
-    """Return warnings and faults of sensors in use as signs; not what events (``skip``) or reports name already."""
+    """Return signs of warnings and faults of sensors in use.
+
+    Without the questions in ``skip``, covered by events, and without those already in ``reports``.
+    """
     left_out = {*skip, *({"rate"} if any(REPORT_KINDS.get(report.kind) == "rate" for report in reports) else ())}
     return [
         check_sign(check, log)
@@ -158,7 +161,7 @@ def check_signs(checks: Sequence[Check], log: FlightLog, reports: Signs, skip: I
 
 
 def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> Finding:
-    """Return a check that is not ok as a sign of its kind."""
+    """Convert a check that is not ok to a sign of its kind."""
     row = CHECKS[check.question]
     usual = row.fault if check.verdict == "fault" else row.warning
     if check.question == "gyro_bias" and usual == "serious" and abs(check.value or 0.0) < UNUSABLE_DPS:
@@ -166,7 +169,7 @@ def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> 
     action = settings_text(check) or check.action or check.why_no_setting or _logging_advice(check, log)
     if severity is None and row.remedy is not None:
         action = log.remedy(row.remedy)
-    harmless = check.question == "compass_motors" and not (check.action or check.settings)  # turns no heading
+    harmless = check.question == "compass_motors" and not (check.action or check.settings)  # no effect on the heading
     return Finding(
         check.kind or row.kind,
         severity or usual,
@@ -184,19 +187,19 @@ def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> 
 
 
 def spare_signs(checks: Sequence[Check], log: FlightLog, known: set[str]) -> Signs:
-    """Return warnings and faults of sensors that are not in use as notes, of kinds that nothing else names."""
+    """Return notes for warnings and faults of spare sensors, except kinds in ``known``."""
     signs = [check_sign(c, log, "note") for c in _settings_first(checks) if not c.in_use]
     return [sign for sign in signs if sign.kind not in known]
 
 
 def settings_text(check: Check) -> str:
-    """Return what to set: the check's own words where they name each parameter, else a sentence; empty without."""
+    """Return the check's action if it names each parameter, else a sentence of settings."""
     named = check.action and all(setting.name in check.action for setting in check.settings)
     return check.action if check.settings and named else settings_sentence(check.settings)
 
 
 def _logging_advice(check: Check, log: FlightLog) -> str:
-    """Return the setting that would log what a check lacks."""
+    """Return the setting that logs the data missing for a check."""
     imu, onboard = log.replay_imu, log.onboard_attitude
     if check.question == "rate":
         return log.advice("fast_imu", imu.gyro.rate) if imu is not None else log.advice("imu")
@@ -205,7 +208,7 @@ def _logging_advice(check: Check, log: FlightLog) -> str:
     return ""
 
 
-# Checks of inertial data, which mean nothing where most of it was refused.
+# Checks that are invalid where most IMU data was rejected.
 IMU_CHECKS = (
     *("accelerometer_rest", "gravity_in_flight", "gravity_direction", "rate", "gaps", "jitter", "filter_delay"),
     *("vibration_level", "imu_instances", "accelerometer_offset", "gyro_bias"),
@@ -214,13 +217,13 @@ IMU_REFUSED = "imu_mostly_refused"
 
 
 def without_refused_imu(checks: list[Check], log: FlightLog) -> list[Check]:
-    """Return the checks without those of inertial data of which most was refused: the rest is chance."""
+    """Drop checks of IMU data where most of that data was rejected."""
     refused = any(problem.code == IMU_REFUSED for problem in log.problems)
     return [check for check in checks if check.question not in IMU_CHECKS] if refused else checks
 
 
 def _unchecked(checks: list[Check]) -> Signs:
-    """Return the checks that could not be made as one entry, with the reasons as evidence."""
+    """Merge the unknown checks into one entry, with the reasons as evidence."""
     missing = [check for check in checks if check.verdict == "unknown" and check.about != BUG]
     if not missing:
         return []
@@ -231,7 +234,7 @@ def _unchecked(checks: list[Check]) -> Signs:
 
 
 def _open(unanswered: list[OpenQuestion]) -> Signs:
-    """Return the questions without an answer as one entry."""
+    """Merge the unanswered questions into one entry."""
     if not unanswered:
         return []
     titles = ", ".join(item.title.lower() for item in unanswered)
@@ -240,9 +243,9 @@ def _open(unanswered: list[OpenQuestion]) -> Signs:
 
 
 def contradiction(reference: Reference) -> list[Problem]:
-    """Return a reference that physics contradicts, or that gave way to the smoother, as a problem.
+    """Return problems for a reference that sensors contradict or that was replaced.
 
-    A wrong onboard heading has its own check.
+    A wrong onboard heading is excluded, because it has its own check.
     """
     taken = reference.kind in ("smoother", "onboard")
     reasons = {name: why for name, why in reference.faults.refused.items() if why != reference.faults.onboard_heading}
@@ -260,7 +263,7 @@ def contradiction(reference: Reference) -> list[Problem]:
 
 # Events.
 
-# Kind of finding by kind of event; crashes and messages are treated on their own.
+# Kind of finding by kind of event; crashes and messages are handled apart.
 EVENT_KINDS = {
     "hard_landing": "hard_landing",
     "clipping": "vibration",
@@ -282,24 +285,24 @@ MESSAGE_KINDS = (
     (re.compile(r"\bekf|variance|estimator|attitude|\bahrs", re.I), "estimator"),
 )
 EVENT_ACTIONS = {"battery": "Charge or change the battery, and land earlier."}
-# Failsafes of a sensor or the estimator, reported at the same time as the event.
+# Failsafes of a sensor or the estimator, and maximum time from report to event.
 EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibration_failsafe"), 0.01
 STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
-# Messages of the autopilot that one finding quotes.
+# Maximum number of quoted messages in a finding.
 MAX_EVIDENCE = 4
-# Impacts and overturns that follow each other this closely are one crash, as in the headline.
+# Maximum time between events of one crash, as in the headline.
 ONE_CRASH_S = 5.0
-# Later crashes that are named by their time.
+# Maximum number of later crashes listed.
 MAX_LATER_CRASHES = 3
-# A vehicle that turns over this soon never flew.
+# Maximum time from arming to an overturn at take-off.
 SOON_AFTER_ARMING_S = 10.0
 FLIPPED_ADVICE = "Check motor order, spin and propellers, and how the autopilot is mounted."
 
 
 def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: FlightLog) -> Signs:
-    """Return the signs in what happened: crashes as one, others by their kind, messages by what they name.
+    """Convert events to signs, by kind of event or words of a message.
 
-    A failsafe that ``reports`` name with its sensor is no sign of its own.
+    A failsafe already in ``reports`` with its sensor is dropped.
     """
     found = crash_signs(events, log.kind.hovers)
     wrecks = wreck_spans(events)
@@ -326,9 +329,9 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
 
 
 def crash_signs(events: Sequence[Event], hovers: bool = True) -> Signs:
-    """Return one sign for each event that is a crash; the text of the first covers all.
+    """Return signs of crashes; the text of the first covers all.
 
-    A vehicle that hovers and turns over soon after arming has its rotors or its autopilot mounted otherwise than set.
+    The action of an overturn at take-off of a vehicle that ``hovers`` is to check motors and mounting.
     """
     happened = [event for event in events if event.is_crash]
     found = [event_finding(event, "crash") for event in happened]
@@ -350,14 +353,17 @@ def _is_within(t: float | None, spans: Sequence[tuple[float, float]]) -> bool:
 
 
 def _was_on_ground(events: Sequence[Event], t: float) -> bool:
-    """Return whether it armed just before and never lifted off; a log that begins later may begin in the air."""
+    """Return whether the vehicle armed just before ``t`` and never lifted off.
+
+    False without an arming event: such a log may begin in the air.
+    """
     before = [event for event in events if event.t < t]
     armed = any(event.kind == "armed" and event.t >= max(t - SOON_AFTER_ARMING_S, 0.0) for event in before)
     return armed and not any(event.kind in ("liftoff", "landing") for event in before)
 
 
 def _group_crashes(events: Sequence[Event]) -> list[list[Event]]:
-    """Return the events of each crash."""
+    """Group events by crash."""
     groups = [[event] for event in events[:1]]
     for before, event in pairwise(events):
         if event.t - (before.t_end or before.t) < ONE_CRASH_S:
@@ -368,10 +374,10 @@ def _group_crashes(events: Sequence[Event]) -> list[list[Event]]:
 
 
 def _crash_text(groups: Sequence[Sequence[Event]]) -> str:
-    """Return what happened in the first crash, how the vehicle lay at its end, and when it crashed again."""
+    """Return a text on the first crash, the final tilt, and times of later crashes."""
     texts = [event.text.split(". ", 1) for event in groups[0]]
     moves = list(dict.fromkeys(f"{sentences[0].rstrip('.')}." for sentences in texts))
-    lay = texts[-1][1:]  # how it lay before the last of them is over
+    lay = texts[-1][1:]  # tilt at rest after the last event of the crash
     again = [f"{group[0].t:.1f} s" for group in groups[1:]]
     if len(again) > MAX_LATER_CRASHES:
         again = [*again[: MAX_LATER_CRASHES - 1], f"{len(again) - MAX_LATER_CRASHES + 1} times more"]
@@ -381,7 +387,7 @@ def _crash_text(groups: Sequence[Sequence[Event]]) -> str:
 
 # Rules of reports.
 
-# Codes of problems, and the events that name the same in more words.
+# Kinds of events that describe a problem code in more detail.
 EVENTS_FOR_CODES = {
     "failsafe": ("failsafe", "battery"),
     "err_5_1": ("failsafe",),
@@ -391,7 +397,7 @@ EVENTS_FOR_CODES = {
     "ev_54": ("failsafe",),
     "imu_switched": ("sensor_switch",),
 }
-# Kind of finding by the code of a problem; its code where it is not named here.
+# Kind of finding by problem code; codes not listed are kinds themselves.
 REPORT_KINDS = {
     **dict.fromkeys(("reference_contradicted",), "attitude"),
     **dict.fromkeys(("lane_switch", "estimator_instance_changed"), "reset"),
@@ -406,13 +412,13 @@ REPORT_KINDS = {
 
 
 def drop_repeated_by_events(reports: Signs, context: Context) -> Signs:
-    """Drop reports that an event names in more words."""
+    """Drop reports that an event describes in more detail."""
     happened = {event.kind for event in context.events}
     return [p for p in reports if not happened.intersection(EVENTS_FOR_CODES.get(p.kind, ()))]
 
 
 def note_harmless_reports(reports: Signs, context: Context) -> Signs:
-    """Note failsafes whose event is a note, reports of a wreck, and those of an autopilot that starts.
+    """Reduce harmless reports to notes: note-level failsafes, wrecks, autopilot start.
 
     A wreck lasts from a crash until the next lift-off; an autopilot starts before the first sample and before arming.
     """
@@ -432,7 +438,7 @@ def note_harmless_reports(reports: Signs, context: Context) -> Signs:
 
 
 def doubt_reported_crashes(reports: Signs, context: Context) -> Signs:
-    """Doubt a crash that the autopilot reports while no sensor shows one."""
+    """Reduce a reported crash to a warning where no sensor shows one."""
     if context.crashed:
         return reports
     cause = "No sensor shows a crash: a bench, or a hand."
@@ -442,7 +448,7 @@ def doubt_reported_crashes(reports: Signs, context: Context) -> Signs:
 
 
 def name_kinds(reports: Signs, context: Context) -> Signs:
-    """Give reports the kind of their finding."""
+    """Set the kind of finding of reports by their code."""
     return [replace(report, kind=REPORT_KINDS.get(report.kind, report.kind)) for report in reports]
 
 
@@ -451,36 +457,36 @@ REPORT_RULES: tuple[Rule, ...] = (drop_repeated_by_events, note_harmless_reports
 
 # Rules of all signs.
 
-# Signs of one kind that are listed; a damaged log brings hundreds. Of more, so many are quoted.
+# Maximum number of listed signs of a kind (a damaged log has hundreds); of more, MAX_QUOTED texts are quoted.
 MAX_LISTED, MAX_QUOTED = 5, 3
-# Codes of readers for a compass that is missing.
+# Problem codes of a missing compass.
 ONLY_OFFSETS = "mag_only_offsets"
 MISSING_COMPASS = ("mag_dead", "no_mag", "mag_not_in_log", ONLY_OFFSETS)
-# Kinds that belong to the compass where they are about heading and the compass is in doubt.
+# Kinds that are attributed to a suspect compass if about heading.
 HEADING_KINDS = ("realigned", "reset", "attitude")
 LOST_HEADING = "The onboard estimator was not aligned, or drifted without a compass."
 FIELD_CHECKS = ("compass_axes", "field", "field_size")
-# Checks that turn the field by the onboard attitude.
+# Checks that rotate the field by the onboard attitude.
 FIELD_BY_ATTITUDE = ("field_against_attitude", "declination", "compass_turn", "attitude")
-# Change of the field in percent from which motors lead the finding.
+# Change of the field in percent by motors above which they lead the finding.
 BENT_PCT = 30.0
-# Checks of the compass, the one that explains most first.
+# Checks of the compass in order of explanatory power.
 COMPASS_LEADS = (
     *("heading_by_gnss", "compass_axes", "compass_turn", "compass_motors", "attitude", "field", "field_size"),
     *("field_against_attitude", "compass_offset", "declination"),
 )
-# Checks of the attitude against the accelerometer, and what only repeats that the attitude is wrong.
+# Checks of the attitude against the accelerometer, and those that are consequences of a wrong attitude.
 ATTITUDE_AGAINST_FORCE = ("gravity_direction", MEAN_GRAVITY, "gravity_in_flight", "vertical_force", "trim")
 REPEATS_WRONG_ATTITUDE = ("gravity_direction", MEAN_GRAVITY, "gravity_in_flight", "vertical_force")
 LEVEL_CAUSE = "The accelerometer was calibrated on a slope, or its offsets are wrong."
 FRAMES_CAUSE = "The simulator gives sensors and attitude in different frames: no setting of a vehicle mends it."
-# A smaller jump is usual for an estimator.
+# Jumps below this are normal for an estimator.
 SMALL_JUMP_DEG = 10.0
 GYRO_KINDS = ("gyro", "gyro_bias", "frozen_gyro")
-# Kinds that vibration explains where they begin with it.
+# Kinds that strong vibration explains if they begin after its onset.
 SHAKEN_KINDS = ("imu_switched", "sensor_switch", "attitude", "estimator")
 LOGGER_STOPPED = "The logger stopped and went on later: no card loses seconds."
-# Levels are per second, so vibration may begin this much before its onset.
+# Time resolution of the onset: levels are per second.
 BEFORE_ONSET_S = 1.0
 
 
@@ -510,7 +516,7 @@ def _joined(same: Signs) -> Finding:
 
 
 def drop_zero_compass(signs: Signs, context: Context) -> Signs:
-    """Drop "all its values are zero" of a compass whose values are its offsets and were left out."""
+    """Drop the dead-compass sign of a compass whose logged values were only its offsets."""
     dead = {_source(sign): sign for sign in signs if sign.kind == "mag_dead"}
     left_out = {_source(sign) for sign in signs if sign.kind == ONLY_OFFSETS}
     return [
@@ -523,14 +529,14 @@ def drop_zero_compass(signs: Signs, context: Context) -> Signs:
 
 
 def _source(sign: Finding) -> str:
-    """Return the sensor that a sentence begins with."""
+    """Return the sensor name at the start of a sign's text."""
     return sign.text.partition(":")[0]
 
 
 def gather_wrong_heading(signs: Signs, context: Context) -> Signs:
-    """Put signs of a wrong heading under the compass where GNSS shows it; without a compass under the attitude.
+    """Attribute a wrong heading by GNSS to the compass, without one to the attitude.
 
-    GNSS uses no field. Checks of the field know the cause better.
+    The GNSS check is independent of the field. Cause and action come from other compass checks if these have an action.
     """
     gnss = [sign for sign in signs if sign.about == "heading_by_gnss" and sign.is_trouble]
     if not gnss:
@@ -547,13 +553,16 @@ def gather_wrong_heading(signs: Signs, context: Context) -> Signs:
 
 
 def drop_missing_compass(signs: Signs, context: Context) -> Signs:
-    """Drop checks of a compass that is missing or dead."""
+    """Drop checks of a missing or dead compass."""
     missing = any(sign.kind in MISSING_COMPASS and sign.is_trouble for sign in signs)
     return [sign for sign in signs if sign.kind != "compass"] if missing else signs
 
 
 def doubt_heading(signs: Signs, context: Context) -> Signs:
-    """Weaken a serious error of the onboard heading where the field is wrong: the judge used that field too."""
+    """Reduce a serious heading error to a warning where the field is wrong.
+
+    The reference of the heading uses the same field.
+    """
     wrong = any(sign.kind == "compass" and sign.about in FIELD_CHECKS and sign.is_trouble for sign in signs)
     return [
         replace(s, severity="warning")
@@ -564,13 +573,13 @@ def doubt_heading(signs: Signs, context: Context) -> Signs:
 
 
 def drop_field_by_wrong_attitude(signs: Signs, context: Context) -> Signs:
-    """Drop checks of the compass that turn the field by an attitude that is wrong."""
+    """Drop compass checks that depend on a wrong onboard attitude."""
     wrong = any(sign.kind == "attitude" and sign.severity == "serious" for sign in signs)
     return [s for s in signs if not (wrong and s.kind == "compass" and s.about in FIELD_BY_ATTITUDE)]
 
 
 def gather_heading(signs: Signs, context: Context) -> Signs:
-    """Put signs of heading under the compass where it is in doubt, the check that explains most first."""
+    """Attribute heading signs to a suspect compass, sorted by explanatory power."""
     if not any(sign.kind == "compass" and sign.is_trouble for sign in signs):
         return signs
     own = [
@@ -583,14 +592,14 @@ def gather_heading(signs: Signs, context: Context) -> Signs:
 
 
 def _compass_place(sign: Finding) -> int:
-    """Return the place of a sign of the compass: motors that bend the field by a third stand first."""
+    """Return the sort key of a compass sign; motor fields above 30 % are first."""
     if sign.about == "field_size" and (sign.value or 0.0) > BENT_PCT:
         return 0
     return COMPASS_LEADS.index(sign.about) if sign.about in COMPASS_LEADS else len(COMPASS_LEADS)
 
 
 def note_small_jumps(signs: Signs, context: Context) -> Signs:
-    """Note resets of a few degrees."""
+    """Reduce resets below 10 deg to notes."""
     return [
         replace(s, severity="note") if s.kind == "reset" and s.value is not None and s.value < SMALL_JUMP_DEG else s
         for s in signs
@@ -598,7 +607,7 @@ def note_small_jumps(signs: Signs, context: Context) -> Signs:
 
 
 def explain_small_tilts(signs: Signs, context: Context) -> Signs:
-    """Explain a small angle to gravity by the accelerometer: mountings turn by more."""
+    """Attribute a small angle to gravity to the accelerometer; mounting errors are larger."""
     action = context.log.remedy("accelerometer")
     return [
         replace(s, kind="accelerometer", cause=LEVEL_CAUSE, action=action)
@@ -609,13 +618,13 @@ def explain_small_tilts(signs: Signs, context: Context) -> Signs:
 
 
 def explain_by_gyro(signs: Signs, context: Context) -> Signs:
-    """Put a wrong attitude and mounting under a gyro that is broken."""
+    """Attribute wrong attitude and mounting to a faulty gyro."""
     gyro = next((sign.kind for sign in signs if sign.kind in GYRO_KINDS and sign.severity == "serious"), "")
     return [_as_kind(gyro, s) if gyro and s.kind in ("attitude", "mounting") else s for s in signs]
 
 
 def explain_by_attitude(signs: Signs, context: Context) -> Signs:
-    """Put what repeats that the attitude is wrong under it."""
+    """Attribute consequences of a wrong attitude to it."""
     wrong = any(sign.kind == "attitude" and sign.severity == "serious" for sign in signs)
     return [
         _as_kind("attitude", s) if wrong and s.about in REPEATS_WRONG_ATTITUDE and s.kind != "vibration" else s
@@ -630,7 +639,7 @@ def drop_force_in_wrong_frame(signs: Signs, context: Context) -> Signs:
 
 
 def explain_simulator(signs: Signs, context: Context) -> Signs:
-    """Explain a mounting of a simulated vehicle by the simulator's frames."""
+    """Attribute a mounting error of a simulated vehicle to the simulator's frames."""
     return [
         replace(_as_kind("simulator", s), cause=FRAMES_CAUSE)
         if context.log.simulated and s.kind == "mounting" and s.is_trouble
@@ -640,12 +649,15 @@ def explain_simulator(signs: Signs, context: Context) -> Signs:
 
 
 def explain_stopped_logger(signs: Signs, context: Context) -> Signs:
-    """Explain a gap of seconds by a logger that stopped."""
+    """Attribute a gap of seconds to a stopped logger."""
     return [replace(s, cause=LOGGER_STOPPED, action="") if s.about == "stopped" else s for s in signs]
 
 
 def explain_by_vibration(signs: Signs, context: Context) -> Signs:
-    """Put a wrong force under vibration; where it is strong also switches and rejections that begin with it."""
+    """Attribute a wrong mean force to vibration.
+
+    Strong vibration also explains switches and rejections after its onset.
+    """
     shaken = [s for s in signs if s.kind == "vibration" and s.is_trouble and s.about != "vertical_force"]
     if not shaken:
         return signs
@@ -664,18 +676,18 @@ def explain_by_vibration(signs: Signs, context: Context) -> Signs:
 
 
 def _as_kind(kind: str, sign: Finding) -> Finding:
-    """Return a sign as one of another kind, whose cause and action it shares."""
+    """Change the kind of a sign and clear its cause and action."""
     return replace(sign, kind=kind, cause="", action="")
 
 
-# Left out of the log without harm.
+# Kinds of skipped records without consequence.
 MINOR_KINDS = ("duplicate_times", "time_backward", "unset_times", "imu_decimated", "no_mag", "mag_disabled")
-# Values left out, of thousands.
+# Number of skipped values below which they are a note.
 FEW_VALUES = 10
 
 
 def note_minor_records(signs: Signs, context: Context) -> Signs:
-    """Note a slow but usable IMU and records that are left out here and there; no fault of the flight."""
+    """Reduce a slow but usable IMU and a few skipped records to notes."""
     refused = any(sign.kind == IMU_REFUSED for sign in signs)
 
     def noted(sign: Finding) -> Finding:
@@ -711,7 +723,7 @@ RULES: tuple[Rule, ...] = (
 
 
 def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
-    """Return one finding for each kind; the worst sign leads, the first of equals, and the others are evidence."""
+    """Merge signs of a kind: the most severe leads, the others are evidence."""
     kinds: dict[tuple[str, str], Signs] = {}
     for sign in signs:
         kinds.setdefault((sign.kind, sign.text if sign.kind in SEPARATE_KINDS else ""), []).append(sign)
@@ -732,14 +744,17 @@ def _merged(same: Signs) -> Finding:
 
 
 def _lead_rank(sign: Finding) -> tuple[int, float]:
-    """Return the rank of a sign in its kind: severity, then size of impacts and test ratios; poor GNSS last."""
+    """Return the sort key of a sign: severity, then size of impacts and test ratios.
+
+    Poor GNSS quality comes last.
+    """
     by_size = sign.kind == "hard_landing" or (sign.kind == "estimator" and sign.about == "innovations")
     poor = sign.about == "gnss_quality" and sign.unit != "s"
     return SEVERITY_ORDER.index(sign.severity), -(sign.value or 0.0) if by_size else float(poor)
 
 
 def choose_actions(found: Sequence[Finding], checks: Sequence[Check], log: FlightLog) -> list[Finding]:
-    """Return the findings with the actions that their checks offer; an action stands at its first finding only."""
+    """Set the actions of findings from checks; each action only at its first finding."""
     advice = settings_advice(checks, log)
     taken: set[str] = set()
     chosen = []
@@ -754,10 +769,10 @@ def choose_actions(found: Sequence[Finding], checks: Sequence[Check], log: Fligh
 
 
 def settings_advice(checks: Sequence[Check], log: FlightLog) -> dict[str, tuple[str, str]]:
-    """Return action and cause by kind of finding: what to set, of the compass also what to do.
+    """Return action and cause by kind of finding from checks with settings.
 
-    A calibration mends no field of motors, so a check of the compass overrules the usual remedy. Values that checks
-    dispute are left out.
+    Compass checks also give actions without settings, which replace the usual remedy, because calibration does not
+    remove a motor field. Settings that differ between checks are dropped.
     """
     agreed = {setting.name for setting in agreed_settings(checks)}
     to_set: dict[str, dict[str, str]] = {}
@@ -771,16 +786,16 @@ def settings_advice(checks: Sequence[Check], log: FlightLog) -> dict[str, tuple[
     return to_do | {kind: (" ".join(texts), next(iter(texts.values()))) for kind, texts in to_set.items()}
 
 
-# Checks whose settings or action mend the cause of their row.
+# Checks whose settings or action remove the usual cause of their row.
 OFFERS = ("compass_offset", "compass_motors", "compass_choice")
 
 
 def _settings_first(checks: Iterable[Check]) -> list[Check]:
-    """Return warnings and faults, those with something to set first, then faults."""
+    """Sort warnings and faults: with settings first, then faults."""
     return sorted((c for c in checks if c.is_trouble), key=lambda c: (not c.settings, c.verdict != "fault"))
 
 
-# Kinds of findings about the recording or the filters: they cost detail, and nothing went wrong in the flight.
+# Kinds of findings about logging or filters, not about the flight.
 RECORD_KINDS = frozenset(
     """calibration_applied calibration_not_applied coverage cut_at_end damage damaged_reports delay duplicate_times
     estimator_failed estimator_not_compiled estimator_timed_out false_times gaps gaps_and_rate imu_covers_a_part

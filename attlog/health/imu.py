@@ -174,7 +174,7 @@ class SensorBias:
 
     @property
     def sure(self) -> bool:
-        """Whether all three axes are known."""
+        """True if all three axes are known."""
         return all(self.known)
 
 

@@ -1,7 +1,8 @@
 """Gyro bias and size of gravity against temperature, at rest.
 
-Block medians are averaged over bins of 1 K, so that each temperature has equal weight, and a line is fitted to the bins.
-The gyro uses all rests; the size of gravity only the rest with the widest span, because another place may be less level.
+Block medians are averaged over bins of 1 K, so that each temperature has equal weight, and a line is fitted to the
+bins. The gyro uses all rests; the size of gravity only the rest with the widest span, because another place may be less
+level.
 """
 
 from __future__ import annotations

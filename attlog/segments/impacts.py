@@ -45,7 +45,7 @@ class CrashEvent:
 
     @property
     def is_crash(self) -> bool:
-        """Whether control or the vehicle was lost."""
+        """True if control or the vehicle was lost."""
         return self.kind != "hard_landing"
 
 

@@ -66,7 +66,7 @@ class Event:
 
     @property
     def is_crash(self) -> bool:
-        """Whether control or the vehicle was lost."""
+        """True if control or the vehicle was lost."""
         return self.kind in CRASHES and self.severity == "serious"
 
 
