@@ -257,7 +257,7 @@ def _promised_error(source: str, proof: HeadingProof) -> str:
 
 
 def motor_advice(checks: Sequence[Check], studies: Sequence[CompassStudy]) -> list[Check]:
-    """Return the motor checks, all advising the compass with the best compensation."""
+    """Return the motor checks; those without compensation advise the best compensated compass."""
     proven = [(c, s) for c, s in zip(checks, studies, strict=True) if c.action and s.motors and not motors_refusal(s)]
     if not proven:
         return list(checks)

@@ -150,7 +150,7 @@ def event_finding(event: Event, kind: str) -> Finding:
 def check_signs(checks: Sequence[Check], log: FlightLog, reports: Signs, skip: Iterable[str] = ()) -> Signs:
     """Return signs of warnings and faults of sensors in use.
 
-    Without the questions in ``skip``, covered by events, and without those already in ``reports``.
+    Without the questions in ``skip``, covered by events, and without ``rate`` if in ``reports``.
     """
     left_out = {*skip, *({"rate"} if any(REPORT_KINDS.get(report.kind) == "rate" for report in reports) else ())}
     return [

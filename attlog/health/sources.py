@@ -41,7 +41,7 @@ REFERENCE_NAMES = {"truth": "the truth", "smoother": "the smoother"}
 class SourceDifference:
     """Median tilt and heading difference in deg of two attitudes while beyond the limits.
 
-    From ``since`` (None: never for long) to ``until`` s; continuous if it ``lasts``, else for a ``share`` of that time.
+    From ``since`` (None: never for long) to ``until`` s, for a ``share`` of that time; ``lasts``: for most of it.
     """
 
     tilt: float
