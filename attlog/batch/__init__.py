@@ -1,1 +1,1 @@
-"""Many logs: each to its files, and what became of them all."""
+"""Batch analysis: many logs to reports, an index and one file of numbers."""

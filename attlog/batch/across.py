@@ -1,4 +1,4 @@
-"""Numbers across logs: a line for each log or group of logs, a column for each row of the comparison."""
+"""Tables of metrics across logs, one line for each log or group."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FAMILIES = (
     ("leak_", AIR),
     *((start, AIR) for start in AGAINST_REFERENCE),
 )
-# Smallest share of the best window's values that another window needs.
+# Smallest number of values in a usable window, as a share of the number in the fullest window.
 MIN_SHARE = 0.5
 # Groups of logs.
 BY = ("firmware", "version", "vehicle", "board", "reference", "batch", "month", "year", "attlog")
@@ -53,11 +53,11 @@ class Column(NamedTuple):
 
 @dataclass(slots=True)
 class LogTable:
-    """Values of many logs.
+    """Metrics of many logs.
 
-    ``logs``: a row a log, see :class:`attlog.batch.results_file.BatchNumbers`; ``values`` and ``codes`` of missing
-    values: the same rows, and a column for each of ``columns``. ``repeats``: results that were left out, because a
-    newer one is of the same content.
+    ``logs``: one row per log, see :class:`attlog.batch.results_file.BatchNumbers`. ``values`` and ``codes`` (reasons of
+    missing values): one row per log, one column for each of ``columns``. ``repeats``: results left out because a newer
+    result has the same content.
     """
 
     logs: pd.DataFrame
@@ -69,7 +69,7 @@ class LogTable:
 
 @dataclass(slots=True)
 class TableText:
-    """Table for people: ``body`` with a line for each log or group, ``foot`` with medians and quartiles."""
+    """Printable table: ``body`` of logs or groups, ``foot`` with medians and quartiles."""
 
     head: list[str]
     body: list[list[str]] = field(default_factory=list)
@@ -83,11 +83,12 @@ def across(
     window: str | None = None,
     by: str | None = None,
 ) -> LogTable:
-    """Arrange ``metrics`` (METRIC or METRIC@WINDOW) of rows (names or patterns; default all) by log.
+    """Collect metrics of table rows for each log.
 
-    A metric without a window is looked up as on the page of one log, in one window for all logs. Of results with the
-    same content the one of the newest attlog counts, then the last; with ``by`` "batch" each batch counts by itself.
-    UsageError for a metric, row or window that no log has.
+    ``metrics``: METRIC or METRIC@WINDOW; ``rows``: names or patterns, default all. A metric without a window is looked
+    up as on the page of one log, in the same window for all logs. Results with the same content count once: the newest
+    attlog version, then the last. With ``by`` "batch" they count once per batch. UsageError for a metric, row or window
+    that no log has.
     """
     asked = [tuple(m.partition("@")[::2]) for m in dict.fromkeys(metrics)]
     kept = _newest(found.logs, each_batch=by == "batch")
@@ -121,7 +122,10 @@ def across(
 
 
 def usual_window(metric: str, answers: pd.DataFrame) -> str:
-    """Return the window in which a metric is looked up: the first with half as many values as the best."""
+    """Return the first usual window with enough values of a metric.
+
+    Enough is MIN_SHARE of the values in the window with most.
+    """
     count = answers["window"][(answers["metric"] == metric) & answers["value"].notna()].value_counts(sort=False)
     order = WINDOWS.get(metric) or next((windows for start, windows in FAMILIES if metric.startswith(start)), ALL)
     best = max((count.get(w, 0) for w in order), default=0)
@@ -131,7 +135,7 @@ def usual_window(metric: str, answers: pd.DataFrame) -> str:
 
 
 def matching(patterns: Iterable[str], held: Sequence[str]) -> list[str]:
-    """Return the rows that names or patterns mean, in their order. UsageError for one that means none."""
+    """Select rows by names or patterns. UsageError for a pattern without a match."""
     found: dict[str, None] = {}
     for pattern in patterns:
         meant = [row for row in held if row == pattern] or [row for row in held if fnmatchcase(row, pattern)]
@@ -149,14 +153,17 @@ def near(word: str, known: Iterable[str]) -> str:
 
 
 def references(found: LogTable) -> dict[str, int]:
-    """Count the logs by reference if a metric of the table is an error against it."""
+    """Count the logs by reference if a column is an error against the reference."""
     if not any(c.metric.startswith(AGAINST_REFERENCE) for c in found.columns):
         return {}
     return {str(k): int(n) for k, n in found.logs["reference"].fillna("none").value_counts().items()}
 
 
 def grouped(logs: pd.DataFrame, by: str) -> dict[str, pd.Index[int]]:
-    """Return group -> index of its logs in natural order, ``unknown`` last. UsageError for an unknown group."""
+    """Group the index of logs, groups in natural order, ``unknown`` last.
+
+    UsageError for an unknown grouping.
+    """
     if by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
     text = logs["date_utc" if by in ("month", "year") else by].fillna("").astype(str)
@@ -167,7 +174,7 @@ def grouped(logs: pd.DataFrame, by: str) -> dict[str, pd.Index[int]]:
 
 
 def _newest(logs: pd.DataFrame, each_batch: bool) -> pd.DataFrame:
-    """Keep one result of each content, of the newest version, then the last; sort by name."""
+    """Keep the newest result of each content, sorted by report name."""
     best: dict[tuple[str, str], Any] = {}
     for log in logs.itertuples():
         key = (str(log.sha256 or f"{log.Index} unknown"), str(log.batch) if each_batch else "")
@@ -181,7 +188,7 @@ def _version(attlog: Any) -> list[int]:
 
 
 def _place(row: str) -> int:
-    """Sort the onboard attitude first and other attitudes of the log last."""
+    """Return the sort key of a row: onboard first, other recorded attitudes last."""
     return 0 if row == "onboard" else 2 if row.startswith("onboard:") else 1
 
 
@@ -197,7 +204,10 @@ def titles(columns: Sequence[Column]) -> list[str]:
 
 
 def words(found: LogTable, by: str | None, columns: Sequence[Column], *, units: bool = False) -> TableText:
-    """Return the table of some columns as text; ``by``: a line for each group; ``units``: in the headings."""
+    """Format columns of the table as text, one line per log or group (``by``).
+
+    ``units``: also in the headings.
+    """
     heads = [
         f"{title} [{unit_sign(c.unit)}]" if units and unit_sign(c.unit) else title
         for title, c in zip(titles(columns), columns, strict=True)
@@ -222,7 +232,7 @@ def words(found: LogTable, by: str | None, columns: Sequence[Column], *, units: 
 
 
 def _about(logs: pd.DataFrame) -> list[list[str]]:
-    """Return ABOUT of each log, its name with the batch if there are several."""
+    """Return the ABOUT columns of each log; several batches prefix its name."""
     several = logs["batch"].nunique() > 1
     texts = logs[["batch", "report", "date_utc", "vehicle", "firmware"]].fillna("").astype(str).to_numpy()
     return [
@@ -232,7 +242,7 @@ def _about(logs: pd.DataFrame) -> list[list[str]]:
 
 
 def values(found: LogTable, by: str | None) -> tuple[list[str], list[list[Any]]]:
-    """Return the table for other programs: headings, and lines with None for a missing value."""
+    """Return headings and lines of the table, with None for a missing value."""
     heads = titles(found.columns)
     if by is not None:
         head = [by, LOGS, *(f"{title} {what}" for title in heads for what in ("n", "q25", "median", "q75"))]

@@ -1,7 +1,7 @@
-"""Logs inside zip archives: which there are, and one of them copied out.
+"""Logs inside zip archives: list the members, copy one out.
 
-An archive is a stranger's file: a member's name is never used as a path, and what a
-member may unpack to is limited (``attlog.core.limits``).
+Archives are untrusted: a member's name is never used as a path, and its unpacked size is limited
+(``attlog.core.limits``).
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from attlog.core.errors import LogUnreadable, LogUnusable
 from attlog.core.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 
 _ENCRYPTED = 1
-# Folder of macOS with a small file of the same name for each file.
+# macOS adds this folder with one small file of the same name for each file.
 MADE_BY_MACOS = "__MACOSX"
 # Errors of a damaged or foreign archive; RuntimeError: the member is encrypted.
 _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OverflowError)
 
 
 def members(place: str, pattern: str = "") -> list[str]:
-    """Return the members of an archive (path or URL) that are logs; with ``pattern`` those that match.
+    """Return the log members of an archive (path or URL) that match ``pattern``.
 
-    Encrypted members count by name, hidden ones by content alone. LogUnreadable: the archive cannot be read.
-    LogUnusable: it is damaged or has too many members.
+    Encrypted members are recognised by name, hidden ones by content only. LogUnreadable: the archive cannot be read.
+    LogUnusable: the archive is damaged or has too many members.
     """
     with _archive(place) as archive:
         entries = _entries(archive)
@@ -83,7 +83,7 @@ def member_stamp(place: str, member: str) -> str:
 
 @contextmanager
 def _archive(place: str) -> Iterator[zipfile.ZipFile]:
-    """Open an archive; download it first if its server gives no parts of files."""
+    """Open an archive; download it first if its server cannot send parts of files."""
     if not is_url(place):
         with _opened(place, place) as archive:
             yield archive
@@ -124,9 +124,9 @@ def _entry(archive: zipfile.ZipFile, member: str, name: str) -> zipfile.ZipInfo:
 
 
 def _entries(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
-    """Return the files of an archive by name; a second file of one name is ``a (2).ulg``, copies are left out.
+    """Return the entries of an archive by name.
 
-    Archives that are appended to, or of several cards, have such files.
+    Appended archives repeat names: a second file of one name becomes ``a (2).ulg``, identical copies are dropped.
     """
     found: dict[str, zipfile.ZipInfo] = {}
     taken = set(archive.namelist())
@@ -151,7 +151,7 @@ def _encrypted(entry: zipfile.ZipInfo) -> bool:
 
 
 def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iterator[bytes]:
-    """Yield a member's content within limits, whatever size it declares."""
+    """Yield a member's content up to the size limit, whatever its declared size."""
     limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * entry.compress_size))
     given = 0
     with archive.open(entry) as file:
@@ -163,16 +163,16 @@ def _blocks(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Iter
 
 
 def _is_log(archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> bool:
-    """Return True for a log by content, else by name, as :func:`attlog.batch.log_file.is_meant`."""
+    """Recognise a log by content, else by name, as :func:`attlog.batch.log_file.is_meant`."""
     if _encrypted(entry):
-        return may_be_log(entry.filename)  # rather reported than left out
+        return may_be_log(entry.filename)  # an unreadable member is kept, so that it is reported
     try:
         with archive.open(entry) as file:
             head = file.read(formats.MAX_HEAD_BYTES)
         if formats.recognise_bytes(io.BytesIO(head)):
             return True
     except (*_BROKEN, OSError):
-        pass  # damaged: by name
+        pass  # damaged: recognised by name
     return named_as_log(entry.filename) and not _hidden(entry.filename)
 
 

@@ -24,13 +24,13 @@ from attlog.result import Result
 from attlog.words.numbers import counted
 from attlog.words.text import CONTROL, escape_markdown
 
-# Failures kept of one log, the worst first; all are counted and written to the JUnit file.
+# Failures kept per log, the worst first. All are counted and written to the JUnit file.
 MAX_KEPT = 50
-# Annotations that GitHub shows of each kind and step; it drops the rest silently.
+# GitHub shows this many annotations of each kind and step, and drops the rest silently.
 MAX_ANNOTATIONS = 10
-# GitHub refuses a summary of a step above 1 MiB.
+# Below GitHub's limit of 1 MiB for the summary of a step.
 MAX_SUMMARY_BYTES = 900_000
-# Name of the JUnit test case that every log has: whether it could be analysed.
+# JUnit test case of every log: could it be analysed?
 ANALYSIS = "analysis"
 # Characters that XML 1.0 cannot hold in any form, such as bytes of a file name that are not UTF-8.
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -38,11 +38,11 @@ NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 @dataclass(frozen=True, slots=True)
 class GatedLog:
-    """Outcome of the gates of one log; ``code`` and ``message`` of a log without a result.
+    """Gate outcomes of one log; ``code`` and ``message`` if it has no result.
 
-    ``known``: it had no result in an earlier run either. ``worst``: failures, the worst first. ``excused``: number of
-    gates beyond a limit to the baseline without significant difference. ``suite``: its JUnit XML, compressed, because
-    ten thousand are kept until the end.
+    ``known``: an earlier run had no result either. ``worst``: failures, the worst first. ``excused``: gates beyond a
+    limit to the baseline whose difference is not significant. ``suite``: JUnit XML, compressed because thousands are
+    kept until the end.
     """
 
     log: str
@@ -73,7 +73,7 @@ class GatedLog:
 
 
 def gated_log(record: Record, outcomes: Sequence[GateOutcome] = (), *, timed: bool = True) -> GatedLog:
-    """Summarise the outcomes of gates; ``timed``: write the time of the analysis."""
+    """Summarise gate outcomes of a log; ``timed``: include the time of the analysis."""
     count = {status: sum(o.status == status for o in outcomes) for status in ("passed", "failed", "skipped")}
     failures = [o for o in worst_first(outcomes) if o.status == "failed"]
     record = replace(record, message=record.message.removeprefix("attlog: "))
@@ -90,20 +90,20 @@ def gated_log(record: Record, outcomes: Sequence[GateOutcome] = (), *, timed: bo
 
 
 def failing(logs: Iterable[GatedLog]) -> list[GatedLog]:
-    """Return logs that make a build fail: broken ones first, then by their worst failure."""
+    """Return the logs that fail a build: broken first, then by worst failure."""
     return sorted((j for j in logs if j.broken or j.failed), key=lambda j: (not j.broken, -j.excess))
 
 
 @dataclass(slots=True)
 class Gating:
-    """Gates with their baselines, and their outcomes so far by name of the report."""
+    """Gates, their baselines, and outcomes so far by report name."""
 
     gates: Gates
     baselines: Mapping[Path, Baseline] = field(default_factory=dict)
     logs: dict[str, GatedLog] = field(default_factory=dict)
 
     def judge(self, record: Record, folder: Path, timed: bool = True) -> GatedLog:
-        """Judge the result of a log in a folder, and show the outcome in its report.
+        """Judge the result of a log and write the outcome into its report.
 
         A log without a readable result is broken. OutputError if the report cannot be written.
         """
@@ -127,15 +127,15 @@ class Gating:
         return judge_gates(self.gates, result, self.baselines)
 
     def in_order(self, names: Iterable[str]) -> list[GatedLog]:
-        """Return the logs of these reports in this order."""
+        """Return the logs of the named reports in the given order."""
         return [self.logs[n] for n in names if n in self.logs]
 
 
 def read_gating(path: Path | None, strict: bool | None = None, output: Path | None = None) -> Gating | None:
-    """Read the gates of a file and their baselines; ``strict`` overrides the file. None without both.
+    """Read gates and their baselines; ``strict`` overrides the file.
 
-    UsageError lists all that is wrong in the file, and baselines in ``output``, which the run would compare with
-    itself.
+    None without a file, unless ``strict`` is true. UsageError lists all errors of the file, and baselines inside
+    ``output``, because the run would compare them with themselves.
     """
     if path is None:
         return Gating(Gates((), True)) if strict else None
@@ -217,9 +217,9 @@ def _quoted(value: object) -> str:
 
 
 def github_commands(logs: Sequence[GatedLog], root: Path | None = None) -> Iterator[str]:
-    """Yield a line for each of the worst failures, each log's worst first, and one that counts the rest.
+    """Yield a GitHub annotation for each of the worst failures, then a count.
 
-    ``root``: of the repository.
+    The worst failure of each log comes first. ``root``: of the repository.
     """
     found = failing(logs)
     lines = [_annotation(j.log, "not analysed", j.message, root) for j in found if j.broken]
@@ -265,7 +265,7 @@ def _property(text: str) -> str:
 
 
 def summary(logs: Sequence[GatedLog]) -> str:
-    """Return the summary of all logs; failures beyond its limit of size are counted."""
+    """Return the Markdown summary; failures beyond the size limit are only counted."""
     found = failing(logs)
     lines = [_headline(logs, found), "", _counts(logs), ""]
     used = sum(len(line.encode()) + 1 for line in lines) + 200
@@ -315,9 +315,9 @@ def _line(*cells: str) -> str:
 
 
 def write_summary(text: str, path: Path | None, environment: Mapping[str, str] = os.environ) -> str:
-    """Write a summary to a file, and append it to ``$GITHUB_STEP_SUMMARY`` if that is set.
+    """Write a summary to a file and append it to ``$GITHUB_STEP_SUMMARY``.
 
-    Returns the text to print: all of it if it was not written. OutputError if a file cannot be written.
+    Returns the text if it was written nowhere, for printing. OutputError if a file cannot be written.
     """
     step = environment.get("GITHUB_STEP_SUMMARY")
     if path is not None:
@@ -340,10 +340,10 @@ def publish(
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> None:
-    """Write a JUnit file and a Markdown summary, and on GitHub annotations (on standard error).
+    """Publish gate results as JUnit file, Markdown summary and GitHub annotations.
 
-    ``summary_to``: a file, or True for ``$GITHUB_STEP_SUMMARY``, else standard output. OutputError for files that
-    cannot be written, after all others are written.
+    ``summary_to``: a file, or True for ``$GITHUB_STEP_SUMMARY``, else standard output. Annotations go to standard
+    error. OutputError for files that cannot be written, raised after all others are written.
     """
     root = environment.get("GITHUB_WORKSPACE")
     _annotate(github_commands(logs, Path(root) if root else None), environment, err)
@@ -370,7 +370,7 @@ def publish_refusal(
     out: TextIO | None = None,
     err: TextIO | None = None,
 ) -> None:
-    """Report to CI why a run was refused for its gates or options, before any log was read."""
+    """Report to CI why a run was refused before any log was read."""
     lines = why.splitlines()
     title = _property("attlog, nothing was analysed")
     _annotate((f"::error title={title}::{_message(line)}" for line in lines[:MAX_ANNOTATIONS]), environment, err)

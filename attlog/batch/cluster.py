@@ -1,4 +1,7 @@
-"""Jobs as tasks of a Dask cluster: each task returns record and files, so machines share no file system."""
+"""Jobs as tasks of a Dask cluster.
+
+Each task returns its record and files, so machines share no file system.
+"""
 
 from __future__ import annotations
 
@@ -28,31 +31,31 @@ from attlog.batch.sources import Source
 from attlog.core.errors import EXIT_BUG, AttlogError, ClusterError, OutputError, UsageError
 from attlog.core.files import is_disk_full, write_atomic
 
-# Python of client and workers must agree, because jobs are pickled.
+# Client and workers need the same Python version, because jobs are pickled.
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
-# A scheduler answers in milliseconds.
+# Timeout of the connection: a scheduler answers in milliseconds.
 CONNECT_S = 5.0
-# Clusters that grow on demand start their first worker within minutes of the first task.
+# Wait for the first worker: clusters that grow on demand start it within minutes of the first task.
 WORKERS_S = 300.0
-# Time between two checks of the cluster while no log ends.
+# Time between two checks of the cluster while no task ends.
 CHECK_S = 2.0
 CLOSE_S = 5.0
 START = "dask worker tcp://host:8786"
-# Tasks in the cluster for each that can run: no thread waits for the client, and few results wait for it.
+# Submitted tasks per task that can run at once: workers never wait for the client, and few results pile up.
 AHEAD = 2
-# Attempts at a log whose bytes were sent to a worker that went away.
+# Attempts at a log whose worker disappeared after its bytes were sent.
 MAX_ATTEMPTS = 3
 
-# Record and files (name: bytes) of a log; no record if the worker cannot read the log's file.
+# Record and files (name: bytes) of a log. The record is None if the worker cannot read the log's file.
 TaskResult = tuple[Record | None, dict[str, bytes]]
 
 
 class OtherVersion(Exception):
-    """The worker runs another attlog than the client."""
+    """The worker has a different attlog version from the client."""
 
 
 class Unseen(Exception):
-    """The worker cannot read a file that the configuration names."""
+    """The worker cannot read a file named in the configuration."""
 
 
 class Cancelled(Exception):
@@ -60,22 +63,26 @@ class Cancelled(Exception):
 
 
 def file_sign(source: Source) -> str:
-    """Return a sign of the file under the same path on a worker; empty for a URL, which all can download."""
+    """Return a fingerprint of the worker's file at the client's path.
+
+    Empty for a URL, which every machine can download.
+    """
     if is_url(source.place):
         return ""
     try:
         return Source(source.place).stamp()
     except AttlogError:
-        return ""  # missing here too: reading it reports so
+        return ""  # missing on both machines: the error appears when the log is read
 
 
 def run_task(
     version: str, pickled: bytes, sign: str, have: Collection[str] = (), content: bytes | None = None
 ) -> TaskResult:
-    """Analyse one log on a worker, which keeps nothing.
+    """Analyse one log on a worker, which keeps no files.
 
-    ``pickled``: the :class:`Job`, of that version of attlog; ``sign``: see :func:`file_sign`; ``have``: names of files
-    beside reports that the client has; ``content``: the log's bytes if the worker lacks its file. OtherVersion, Unseen.
+    ``pickled``: the :class:`Job`, of attlog ``version``. ``sign``: see :func:`file_sign`. ``have``: names of shared
+    files that the client already has. ``content``: the log's bytes if the worker lacks its file. Raises OtherVersion,
+    Unseen.
     """
     if version != __version__:
         raise OtherVersion(__version__)
@@ -102,7 +109,7 @@ def run_task(
 
 
 def _cancellation() -> Callable[[dict[str, Any]], None]:
-    """Return a receiver of the child's messages that raises Cancelled if the client went away."""
+    """Return a callback that raises Cancelled once the client has disconnected."""
     from distributed import get_worker
 
     try:
@@ -124,10 +131,10 @@ def cluster_runner(
 ) -> Callable[[Sequence[Job]], Generator[Record, None, None]]:
     """Return a runner on the cluster of a scheduler.
 
-    It writes files and record of a log before it yields the record. ``at_once``: tasks in the cluster at a time,
-    default twice what it can run. ``say`` gets messages about waiting. The logs of a worker that dies are tried
-    elsewhere, as often as the scheduler allows. ClusterError: no answer, no worker, or the scheduler is gone;
-    UsageError: packages or versions do not fit. Closing the runner cancels its tasks.
+    The runner writes the files and record of a log before it yields the record. ``at_once``: tasks in the cluster at a
+    time, default twice the number that can run. ``say`` receives messages about waiting. Logs of a dead worker are
+    retried elsewhere, as often as the scheduler allows. ClusterError: no answer, no worker, or the scheduler is gone.
+    UsageError: incompatible packages or versions. Closing the runner cancels its tasks.
     """
 
     def run(jobs: Sequence[Job]) -> Generator[Record, None, None]:
@@ -150,7 +157,7 @@ class _Run:
         self._token = secrets.token_hex(4)
         self._count = 0
         self._send = False  # True once a worker could not read a log: logs are sent along
-        self._beside: set[str] = set()  # files beside all reports, which came with the first
+        self._beside: set[str] = set()  # names of the files shared by all reports, received with the first log
         self._at_work: dict[str, tuple[Any, Job, int]] = {}
         self._ended: SimpleQueue[str] = SimpleQueue()
 
@@ -165,7 +172,7 @@ class _Run:
                     record = self._collect(*self._at_work.pop(self._next_key()))
                 if record is not None:
                     yield record
-        except OSError as error:  # of a connection: errors of files are in records
+        except OSError as error:  # connection lost: file errors are in the records
             raise self._lost() from error
         finally:
             if self._client.status == "running":
@@ -188,7 +195,7 @@ class _Run:
                 raise ClusterError(f"{self._address}: no worker for {WORKERS_S:.0f} s; start some: {START}")
 
     def _fill(self, todo: Iterator[Job]) -> Record | None:
-        """Submit jobs until the cluster has enough; return the record of a log that was done before."""
+        """Submit jobs until the cluster is full; return a record finished earlier."""
         enough = self._at_once or AHEAD * max(sum(self._client.nthreads().values()), 1)
         while len(self._at_work) < enough and (job := next(todo, None)) is not None:
             if before := done_before(job):
@@ -203,7 +210,7 @@ class _Run:
                 with job.source.local() as log:
                     content = self._client.scatter(log.path.read_bytes(), hash=False)
             except (AttlogError, OSError) as error:
-                # Unreadable here too: the worker reports it like that of any other log.
+                # unreadable here too: the worker reports the error, as for any other log
                 logging.getLogger("attlog.batch").info("%s: %s", job.source.name, error)
                 sign = ""
         self._count += 1
@@ -214,7 +221,7 @@ class _Run:
         future.add_done_callback(lambda ended: self._ended.put(ended.key))
 
     def _collect(self, future: Any, job: Job, attempt: int) -> Record | None:
-        """Return the record of a task that ended; None if the log gets another attempt."""
+        """Return the record of a finished task; None if the log is retried."""
         if future.status == "finished":
             record, files = future.result()
             if record is not None:
@@ -234,7 +241,7 @@ class _Run:
                 )
             return _store(job, _failed(job, error), {})
         self._check_scheduler()
-        if attempt < MAX_ATTEMPTS:  # the worker went away with the bytes that were sent to it
+        if attempt < MAX_ATTEMPTS:  # the worker that received the bytes has disappeared
             self._submit(job, attempt + 1)
             return None
         return _store(job, _failed(job, RuntimeError(f"its task was lost {attempt} times")), {})
@@ -251,14 +258,14 @@ class _Run:
         )
 
     def _check_versions(self) -> None:
-        """Raise UsageError for a worker with another Python or attlog."""
+        """Raise UsageError for a worker with a different Python or attlog."""
         for worker, about in self._client.get_versions()["workers"].items():
             there = ".".join(about["host"]["python"].split(".")[:2])
             if there != PYTHON:
                 raise UsageError(f"worker {worker} runs Python {there} and this side {PYTHON}; use the same on both")
         for worker, version in self._client.run(_version_query(), on_error="return").items():
             if isinstance(version, Exception):
-                continue  # it went away meanwhile
+                continue  # the worker disappeared meanwhile
             if version is None:
                 raise UsageError(f"worker {worker} has no attlog; install attlog {__version__} there")
             if version != __version__:
@@ -266,7 +273,10 @@ class _Run:
 
 
 def _task() -> Callable[..., TaskResult]:
-    """Return a function that is pickled by value: the scheduler, which reads every task, needs no attlog."""
+    """Return the task function, pickled by value.
+
+    The scheduler deserialises every task and needs no attlog this way.
+    """
 
     def run(*arguments: Any) -> Any:
         from attlog.batch import cluster
@@ -277,7 +287,7 @@ def _task() -> Callable[..., TaskResult]:
 
 
 def _version_query() -> Callable[[], str | None]:
-    """Return a function that is pickled by value, for workers without attlog."""
+    """Return a version query, pickled by value, for workers without attlog."""
 
     def version() -> str | None:
         try:
@@ -290,7 +300,10 @@ def _version_query() -> Callable[[], str | None]:
 
 
 def _store(job: Job, record: Record, files: dict[str, bytes]) -> Record:
-    """Write files, the JSON last, because other programs wait for it, and the record."""
+    """Write files and record of a log.
+
+    The JSON file is last, because other programs wait for it.
+    """
     try:
         for name in sorted(files, key=lambda name: (name.endswith(".json"), name)):
             write_atomic(job.folder / name, files[name])
@@ -337,7 +350,7 @@ def _client(address: str) -> Iterator[Any]:
     except ValueError as error:
         library.setLevel(before)
         raise UsageError(f"--scheduler {address}: {error}; it looks like tcp://host:8786") from None
-    except (OSError, TimeoutError, AssertionError) as error:  # the last: no start of its loop on a very busy machine
+    except (OSError, TimeoutError, AssertionError) as error:  # AssertionError: its event loop did not start
         library.setLevel(before)
         raise ClusterError(f"--scheduler {address}: no Dask scheduler answers there ({error})") from None
     try:

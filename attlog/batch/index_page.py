@@ -1,4 +1,4 @@
-"""``index.html`` of a batch: one file to sort and filter ten thousand logs, the most urgent first."""
+"""``index.html`` of a batch: sort and filter ten thousand logs, most urgent first."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from attlog.words.numbers import counted, listed, unit_sign
 from attlog.words.text import clean, cleaned, typeset
 
 WEB = Path(__file__).parent / "web"
-# Joined in this order into the one script of the page.
+# Scripts of the page, joined in this order.
 SCRIPTS = (REPORT / "unpack.js", REPORT / "theme.js", WEB / "words.js", WEB / "charts.js", WEB / "index.js")
-# Most logs that are listed for a browser without JavaScript.
+# Logs listed for a browser without JavaScript.
 MAX_PLAIN = 100
 INDEX = "index.html"
 KINDS = ("gate", "attitude", "crash", "reset", "filter", "sensor", "log")
-# Most rows and columns of numbers on the page, the most common ones; the results file has all.
+# Rows and columns of numbers on the page, the most common ones. The results file has all.
 MAX_ROWS, MAX_COLUMNS = 16, 10
 ONBOARD = "onboard"
-# References that show errors of an onboard attitude; others show agreement only.
+# References independent of the onboard attitude. Against others its difference is agreement, not error.
 INDEPENDENT = ("truth", "smoother")
 
 
@@ -82,7 +82,7 @@ def subtitle(lines: list[IndexRow]) -> list[str]:
 
 
 def block(data: dict[str, Any], thumbnails: bytes) -> str:
-    """Pack length of the header, header and bytes for the page's script, gzipped, as base64."""
+    """Pack JSON header, its length and the thumbnail bytes as gzip in base64."""
     text = json.dumps(cleaned(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8")
     return packed(len(text).to_bytes(4, "little") + text + thumbnails)
 
@@ -134,10 +134,13 @@ def page_data(lines: list[IndexRow]) -> tuple[dict[str, Any], bytes]:
 
 
 def numbers(lines: list[IndexRow]) -> tuple[dict[str, str], list[dict[str, Any]]]:
-    """Return the most common rows with names, and columns: title, unit, row -> a value or None for each log."""
+    """Return the names of the most common rows, and the columns of numbers.
+
+    A column has a title, a unit, and for each row one value or None per log.
+    """
     rows: Counter[str] = Counter()
     titles: Counter[str] = Counter()
-    names = {ONBOARD: ONBOARD.capitalize()}  # whichever message it comes from
+    names = {ONBOARD: ONBOARD.capitalize()}  # one name, whichever log message it comes from
     for x in lines:
         for column in x.row.get("columns", []):
             held = [name for name, value in column["values"].items() if not isinstance(value, str)]
@@ -167,20 +170,20 @@ def numbers(lines: list[IndexRow]) -> tuple[dict[str, str], list[dict[str, Any]]
 
 
 def first_row(names: Iterable[str], columns: list[dict[str, Any]]) -> str:
-    """Return the row that is shown at first: the onboard attitude, else the filter with most numbers."""
+    """Return the row shown first: onboard attitude, else the filter with most numbers."""
     known = Counter({row: sum(v is not None for c in columns for v in c["values"].get(row, ())) for row in names})
     filters = [row for row in known if row not in BASELINE_ESTIMATORS and not row.startswith(ONBOARD)]
     return ONBOARD if known[ONBOARD] else max(filters or known, key=lambda row: known[row], default="")
 
 
 def _judged(row: str, metric: str, log: IndexRow) -> bool:
-    """Return False for an error of an onboard attitude without an independent reference."""
+    """Exclude errors of an onboard attitude against a reference that is not independent."""
     error_of_onboard = row.startswith(ONBOARD) and metric.startswith(AGAINST_REFERENCE)
     return not error_of_onboard or log.flight.get("reference") in INDEPENDENT
 
 
 def _order(lines: list[IndexRow]) -> list[str]:
-    """Return titles in the order of the logs that have most of them."""
+    """Return the titles of all columns, in the order of the logs with most columns."""
     longest = sorted((x.row["columns"] for x in lines if x.row), key=len, reverse=True)
     return list(dict.fromkeys(c["title"] for columns in longest for c in columns))
 
@@ -190,7 +193,7 @@ def _place(row: str) -> tuple[int, str]:
 
 
 def _coded(values: list[Any]) -> dict[str, Any]:
-    """Return words in natural order, and the index of each value, -1 without one."""
+    """Encode texts as indices into a naturally sorted list, -1 for an empty text."""
     words = sorted({clean(v) for v in values if v}, key=natural)
     place = {word: i for i, word in enumerate(words)}
     return {"words": words, "at": [place[clean(v)] if v else -1 for v in values]}

@@ -1,4 +1,4 @@
-"""Numbers of one result for the index and tables of a batch, so that no result is read again."""
+"""Index row of one result: the numbers that index and tables of a batch show."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from attlog.words.names import row_names
 from attlog.words.numbers import listed
 from attlog.words.table import main_table
 
-# Version of the meaning of a row. Rows of another version are made again from their result.
+# Version of the row format. Rows of other versions are rebuilt from their result.
 FORM = 2
-# Key of all metrics, most of a row's size, which only tables need.
+# Key of all metrics: most of a row's size, needed by tables only.
 ANSWERS = "answers"
 # Window of checks: each has its own seconds. Their row is the sensor.
 SENSOR_WINDOW = "sensors"
 
 
 def index_row(result: Result) -> dict[str, Any]:
-    """Return all that index and tables of a batch show of one log, as plain JSON values.
+    """Return everything that index and tables show of one log, as JSON values.
 
-    Equal log, version and configuration give an equal row: measured times are left out. ``flight``: what flew, when,
-    how long (s); ``rows``: the rows of the comparison by id; ``verdicts``: the four answers; ``trouble``:
-    see :func:`trouble`; ``columns``: the comparison with values by row; ``thumbnail``: see :func:`thumbnail`;
-    ``sensors``: number of faults and warnings, and parameters to set; ``answers``: see :func:`pack_answers`.
+    Equal log, version and configuration give an equal row: measured times are left out. ``flight``: vehicle, date,
+    duration (s). ``rows``: rows of the comparison by id. ``verdicts``: the four answers. ``trouble``: see
+    :func:`trouble`. ``columns``: the comparison with values by row. ``thumbnail``: see :func:`thumbnail`. ``sensors``:
+    number of faults and warnings, and parameters to set. ``answers``: see :func:`pack_answers`.
     """
     row: dict[str, Any] = to_plain(
         {
@@ -55,7 +55,7 @@ def index_row(result: Result) -> dict[str, Any]:
 
 
 def light(row: dict[str, Any]) -> dict[str, Any]:
-    """Return a row without the part that only tables need: a tenth of its size."""
+    """Return a row without its metrics, which only tables need."""
     return {key: value for key, value in row.items() if key != ANSWERS}
 
 
@@ -66,7 +66,7 @@ def sensors_of(row: dict[str, Any]) -> dict[str, Any]:
 
 
 class Number(NamedTuple):
-    """One metric of one row in one window: a value with interval, or code and reason why it is missing."""
+    """One metric of one row and window: value and interval, or missing code and reason."""
 
     row: str
     window: str
@@ -82,7 +82,7 @@ class Number(NamedTuple):
 
 
 def pack_answers(result: Result) -> dict[str, Any]:
-    """Return all metrics and checks as plain values, without measured times.
+    """Pack all metrics and checks as plain values, without measured times.
 
     ``values``: row -> window -> metric -> [value, low, high, n, seconds], or the index into ``missing`` of
     [code, reason]; ``units``: metric -> unit. Reasons shared by many metrics are stored once.
@@ -112,7 +112,7 @@ def _packed(answer: Answer | Check, reason: tuple[str, str], missing: dict[tuple
 
 
 def numbers(answers: dict[str, Any], wanted: Container[str] | None = None) -> Iterator[Number]:
-    """Yield what :func:`pack_answers` stored, of the ``wanted`` metrics alone if given."""
+    """Yield the numbers stored by :func:`pack_answers`; only ``wanted`` metrics if given."""
     units, missing = answers["units"], answers["missing"]
     for row, windows in answers["values"].items():
         for window, metrics in windows.items():
@@ -132,7 +132,7 @@ Array = NDArray[np.float64]
 THUMBNAIL_POINTS = 48
 # Most flights and marks of a thumbnail.
 MAX_SPANS = 20
-# Longest gap (points) that is drawn straight, as between samples of a slow barometer.
+# Longest gap (points) bridged by a straight line, as between samples of a slow barometer.
 MAX_BRIDGE = 4
 # Full height of the picture: tilt (deg, on a square-root scale); height (m) at least.
 FULL_TILT_DEG, MIN_HEIGHT_M = 90.0, 5.0
@@ -141,11 +141,11 @@ FULL_BYTE, NO_BYTE = 254, 255
 
 
 def thumbnail(result: Result) -> dict[str, Any] | None:
-    """Return the largest height or tilt in each of THUMBNAIL_POINTS parts of the log; None without either trace.
+    """Return the thumbnail: largest height or tilt in THUMBNAIL_POINTS parts of the log.
 
-    ``height`` (m) above the start; for a log without flight or height ``tilt`` (deg) of the reference, the onboard
-    attitude or a filter. ``t0``, ``t1``: ends of the log (s); ``air``: spans in the air (s); ``marks``: [t, sentences]
-    of serious events, near ones joined.
+    None without either. ``height`` (m) above the start; for a log without flight or height ``tilt`` (deg) of the
+    reference, the onboard attitude or a filter. ``t0``, ``t1``: ends of the log (s). ``air``: airborne spans (s).
+    ``marks``: [t, sentences] of serious events, near ones joined.
     """
     air = (result.log.get("timeline") or {}).get("airborne") or []
     found = (_height(result) if air else None) or _tilt(result)
@@ -165,7 +165,10 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
 
 
 def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
-    """Append the curve to ``out``, a byte a point from 0 to FULL_BYTE, and return the rest of the thumbnail."""
+    """Append the curve to ``out`` and return the thumbnail's other fields.
+
+    One byte per point, from 0 to FULL_BYTE.
+    """
     if seen is None:
         return None
     at = len(out)
@@ -223,7 +226,7 @@ def _bridged(values: Array) -> Array:
 
 
 def _marks(result: Result, edges: Array) -> list[list[Any]]:
-    """Return [t, sentence] of serious events by time; events closer than a point share a mark."""
+    """Return [t, sentence] of serious events; events closer than one point are joined."""
     found: list[list[Any]] = []
     for event in sorted((e for e in result.events if e.severity == "serious"), key=lambda e: e.t):
         if found and event.t - found[-1][0] < edges[1] - edges[0]:
@@ -233,9 +236,8 @@ def _marks(result: Result, edges: Array) -> list[list[Any]]:
     return found
 
 
-# Trouble: what was wrong with a flight's attitude, and how urgent it is.
-#
-# Logs are opened in the order of :data:`RANKS`. Points order the reasons of one log, and logs of one rank.
+# Urgency of a log: reasons to look at it, with points, and one of :data:`RANKS`. Logs are opened in the order of RANKS;
+# points order the reasons of one log, and logs of equal rank.
 
 # Kinds of findings about a wrong onboard attitude or a failed estimator.
 ATTITUDE_KINDS = frozenset({"attitude", "mounting", "estimator"})
@@ -260,7 +262,8 @@ SENSOR_KINDS = frozenset(
         "vibration",
     }
 )
-# Points of a reason by kind and severity; notes have none. A sensor's warning counts as a fault if a check is one.
+# Points of a reason by kind and severity; notes have none. A sensor's warning has the severity ``fault`` if a check
+# reports a fault.
 REASON_POINTS = {
     ("gate", "serious"): 100.0,
     ("attitude", "serious"): 100.0,
@@ -278,11 +281,11 @@ FILTER_POINTS, MAX_FILTERS = 10.0, 5
 REFUSED_POINTS = 40.0
 # Points of a jump in degrees: a heading set anew by a few degrees is harmless, one by 60 deg nearly serious.
 JUMP_POINTS, POINTS_PER_DEG, MAX_JUMP_DEG = 5.0, 0.5, 60.0
-# Points of one reason that make a log serious, or one to look at.
+# A log is serious, or worth a look, if its heaviest reason has this many points.
 SERIOUS_POINTS, LOOK_POINTS = 40.0, 10.0
-# What to open first: a crash, a wrong attitude in flight, another serious finding in flight or a failed gate.
+# Ranks in the order of opening: crash, wrong attitude in flight, other serious finding in flight or failed gate, rest.
 RANKS = ("crash", "attitude", "serious", "other")
-# What begins this long after landing (s) belongs to the flight.
+# Events up to this long after landing (s) belong to the flight.
 LANDED_S = 2.0
 
 
@@ -311,7 +314,7 @@ class Reason:
 def trouble(reasons: Iterable[Reason]) -> dict[str, Any]:
     """Return reasons as plain values, the heaviest first.
 
-    ``level``: serious, look or none; ``rank``: the first index into RANKS; ``score``: the sum of points.
+    ``level``: serious, look or none. ``rank``: smallest index into RANKS of any reason. ``score``: sum of points.
     """
     found = sorted(reasons, key=lambda r: -r.points)
     most = found[0].points if found else 0.0
@@ -324,13 +327,16 @@ def trouble(reasons: Iterable[Reason]) -> dict[str, Any]:
 
 
 def with_gates(found: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
-    """Add a reason to a :func:`trouble` for each sentence of a gate that failed."""
+    """Add one reason for each failed gate to the output of :func:`trouble`."""
     gates = [Reason("gate", "gate", REASON_POINTS["gate", "serious"], text, in_flight=True) for text in failed]
     return trouble([*gates, *(Reason(**reason) for reason in found["reasons"])]) if gates else found
 
 
 def reasons(result: Result) -> list[Reason]:
-    """Return the reasons to look at a result: its attitude or the data it is computed from."""
+    """Return the reasons to look at a result.
+
+    They concern its attitude or the data it was computed from.
+    """
     faults = {check.text for check in result.checks if check.verdict == "fault"}
     found = [reason for finding in result.findings if (reason := _of_finding(finding, faults)) is not None]
     codes = {r.code for r in found}
@@ -342,7 +348,7 @@ def reasons(result: Result) -> list[Reason]:
         if kind == "truth" or (kind == "onboard" and not codes & ATTITUDE_KINDS):
             name = "truth" if kind == "truth" else "onboard attitude"
             found.append(Reason("attitude", "refused", REFUSED_POINTS, f"The {name} is refused as reference: {why}."))
-    shown = bool(crashes) or not result.events  # what the autopilot alone reports as a crash is often a bench
+    shown = bool(crashes) or not result.events  # crashes reported by the autopilot alone are often bench tests
     landed = _last_landing(result)
     return [
         replace(r, in_flight=shown if r.kind == "crash" else landed is not None and (r.t is None or r.t <= landed))
@@ -383,7 +389,10 @@ def kind_of(finding: str) -> str:
 
 
 def _of_rows(result: Result) -> list[Reason]:
-    """Return reasons of rows that diverged or failed: the onboard attitude alone, the filters together."""
+    """Return reasons of rows that diverged or failed.
+
+    The onboard attitude has its own reason, all filters share one.
+    """
     names = row_names(result)
     found = [
         Reason(
@@ -462,7 +471,10 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 
 
 def _columns(result: Result) -> list[dict[str, Any]]:
-    """Return the comparison's columns: title, metric, window, unit, and row -> value, or the code of a missing one."""
+    """Return the comparison's columns.
+
+    Each has title, metric, window, unit and row -> value, or the code of a missing value.
+    """
     found = []
     for heading in main_table(result).columns:
         if heading.metric in MEASURED_TIMES:

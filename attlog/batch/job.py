@@ -1,4 +1,4 @@
-"""One log of a batch: the job that analyses it, and the record that is kept of it in ``.attlog/records``."""
+"""Job and record of one log; records are kept in ``.attlog/records``."""
 
 from __future__ import annotations
 
@@ -18,24 +18,24 @@ from attlog.formats.file_bytes import first_bytes
 from attlog.formats.ulog.encrypted import ENCRYPTED_HEADER, has_key, is_encrypted
 from attlog.pipeline.config import Config
 
-# The folder inside a batch folder that belongs to attlog: records, plan, lock, work in progress.
+# Folder for records, plan, lock and work in progress, inside a batch folder.
 INSIDE = ".attlog"
 SCHEMA = "attlog-record/1"
-# Exit codes that the same key ends with again. Any other may change: a timeout, a full disk, a bug.
+# Exit codes that are reproducible for the same key. Others may change: a timeout, a full disk, a bug.
 FINAL_CODES = frozenset((0, 2, 65))
-# Fields that differ from run to run, and fields that are not written.
+# Fields that vary between runs, and fields that are not written.
 MEASURED = ("wall_s", "cpu_s", "peak_mb")
 NOT_WRITTEN = ("again", "known", "folder_full", "gates")
 
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One log and how it is analysed: picklable, so that any scheduler can carry it.
+    """One log and the settings of its analysis; picklable for any scheduler.
 
-    ``name``: of its report, unique in ``folder``. ``settings``: from :func:`settings_key`. ``command``: as written in
-    the result. ``timeout`` (s) and ``memory`` (MB, resident): limits of the log's process; None: no limit.
-    ``resume``: a record with the same key and intact files counts as done. ``keep``: write a record. ``figures``: start
-    of the paths of figures that are written too.
+    ``name``: of its report, unique in ``folder``. ``settings``: from :func:`settings_key`. ``command``: stored in the
+    result. ``timeout`` (s) and ``memory`` (MB, resident): limits of the log's process, None for no limit. ``resume``:
+    skip the log if a record with the same key and intact files exists. ``keep``: write a record. ``figures``: path
+    prefix of figures to write.
     """
 
     source: Source
@@ -56,12 +56,12 @@ class Job:
 class Record:
     """Outcome of one log.
 
-    ``log``: as named by the user (path, URL, member of an archive); ``name``: of its report, ``NAME.html``.
-    ``key``: content (SHA-256), settings and version; empty where the content is unknown. ``code`` and ``message``:
-    exit code and error of ``attlog analyze``. ``row``: numbers for index and tables, empty without a result.
-    ``files``: size (bytes) and SHA-256 of each file written. ``stamp``: a sign of the content of a URL or member that
-    needs no download. ``trace``: of a bug. ``folder_full``: the output folder has no space left. ``gates``: a sentence
-    for each gate that failed. ``again``: taken from an earlier run. ``known``: failed the same way in an earlier run.
+    ``log``: path, URL or archive member as given by the user. ``name``: of its report, ``NAME.html``. ``key``: hash of
+    content (SHA-256), settings and version, empty if the content is unknown. ``code`` and ``message``: exit code and
+    error of ``attlog analyze``. ``row``: numbers for index and tables, empty without a result. ``files``: size (bytes)
+    and SHA-256 of each file written. ``stamp``: fingerprint of a URL or member that needs no download. ``trace``:
+    traceback of a bug. ``folder_full``: the output folder has no space left. ``gates``: one sentence per failed gate.
+    ``again``: taken from an earlier run. ``known``: failed in the same way in an earlier run.
     """
 
     log: str
@@ -88,11 +88,11 @@ class Record:
 
     @property
     def is_final(self) -> bool:
-        """True if the same log ends like this again."""
+        """True if another attempt would end in the same way."""
         return self.code in FINAL_CODES
 
     def fails_as(self, before: Record | None) -> bool:
-        """Return True if an earlier record has the same failure of the same content, settings and version."""
+        """Compare with an earlier failure: same content, settings, version and code."""
         return (
             before is not None
             and not self.done
@@ -113,7 +113,7 @@ def write_record(folder: Path, record: Record) -> None:
 
 
 def read_record(folder: Path, name: str) -> Record | None:
-    """Return the record of a report; None without one, or if another version wrote it."""
+    """Read the record of a report; None if missing or of another version."""
     return _read(record_path(folder, name))
 
 
@@ -134,7 +134,7 @@ def _read(path: Path) -> Record | None:
         known = {f.name for f in fields(Record)}
         return Record(**{k: v for k, v in document.items() if k in known})
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
-        return None  # a log without a readable record is analysed again
+        return None  # a log with an unreadable record is analysed again
 
 
 def size_and_hash(path: Path) -> tuple[int, str] | None:
@@ -148,15 +148,15 @@ def size_and_hash(path: Path) -> tuple[int, str] | None:
 
 
 def settings_key(config: Config, deterministic: bool = False) -> str:
-    """Hash all that decides a report beside the log's content and the version of attlog.
+    """Hash everything except log content and version that determines a report.
 
-    That is the resolved configuration and the content of its files: filters, estimates, parameters, truth.
+    This is the resolved configuration and the content of its files: filters, estimates, parameters, truth.
     """
     contents = {
         name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in files_of(config) if os.path.isfile(name)
     }
     folder = config.truth_place
-    if os.path.isdir(folder):  # a truth for each log: names, sizes and times
+    if os.path.isdir(folder):  # a folder of truth files: names, sizes and times
         found = sorted((e.name, e.stat().st_size, e.stat().st_mtime_ns) for e in os.scandir(folder))
         contents[folder] = hashlib.sha256(repr(found).encode()).hexdigest()
     settings = {"config": config.resolved(), "files": contents, "deterministic": deterministic}
@@ -186,10 +186,10 @@ def content_key(job: Job) -> str:
 
 
 def done_before(job: Job) -> Record | None:
-    """Return the record of an earlier run with the same key and intact files, if the job resumes.
+    """Return the finished record of an earlier run, if the job resumes.
 
-    An encrypted log that failed is tried again where there is a private key. A log with another path to the same bytes
-    gets its record under the new path.
+    The record has the same key and intact files. A failed encrypted log is retried if a private key is available. A log
+    moved to another path gets its record under the new path.
     """
     record = read_record(job.folder, job.name) if job.resume else None
     if record is None or not record.is_final:
@@ -214,12 +214,18 @@ def done_before(job: Job) -> Record | None:
 
 
 def keep(job: Job, record: Record) -> Record:
-    """Write the record and mark a failure that an earlier run had too. OutputError if it cannot be written."""
+    """Write a record, marked ``known`` if an earlier run failed in the same way.
+
+    OutputError if it cannot be written.
+    """
     before = read_record(job.folder, job.name) if job.resume else None
     write_record(job.folder, record)
     return replace(record, known=record.fails_as(before))
 
 
 def stamp(source: Source) -> str:
-    """Return a sign of the content of a URL or member that needs no download; empty for files, which are hashed."""
+    """Return the fingerprint of a URL or archive member without a download.
+
+    Empty for files, which are hashed.
+    """
     return source.stamp() if source.needs_copy else ""
