@@ -1,4 +1,4 @@
-"""Files of logs: copy with hash, checks for changes while reading, recognition by name."""
+"""Log files: hashed copies, change detection while reading, recognition by name."""
 
 from __future__ import annotations
 
@@ -66,7 +66,10 @@ CHANGED = "changed while it was read (it is still being written or copied); try 
 
 @contextmanager
 def unchanged(path: Path) -> Iterator[None]:
-    """Raise LogUnreadable if the file changes while the block reads it, whatever the block raised."""
+    """Raise LogUnreadable if the file changes inside the with block.
+
+    It replaces any exception of the block.
+    """
     before = state(path)
     failure: Exception | None = None
     try:
@@ -90,13 +93,13 @@ def state(path: Path) -> tuple[int, int] | None:
 
 # Recognition of logs and archives among other files.
 
-# Names of logs alone: a file of these names is a log even if damaged.
+# Suffixes that only logs have. Such a file counts as a log even if damaged.
 LOG_SUFFIXES = frozenset((".ulg", ".ulge", ".tlog", ".mcap", ".db3"))
 
 # First bytes of zip archives.
 MAGICS = (b"PK\x03\x04", b"PK\x05\x06")
 
-# Names that logs may have. Files behind URLs are recognised by name alone, because reading each would take hours.
+# Suffixes that logs may have. Files behind URLs are recognised by name, because reading each would take hours.
 POSSIBLE_SUFFIXES = LOG_SUFFIXES | {".bin", ".log", ".mavlink"}
 
 
@@ -107,12 +110,12 @@ def is_meant(path: Path) -> bool:
     except NotALog:
         return named_as_log(path.name)
     except LogUnreadable:
-        return may_be_log(path.name)  # rather reported than left out
+        return may_be_log(path.name)  # an unreadable file is kept, so that it is reported
     return True
 
 
 def is_archive(path: Path) -> bool:
-    """Return True for a zip archive by its first bytes; False for pipes and unreadable files."""
+    """Recognise a zip archive by its first bytes; False for pipes and unreadable files."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             return False

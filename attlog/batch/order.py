@@ -23,8 +23,8 @@ from attlog.words.flight import COMPARED_WITH
 from attlog.words.numbers import counted, duration
 from attlog.words.text import typeset
 
-# Levels of urgency, the most urgent first. A failed gate is a serious finding. A failed log may hide anything, but has
-# no page to open; a log without a reference hides less.
+# Levels of urgency, the most urgent first. A failed gate is a serious finding. A log without a report may hide
+# anything, but has no page to open. A log without a reference hides less.
 TITLES = {
     "crash": "crash or loss of control",
     "attitude": "wrong attitude in flight",
@@ -36,7 +36,7 @@ TITLES = {
     "none": "without trouble",
 }
 LEVELS = tuple(TITLES)
-# Number of logs that are named to be opened first.
+# Number of logs listed under "open first".
 OPEN_FIRST = 5
 
 
@@ -44,7 +44,7 @@ OPEN_FIRST = 5
 class IndexRow:
     """One log in index and summary.
 
-    ``level``: one of LEVELS; ``score``: sum of points; ``reasons``: why to look, the heaviest first.
+    ``level``: one of LEVELS. ``score``: sum of points. ``reasons``: reasons to look at the log, the heaviest first.
     """
 
     record: Record
@@ -69,7 +69,7 @@ class IndexRow:
 
     @property
     def href(self) -> str:
-        """Link to the report, empty without one."""
+        """Relative URL of the report, empty without one."""
         return quote(os.fsencode(f"{self.name}.html")) if self.row else ""
 
     @property
@@ -79,18 +79,18 @@ class IndexRow:
 
     @property
     def opens_first(self) -> bool:
-        """True for a report with something wrong in it."""
+        """True for a report with a reason to look at it."""
         return self.level not in ("failed", "unjudged", "none")
 
     @property
     def text(self) -> str:
-        """Headline, else the heaviest reason, else the reason why there is no report."""
+        """Headline, else the heaviest reason, else why there is no report."""
         headline = str(self.row.get("headline") or "")
         return headline or (typeset(self.reasons[0]["text"]) if self.reasons else self.message)
 
     @property
     def sort_key(self) -> tuple[Any, ...]:
-        """Level, kind of flight (real, on the ground, simulated), score, then name."""
+        """Sort key: level, kind of flight (real, on the ground, simulated), score, name."""
         kind = 2 if self.flight.get("simulated") else 0 if self.flight.get("airborne_s") or not self.row else 1
         return (LEVELS.index(self.level), kind, -self.score, natural(self.name), self.record.log)
 
@@ -129,27 +129,28 @@ def failure(record: Record) -> str:
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Remove the words that all names begin with; unchanged if a name would lose all its words.
+    """Remove the leading words common to all names.
 
-    Words end at ``_ - .`` or a blank, so that no number is cut in two.
+    Names stay unchanged if one would lose all its words. Words end at ``_ - .`` or a blank, so that no number is cut in
+    two.
     """
     if len(names) < 2:
         return list(names)
     stems = [name.rpartition(".")[0] or name for name in names]
-    first, last = min(stems), max(stems)  # what these two share, all between them share
+    first, last = min(stems), max(stems)  # a prefix of the first and last in sorted order is common to all
     common = next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(map(len, stems)))
     words = re.match(r".*[ _.-]", first[:common])
     cut = words.end() if words else 0
     return [name[cut:] for name in names] if all(re.search(r"\w", stem[cut:]) for stem in stems) else list(names)
 
 
-# Summary of a batch in a screen: answers, failures and reasons, logs to open first.
+# Summary of a batch on one screen: answers, failures with reasons, logs to open first.
 
 K = TypeVar("K", str, tuple[bool, int])
 
-# Narrowest text, most reasons of failures, widest headline (columns).
+# Narrowest text (columns), number of failure reasons, widest headline (columns).
 MIN_COLUMNS, MAX_REASONS, HEADLINE_COLUMNS = 30, 5, 100
-# Meanings of exit codes for a log.
+# What an exit code means for a log.
 MEANINGS = {
     2: "did not fit the options",
     65: "cannot be used",
@@ -163,7 +164,10 @@ MEANINGS = {
 def summary(
     found: Sequence[Record], total: int, seconds: float, folder: Path, again: int = 0, width: int = 160
 ) -> Iterator[str]:
-    """Yield lines of at most ``width`` columns. ``again``: number of logs that were done in an earlier run."""
+    """Yield summary lines of at most ``width`` columns.
+
+    ``again``: number of logs finished in an earlier run.
+    """
     done = [record for record in found if record.row]
     failed = [record for record in found if not record.row]
     left, known = total - len(found), sum(record.known for record in failed)
@@ -195,7 +199,7 @@ def summary(
 
 
 def _urgent(rows: Sequence[IndexRow], width: int) -> Iterator[str]:
-    """Yield how many logs have which level, and those to open first with what happened."""
+    """Yield the number of logs per level, and the logs to open first."""
     levels = Counter(row.level for row in rows)
     parts = [f"{text} {levels[level]}" for level, text in TITLES.items() if levels[level]]
     if parts:
@@ -208,7 +212,10 @@ def _urgent(rows: Sequence[IndexRow], width: int) -> Iterator[str]:
 
 
 def _failures(failed: Sequence[Record], width: int) -> Iterator[str]:
-    """Yield exit codes, new failures first, and a line for each reason; numbers in reasons do not count."""
+    """Yield failures by exit code, new ones first, with one line per reason.
+
+    Reasons that differ only in numbers are one.
+    """
     left = MAX_REASONS
     for (known, code), ended in _grouped(failed, lambda record: (record.known, record.code)):
         reasons = _grouped(ended, lambda record: re.sub(r"\d+", "0", _reason(record)))
@@ -221,7 +228,7 @@ def _failures(failed: Sequence[Record], width: int) -> Iterator[str]:
 
 
 def _why(alike: Sequence[Record], width: int) -> str:
-    """Return the reason of logs that failed alike, and the first one's name, in one line."""
+    """Return the shared reason of failed logs and the first log's name, in one line."""
     name, most = alike[0].name, max(width, MIN_COLUMNS) // 3
     name = name if len(name) <= most else f"{name[: most - 3]}..."
     such = f" ({name} and {len(alike) - 1} more)" if len(alike) > 1 else f" ({name})"
@@ -237,7 +244,7 @@ def _grouped(found: Sequence[Record], key: Callable[[Record], K]) -> list[tuple[
 
 
 def _reason(record: Record) -> str:
-    """Return why a log failed, in one sentence without its name."""
+    """Return the first sentence of a log's failure, without its name."""
     return typeset(" ".join(failure(record).split()).partition(". ")[0])
 
 

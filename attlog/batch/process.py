@@ -1,4 +1,4 @@
-"""One log in a process of its own, within limits of time and memory: from job to record."""
+"""Child process of one log, with limits of time and memory: job to record."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_messa
 from attlog.core.files import is_disk_full
 from attlog.core.workers import Closed, Died, ForkServer, TooLong, TooMuchMemory
 
-# Exit code of a log that needed more time or memory than allowed.
+# Exit code of a log that exceeded its limit of time or memory.
 LIMIT_REACHED = 75
-# Folder inside :data:`INSIDE` for the scratch folders of processes. Without records they are removed after a day.
+# Folder inside :data:`INSIDE` for scratch folders of processes. Runs without records remove those older than a day.
 SCRATCH = "scratch"
 SCRATCH_S = 86_400.0
-# Modules that nearly every log needs. A process imports others itself.
+# Modules loaded before the fork, because nearly every log needs them. A process imports others itself.
 PRELOADED = (
     "attlog.pipeline.evaluation",
     "attlog.batch.report_files",
@@ -47,20 +47,21 @@ Tell = Callable[[dict[str, Any]], None]
 
 
 def forks() -> ForkServer:
-    """Start the server that forks a process for each log."""
+    """Start the server that forks one process per log."""
     return ForkServer(PRELOADED, {limits.MAPPED: "1"})
 
 
-# For callers that bring no server, such as a task of a cluster.
+# Server for callers without their own, such as a task of a cluster.
 shared = functools.lru_cache(maxsize=1)(forks)
 
 
 def run_one(job: Job, processes: ForkServer | None = None, tell: Tell | None = None) -> Record:
-    """Analyse one log in a child process, move its files into place, write and return its record.
+    """Analyse one log in a child process and return its record.
 
-    Errors of the log, its process or the folder are reported in the record, never raised. The child writes to a scratch
-    folder only, so an orphan cannot change a report. ``tell`` gets the child's stages, and an empty message now and
-    then; an exception of ``tell`` ends the child. :class:`attlog.core.workers.Closed` if the server is closed.
+    The log's files are moved into place and the record is written. Errors of the log, its process or the folder are
+    reported in the record, never raised. The child writes to a scratch folder only, so an orphan cannot change a
+    report. ``tell`` receives the child's stages, and an empty message now and then. An exception of ``tell`` ends the
+    child. Raises :class:`attlog.core.workers.Closed` if the server is closed.
     """
     if before := done_before(job):
         return before
@@ -84,7 +85,7 @@ def run_one(job: Job, processes: ForkServer | None = None, tell: Tell | None = N
 
 
 def failed_record(job: Job, error: Exception, folder_full: bool = False) -> Record:
-    """Return the record of a log with an error outside its own process."""
+    """Return the record of a log whose error occurred outside its own process."""
     log = job.source.name
     message = error_message(error, __version__, log)
     return Record(log, job.name, code=exit_code(error), message=message, folder_full=folder_full)
@@ -92,7 +93,7 @@ def failed_record(job: Job, error: Exception, folder_full: bool = False) -> Reco
 
 @contextmanager
 def tidied(folder: Path) -> Iterator[None]:
-    """Run jobs without records, and leave nothing but reports in the folder.
+    """Clean up around runs without records: only reports stay in the folder.
 
     Another run may use the folder, so scratch folders of killed runs are removed only when a day old.
     """
@@ -110,7 +111,7 @@ def tidied(folder: Path) -> Iterator[None]:
 
 def _analyse(job: Job, scratch: Path, processes: ForkServer, tell: Tell) -> Record:
     before = state(Path(job.source.place))
-    with suppress(Died):  # a filter that kills this process kills that of its log too, which reports it
+    with suppress(Died):  # a filter that crashes here also crashes the log's process, which reports it
         processes.prepare(load_filters, list(job.config.estimators), tell=tell)
     found: dict[str, Any]
     with processes.worker() as worker:
@@ -136,14 +137,14 @@ def _analyse(job: Job, scratch: Path, processes: ForkServer, tell: Tell) -> Reco
 
 
 def _why(died: Died, changed: bool) -> tuple[int, str]:
-    """Return exit code and reason of a process that ended without a result."""
+    """Return exit code and reason of a process that died without a result."""
     if isinstance(died, TooLong):
         return LIMIT_REACHED, f"{died}; --timeout allows more, 0 any time"
     if isinstance(died, TooMuchMemory):
         return LIMIT_REACHED, f"{died}; --memory allows more, --boot or fewer --estimators need less"
     ended = died.exit
     if ended.signal == "SIGBUS" and changed:
-        return LogUnreadable.exit_code, CHANGED  # a file that is cut while it is mapped into memory
+        return LogUnreadable.exit_code, CHANGED  # the file was truncated while mapped into memory
     if ended.signal == "SIGKILL":
         return EXIT_BUG, f"its process {ended}; fewer --jobs or a limit by --memory leaves room for the others"
     if ended.crashed:
@@ -155,14 +156,17 @@ def _why(died: Died, changed: bool) -> tuple[int, str]:
 
 
 def _remove_outdated(job: Job, record: Record) -> None:
-    """Remove files of an earlier run that this record lacks."""
+    """Remove files of an earlier run that the new record does not list."""
     before = read_record(job.folder, job.name)
     for name in set(before.files if before else ()) - set(record.files):
         (job.folder / name).unlink(missing_ok=True)
 
 
 def _publish(out: Path, folder: Path) -> None:
-    """Move files into place, each whole, the JSON last, because other programs wait for it. OutputError on failure."""
+    """Move each file into place atomically, the JSON last. OutputError on failure.
+
+    Other programs wait for the JSON.
+    """
     for file in sorted(out.iterdir(), key=lambda path: (path.suffix == ".json", path.name)):
         try:
             file.replace(folder / file.name)

@@ -1,4 +1,4 @@
-"""Logs behind URLs, by fsspec: listing, download and random access."""
+"""Logs behind URLs, read with fsspec: listing, download and random access."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def is_url(text: str) -> bool:
 
 
 def shown(place: str) -> str:
-    """Return a path as it is, a URL without user, password and signature."""
+    """Return a path unchanged, and a URL without user, password and signature."""
     if not is_url(place):
         return place
     parts = urlsplit(place)
@@ -36,17 +36,17 @@ def shown(place: str) -> str:
     return urlunsplit(parts._replace(netloc=host, query=query, fragment=""))
 
 
-# Waits before the second and third attempt at a download that broke off.
+# Waits before the second and third attempt at an interrupted download.
 WAITS_S = (1.0, 4.0)
-# Answers of a web server that another attempt will not change.
+# HTTP status codes that another attempt will not change.
 _LASTING = frozenset((400, 401, 403, 404, 405, 410, 416, 451))
 
 
 def meant(url: str, wanted: Any) -> list[str]:
-    """Return the ``wanted`` URLs of a pattern or folder; any other URL is returned as it is.
+    """Expand the URL of a pattern or folder to the ``wanted`` URLs.
 
-    A web server's folder is listed only if its URL ends with ``/``. LogUnreadable if the place cannot be listed or has
-    nothing wanted, UsageError if a package is missing.
+    Any other URL is returned unchanged. A web server's folder is listed only if its URL ends with ``/``. LogUnreadable
+    if the place cannot be listed or has nothing wanted, UsageError if a package is missing.
     """
     web = _is_web(url)
     pattern = "*" in (urlsplit(url).path if web else url) or (not web and any(c in url for c in "?["))
@@ -61,11 +61,11 @@ def meant(url: str, wanted: Any) -> list[str]:
             found = files.find(path, maxdepth=MAX_LISTING_DEPTH)
         else:
             return [url]
-        if web and not found:  # the search skips a folder without a server: list it for its error
+        if web and not found:  # the search skips a folder whose server is missing: listing it raises the error
             files.ls(path.partition("*")[0].rpartition("/")[0] + "/", detail=False)
     except AttlogError:
         raise
-    except Exception as error:  # every file system has its own
+    except Exception as error:  # each file system has its own exceptions
         raise _failed(url, error) from error
     logs = [files.unstrip_protocol(f) for f in sorted(found) if wanted(f)]
     if not logs:
@@ -81,7 +81,7 @@ def download(url: str, path: Path) -> tuple[str, int]:
             return copy(_blocks(url), path)
         except AttlogError:
             raise
-        except Exception as error:  # every file system has its own
+        except Exception as error:  # each file system has its own exceptions
             if wait is None or not _passing(error):
                 raise _failed(url, error) from error
             time.sleep(wait)
@@ -90,7 +90,7 @@ def download(url: str, path: Path) -> tuple[str, int]:
 
 @contextmanager
 def random_access(url: str) -> Iterator[IO[bytes] | None]:
-    """Open a file behind a URL that can be read in parts; None if the server gives no parts."""
+    """Open a file behind a URL for random access; None if the server lacks it."""
     try:
         files, path = _file_system(url)
         file = files.open(path, "rb")
@@ -108,13 +108,13 @@ def random_access(url: str) -> Iterator[IO[bytes] | None]:
 
 
 def url_stamp(url: str) -> str:
-    """Return tag or time, and size, of a file from its server; empty without both."""
+    """Return ETag or time, and size, of a file from its server; empty without both."""
     try:
         files, path = _file_system(url)
         info = files.info(path)
     except AttlogError:
         raise
-    except Exception as error:  # every file system has its own
+    except Exception as error:  # each file system has its own exceptions
         raise _failed(url, error) from error
     tags = ("ETag", "etag", "md5Hash", "Content-MD5", "Last-Modified", "LastModified", "mtime", "updated", "created")
     tag = next((str(info[key]) for key in tags if info.get(key)), "")
@@ -123,7 +123,7 @@ def url_stamp(url: str) -> str:
 
 def _blocks(url: str) -> Iterator[bytes]:
     files, path = _file_system(url)
-    # One request for all of a web file, whatever the server says about ranges and sizes.
+    # Fetch a web file in a single request, whatever its server reports about ranges and sizes.
     options = {"block_size": 0, "size": 1} if _is_web(url) else {}
     expected = None if options else files.info(path).get("size")
     given, until = 0, time.monotonic() + MAX_FETCH_S
@@ -166,7 +166,7 @@ def _is_web(url: str) -> bool:
 
 
 def _cause(error: BaseException) -> BaseException:
-    """Return the cause of an error: fsspec reports a missing file for any failure."""
+    """Return the cause of an error: fsspec reports any failure as a missing file."""
     found = error.__cause__ if isinstance(error, FileNotFoundError) else None
     return error if found is None else _cause(found)
 

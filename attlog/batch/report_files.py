@@ -1,4 +1,4 @@
-"""One log to files: report and JSON with their names, in this process or as the job of a child process."""
+"""Report and JSON file of one log, written here or in a child process."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from attlog.pipeline.config import Config
     from attlog.result import Result
 
-# Names of pages of a batch, which no report may have.
+# Pages of a batch, whose names no report may have.
 RESERVED = ("index",)
-# File in the scratch folder of a log's process with all that it prints, also if it crashes.
+# File in the scratch folder with everything that a log's process prints, also if it crashes.
 PRINTED = "printed.txt"
 # Loggers that report progress, and the key of their messages.
 STAGES = {"attlog.stages": "stage", "attlog.compiling": "compiling"}
@@ -31,7 +31,7 @@ STAGES = {"attlog.stages": "stage", "attlog.compiling": "compiling"}
 
 @dataclass(frozen=True, slots=True)
 class ReportFiles:
-    """Result of a log and the files that hold it."""
+    """Result of a log and the files written for it."""
 
     result: Result
     report: Path
@@ -48,12 +48,12 @@ def analyze_to_files(
     deterministic: bool = False,
     figures: Path | None = None,
 ) -> ReportFiles:
-    """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder; ``name`` is the file's own by default.
+    """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder.
 
-    Both files are replaced together or not at all. Errors as in :func:`attlog.analyze`; LogUnreadable if the log
-    changes meanwhile; OutputError if a file cannot be written. ``deterministic``: leave measured times out.
-    ``figures``: start of the paths of figures, written after the report, all or none. The logger ``attlog.stages``
-    reports the stage.
+    ``name``: the file's own by default. Both files are replaced together or not at all. Errors as in
+    :func:`attlog.analyze`; LogUnreadable if the log changes meanwhile; OutputError if a file cannot be written.
+    ``deterministic``: leave measured times out. ``figures``: path prefix of figures, written after the report, all or
+    none. The logger ``attlog.stages`` reports the stage.
     """
     from attlog.pipeline import analyze
 
@@ -62,7 +62,7 @@ def analyze_to_files(
         result = analyze(log, config, command=command)
     files = ReportFiles(result, folder / f"{name}.html", folder / f"{name}.json")
     logging.getLogger("attlog.stages").info("writing the report")
-    document = result.to_dict(deterministic)  # large: made once for both
+    document = result.to_dict(deterministic)  # large: built once for both files
     with staging_folder(folder) as stage:
         result.to_html(stage / files.report.name, deterministic=deterministic, document=document)
         result.to_json(stage / files.json.name, whole=document)
@@ -75,15 +75,18 @@ def analyze_to_files(
 
 
 def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
-    """Return a report name for each log: its file name with suffix, and a number if it is ``taken``.
+    """Return a report name for each log: its file name, numbered if ``taken``.
 
-    Names that differ in case alone count as equal, as on some file systems; see :mod:`attlog.core.files`.
+    Names that differ in case only count as equal, as on some file systems; see :mod:`attlog.core.files`.
     """
     return file_names.file_names(map(str, logs), (*RESERVED, *taken))
 
 
 def figure_starts(folder: Path, logs: Iterable[str]) -> list[Path]:
-    """Return the start of the paths of each log's figures: its name without suffixes, numbered if taken."""
+    """Return the path prefix of each log's figures.
+
+    Prefixes are file names without suffixes, numbered where several are equal.
+    """
     stems = [Path(name.removesuffix(".gz")).stem or name for name in map(str, logs)]
     return [folder / name for name in file_names.file_names(stems)]
 
@@ -101,7 +104,7 @@ class MessageHandler(logging.Handler):
 
 @contextmanager
 def messages_to(tell: Callable[[dict[str, Any]], None]) -> Iterator[None]:
-    """Pass stages and compilations to ``tell`` alone."""
+    """Pass stages and compilation messages to ``tell``, and nowhere else."""
     loggers = [logging.getLogger(name) for name in STAGES]
     before = [(logger.handlers, logger.propagate, logger.level) for logger in loggers]
     for logger in loggers:
@@ -116,9 +119,9 @@ def messages_to(tell: Callable[[dict[str, Any]], None]) -> Iterator[None]:
 
 
 def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) -> None:
-    """Load filters into this process for the processes that it forks.
+    """Load filters into this process, from which log processes are forked.
 
-    An error here is an error in the process of the log too, and is reported there.
+    An error is ignored here, because the log's process hits and reports it too.
     """
     from attlog.pipeline.replay import preload
 
@@ -127,9 +130,9 @@ def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) ->
 
 
 def process_log(job: Job, scratch: Path, *, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
-    """Analyse a log to files in ``scratch / "out"`` and return the fields of its record, also for an error.
+    """Analyse a log to files in ``scratch / "out"`` and return its record fields.
 
-    What the process prints goes to :data:`PRINTED`.
+    Errors are returned in these fields too. Output of the process goes to :data:`PRINTED`.
     """
     from attlog.batch.index_row import index_row
     from attlog.core.workers import write_output_to
@@ -138,7 +141,7 @@ def process_log(job: Job, scratch: Path, *, tell: Callable[[dict[str, Any]], Non
     content, sign, out = "", "", scratch / "out"
     try:
         with suppress(LogUnreadable):  # a server that fails now may answer the download
-            sign = stamp(job.source)  # before the bytes, so that a later change is noticed
+            sign = stamp(job.source)  # before the content is read, so that a later change is noticed
         with messages_to(tell), unchanged(Path(job.source.place)), job.source.local(scratch) as log:
             content = log.sha256
             files = analyze_to_files(

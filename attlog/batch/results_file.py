@@ -1,4 +1,4 @@
-"""Every number of a batch in one file: written after a run, read for tables across logs."""
+"""Every number of a batch in one file, read for tables across logs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 PARQUET, CSV = "results.parquet", "results.csv"
-# Columns about the log of a line.
+# Columns that describe the log of a line.
 TEXTS = ("log", "report", "sha256", "date_utc", "vehicle", "firmware", "version", "board", "reference", "attlog")
 # All columns in order, with their types.
 COLUMNS: dict[str, str] = {
@@ -67,19 +67,19 @@ ABOUT = {
     "reason": "reason of a missing value",
 }
 UNIT_OF = {"value": "see unit", "low": "see unit", "high": "see unit", "seconds": "s", "n": "1"}
-# Keys of the file's metadata: JSON of metric -> unit; number of logs without lines, because they failed.
+# Metadata keys of the file: JSON of metric -> unit; number of failed logs, which have no lines.
 UNITS, FAILED = "attlog.units", "attlog.failed"
-# Lines that are held in memory at a time.
+# Lines held in memory at a time.
 GROUP_LINES = 100_000
-# A result names its schema within its first bytes.
+# Byte range in which a result names its schema.
 HEAD_BYTES = 200
 
 
 def write_results(folder: Path, found: Iterable[Record]) -> Path:
-    """Write ``results.parquet`` to a folder, or ``results.csv`` without pyarrow (the extra ``export``).
+    """Write ``results.parquet``, or ``results.csv`` without pyarrow (extra ``export``).
 
-    The file is replaced as a whole, and an outdated one of the other kind removed. Logs that failed have no line.
-    Records are read one by one, so memory is bounded. OutputError if the file cannot be written.
+    The file is replaced as a whole, and an outdated one of the other kind removed. Failed logs have no lines. Records
+    are read one by one, so memory is bounded. OutputError if the file cannot be written.
     """
     has_arrow = importlib.util.find_spec("pyarrow") is not None
     path, other = folder / (PARQUET if has_arrow else CSV), folder / (CSV if has_arrow else PARQUET)
@@ -149,9 +149,9 @@ def _write_csv(file: BinaryIO, found: Iterable[Record]) -> None:
 class BatchNumbers:
     """Metrics of many logs: input of tables.
 
-    ``logs``: a row a log with ``batch`` (where it was read) and TEXTS; ``answers``: a row a number with ``at`` (index
-    into ``logs``), ``row``, ``window``, ``metric``, ``value``, ``code``. ``units``: of all metrics of the logs, also
-    those that were not asked for. ``wrong``: errors of files; ``failed``: number of logs without a result.
+    ``logs``: one row per log with ``batch`` (folder or file it was read from) and TEXTS. ``answers``: one row per
+    number with ``at`` (index into ``logs``), ``row``, ``window``, ``metric``, ``value``, ``code``. ``units``: of all
+    metrics of the logs, requested or not. ``wrong``: errors of files. ``failed``: number of logs without a result.
     """
 
     logs: pd.DataFrame
@@ -165,9 +165,9 @@ ANSWER = ("row", "window", "metric", "value", "code")
 
 
 def read_numbers(given: Iterable[Path], metrics: Collection[str]) -> BatchNumbers:
-    """Read metrics from batch folders, folders of results and single results, in the order of names.
+    """Read metrics from batch folders, folders of results and single results.
 
-    A batch is read from its results file if no record is newer, else from its records.
+    Names keep their order. A batch is read from its results file if no record is newer, else from its records.
     """
     import pandas as pd
 
@@ -176,7 +176,7 @@ def read_numbers(given: Iterable[Path], metrics: Collection[str]) -> BatchNumber
     found = BatchNumbers(pd.DataFrame(), pd.DataFrame())
 
     def add(batch: Path, about: Sequence[dict[str, Any]], numbers: Iterable[tuple[Any, ...]]) -> None:
-        """Append logs, and numbers that begin with the report of their log."""
+        """Append logs, and numbers whose first field is the report of their log."""
         at = {log["report"]: len(logs) + k for k, log in enumerate(about)}
         logs.extend({"batch": str(batch)} | log for log in about)
         answers.extend((at[report], *number) for report, *number in numbers)
@@ -187,7 +187,7 @@ def read_numbers(given: Iterable[Path], metrics: Collection[str]) -> BatchNumber
             file = up_to_date(place)
             try:
                 whole = None if file is None else _read_parquet(file, metrics)
-            except (OSError, ValueError, KeyError):  # of another version, or damaged: records hold the same
+            except (OSError, ValueError, KeyError):  # damaged, or of another version: the records hold the same numbers
                 whole = None
             if whole is not None:
                 about, asked, units, failed = whole
@@ -209,7 +209,10 @@ def read_numbers(given: Iterable[Path], metrics: Collection[str]) -> BatchNumber
 
 
 def _folder_records(folder: Path, is_read: bool, found: BatchNumbers) -> Iterator[Record]:
-    """Yield records of a batch folder unless its results file is read, then results without a record."""
+    """Yield records of a folder, then results without a record.
+
+    Records of a batch are skipped if its results file was read (``is_read``).
+    """
     seen = {path.name for path in (folder / INSIDE / "records").glob("*.json")}
     outdated = []
     for record in () if is_read else records(folder):
@@ -241,7 +244,10 @@ def load(path: Path) -> Record:
 
 
 def is_result(path: Path) -> bool:
-    """Return True for a file that begins as a result, or that cannot be read; False for pipes."""
+    """Recognise a result by its first bytes.
+
+    True also for an unreadable file, False for pipes.
+    """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             return False
@@ -252,9 +258,10 @@ def is_result(path: Path) -> bool:
 
 
 def up_to_date(folder: Path) -> Path | None:
-    """Return the results file of a batch folder; None without one, without pyarrow, or if a record is newer.
+    """Return the results file of a batch folder, if it is current.
 
-    Records are written as logs finish and the file at the end, so a killed batch has newer records.
+    None without one, without pyarrow, or if a record is newer. Records are written as logs finish and the file at the
+    end, so a killed batch has newer records.
     """
     path = folder / PARQUET
     if importlib.util.find_spec("pyarrow") is None or not os.path.isfile(path):
@@ -267,9 +274,9 @@ def up_to_date(folder: Path) -> Path | None:
 def _read_parquet(
     path: Path, metrics: Collection[str]
 ) -> tuple[list[dict[str, Any]], list[tuple[Any, ...]], dict[str, str], int]:
-    """Return logs, numbers of ``metrics``, units and the number of failed logs of a results file.
+    """Return logs, numbers of ``metrics``, units and failed logs of a results file.
 
-    Texts that repeat are read as categories, ten times as fast.
+    Repeated texts are read as categories, which is ten times as fast.
     """
     from pyarrow import parquet
 

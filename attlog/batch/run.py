@@ -1,4 +1,7 @@
-"""Many logs into one folder: plan, lock, run, index; finished logs stay finished whatever interrupts the run."""
+"""Batch run into one folder: plan, lock, run, index.
+
+Finished logs stay finished whatever interrupts the run.
+"""
 
 from __future__ import annotations
 
@@ -34,15 +37,15 @@ from attlog.pipeline.config import Config
 # Windows refuses to read a locked byte: this one is beyond the end of the file.
 LOCKED_BYTE = 1 << 30
 PLAN_SCHEMA = "attlog-batch/1"
-# Shortest time between two writes of the index, and the largest share of the run that they may take.
+# Shortest time between two writes of the index, and the largest share of the run spent on them.
 INDEX_EVERY_S = 10.0
 INDEX_SHARE = 0.05
 
 Records = Generator[Record, None, None]
-# Runs jobs anywhere and yields their records as they come; closing it ends what runs.
+# Runs jobs and yields their records as they finish. Closing it ends all running jobs.
 Runner = Callable[[Sequence[Job]], Records]
 Tell = Callable[[Job, dict[str, Any]], None]
-# Returns a sentence for each gate that a log fails. It is called for logs without a report too.
+# Returns one sentence for each gate that a log fails. It is called for logs without a report too.
 Judge = Callable[[Record], tuple[str, ...]]
 
 
@@ -58,9 +61,9 @@ class Watcher(Protocol):
 
 @dataclass(slots=True)
 class BatchOutcome:
-    """Records of the logs that were reached, in the order named, without the numbers that only tables need.
+    """Records of the analysed logs in the given order, without table metrics.
 
-    ``ended``: why the batch ended before all logs were reached; empty otherwise.
+    ``ended``: why the batch ended early; empty otherwise.
     """
 
     records: list[Record] = field(default_factory=list)
@@ -89,10 +92,10 @@ def run_batch(
 ) -> BatchOutcome:
     """Analyse logs into a folder with index and table of results.
 
-    ``commands``: for each log the command that makes its report alone. ``fresh``: remove an earlier batch first.
-    ``options``: ``deterministic``, ``timeout``, ``memory`` and ``resume`` of :class:`attlog.batch.job.Job`.
-    OutputError if the folder cannot be written or another batch uses it, UsageError if it holds a batch and neither
-    ``resume`` nor ``fresh`` is set. After an interrupt (KeyboardInterrupt) index and results hold the finished logs.
+    ``commands``: for each log the command that reproduces its report. ``fresh``: remove an earlier batch first.
+    ``options``: ``deterministic``, ``timeout``, ``memory`` and ``resume`` of :class:`attlog.batch.job.Job`. OutputError
+    if the folder cannot be written or another batch uses it. UsageError if it holds a batch and neither ``resume`` nor
+    ``fresh`` is set. After an interrupt (KeyboardInterrupt) index and results hold the finished logs.
     """
     with locked(folder) as warning:
         if warning:
@@ -115,7 +118,7 @@ def run_batch(
                     if record.folder_full:
                         stopped = f"{folder} takes no more files"
                         break
-        except OutputError as error:  # of the index
+        except OutputError as error:  # raised by writing the index
             stopped = str(error)
             outcome.codes |= {error.exit_code}
         except KeyboardInterrupt:
@@ -142,16 +145,16 @@ def run_batch(
 
 
 def in_memory(record: Record, judge: Judge | None = None) -> Record:
-    """Judge a record and drop the numbers that only tables need."""
+    """Judge a record and drop its metrics, which only tables need."""
     return replace(record, row=light(record.row), gates=judge(record) if judge is not None else ())
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[str]:
-    """Keep other batches out of the folder.
+    """Lock the folder against other batches.
 
-    OutputError names the other batch, or says that the folder cannot be written. The lock file stays: a lock on a file
-    that is removed and made again would not lock. Yields a warning if the file system cannot lock, else "".
+    OutputError names the other batch, or reports that the folder cannot be written. The lock file stays, because a lock
+    on a removed and recreated file would not lock. Yields a warning if the file system cannot lock, else "".
     """
     place = folder / INSIDE / "lock"
     try:
@@ -209,7 +212,10 @@ def plan_jobs(
     fresh: bool,
     options: dict[str, Any],
 ) -> list[Job]:
-    """Return a job for each log; names of reports stay the same for the life of the folder."""
+    """Return a job for each log.
+
+    Report names stay the same for the life of the folder.
+    """
     earlier = _earlier_names(folder, fresh, options.get("resume", False))
     settings = settings_key(config, options.get("deterministic", False))
     earlier |= _moved(sources, folder, earlier)
@@ -229,7 +235,10 @@ def _plan_path(folder: Path) -> Path:
 
 
 def _earlier_names(folder: Path, fresh: bool, resume: bool) -> dict[str, str]:
-    """Return log -> report name of the batch in the folder. UsageError if it is neither resumed nor removed."""
+    """Return log -> report name of the batch in the folder.
+
+    UsageError if the folder holds a batch that is neither resumed nor removed.
+    """
     try:
         names: dict[str, str] = dict(json.loads(_plan_path(folder).read_bytes())["names"])
     except FileNotFoundError:
@@ -250,7 +259,10 @@ def _earlier_names(folder: Path, fresh: bool, resume: bool) -> dict[str, str]:
 
 
 def _moved(sources: Sequence[Source], folder: Path, earlier: dict[str, str]) -> dict[str, str]:
-    """Return log -> report name of logs with a new path: same file name, same bytes. Removes their old paths."""
+    """Return log -> report name of moved logs: same file name, same bytes.
+
+    Their old paths are removed from ``earlier``.
+    """
     named = {source.name for source in sources}
     gone: dict[str, list[str]] = {}
     for log in earlier:
@@ -293,9 +305,10 @@ def _remove_leftovers(folder: Path) -> None:
 
 
 def local_runner(workers: int | None = None, tell: Tell | None = None, processes: ForkServer | None = None) -> Runner:
-    """Return a runner on this machine with a process for each log, by default as many at a time as cores.
+    """Return a runner on this machine with one process per log.
 
-    ``tell`` gets the stages of each log, from threads. ``processes``: a server that its owner closes.
+    ``workers``: processes at a time, default the number of cores. ``tell`` receives the stages of each log, from
+    several threads. ``processes``: a server that its owner closes.
     """
 
     def run(jobs: Sequence[Job]) -> Records:
@@ -307,7 +320,7 @@ def local_runner(workers: int | None = None, tell: Tell | None = None, processes
         count = min(workers or cores(), max(len(jobs), 1))
         pool = ThreadPoolExecutor(count, "attlog")
         try:
-            if count == 1:  # in order: the next begins when its predecessor was taken
+            if count == 1:  # sequential: the next job starts after the caller took the previous record
                 yield from map(one, jobs)
                 return
             for future in as_completed(pool.submit(one, job) for job in jobs):
@@ -321,7 +334,7 @@ def local_runner(workers: int | None = None, tell: Tell | None = None, processes
 
 
 class Index:
-    """Page and table of a batch, written again now and then."""
+    """Index page and table of a batch, rewritten at intervals."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -329,7 +342,7 @@ class Index:
         self._results = ""
 
     def write_if_due(self, found: dict[int, Record]) -> None:
-        """Write the index of finished logs if the last one is old enough."""
+        """Write the index of finished logs if the last write is old enough."""
         if time.monotonic() >= self._due:
             self._write([found[k] for k in sorted(found)])
 
@@ -339,7 +352,7 @@ class Index:
         self._due = time.monotonic() + max(INDEX_EVERY_S, (time.monotonic() - started) / INDEX_SHARE)
 
     def write_all(self, found: Sequence[Record]) -> None:
-        """Write table and index; rows with all numbers are read from the records one by one."""
+        """Write table and index; full rows are read from the records one by one."""
         whole = (read_record(self._folder, one.name) or one if one.done else one for one in found)
         self._results = write_results(self._folder, whole).name
         self._write(found)

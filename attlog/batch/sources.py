@@ -41,7 +41,7 @@ class Local:
 class Source:
     """Place of a log: path or URL, and the member of a zip archive.
 
-    ``copy``: a file with its bytes, for a machine that cannot reach the place.
+    ``copy``: a file with the log's bytes, for a machine that cannot reach the place.
     """
 
     place: str
@@ -50,18 +50,21 @@ class Source:
 
     @property
     def needs_copy(self) -> bool:
-        """True for a URL or a member of an archive, which is copied before it is read."""
+        """True for a URL or an archive member: both are copied before reading."""
         return bool(self.member) or is_url(self.place)
 
     @property
     def name(self) -> str:
-        """Name for people and for later runs, such as ``archive.zip/flights/a.ulg``; without secrets of a URL."""
+        """Display name, equal across runs, such as ``archive.zip/flights/a.ulg``.
+
+        Secrets of a URL are removed.
+        """
         place = shown(self.place)
         return _printable(f"{place}/{self.member}" if self.member else place)
 
     @property
     def file_name(self) -> str:
-        """Safe name for files made of this log, from the last part of its place."""
+        """Safe file name for outputs of this log, from the last part of its place."""
         if not self.member and not is_url(self.place):
             return Path(self.place).name
         if self.member:
@@ -73,9 +76,10 @@ class Source:
         return file_name(last, MAX_FILE_NAME_BYTES) if last else "log"
 
     def stamp(self) -> str:
-        """Return a sign of the content without download: size and time, checksum of a member, tag of a server.
+        """Return a fingerprint of the content without a download.
 
-        Empty where the server has none. LogUnreadable if the place cannot be read.
+        It is size and time, checksum of a member, or tag of a server; empty where the server has none. LogUnreadable if
+        the place cannot be read.
         """
         if self.copy:
             return ""
@@ -95,11 +99,11 @@ class Source:
 
     @contextmanager
     def local(self, scratch: Path | None = None) -> Iterator[Local]:
-        """Provide the log as a file while the context lasts.
+        """Provide the log as a local file inside a with block.
 
-        A member or a URL is copied to a new folder in ``scratch`` (default: the system's temporary folder), which is
-        removed at the end. LogUnreadable: missing, refused, cut short, timed out, no space. LogUnusable: an encrypted
-        or damaged member, or too large for a log. Errors name the log, not its copy.
+        A member or a URL is copied to a new folder in ``scratch`` (default: the system's temporary folder), removed at
+        the end. LogUnreadable: missing, refused, cut short, timed out, no space. LogUnusable: an encrypted or damaged
+        member, or too large for a log. Errors name the log, not its copy.
         """
         if self.copy or not self.needs_copy:
             path = Path(self.copy or self.place)
@@ -139,12 +143,12 @@ class Source:
 
 
 def _printable(text: str) -> str:
-    """Replace control characters: names of members come from strangers."""
+    """Replace control characters: member names are untrusted."""
     return "".join(c if c.isprintable() or "\ud800" <= c <= "\udfff" else "?" for c in text)
 
 
 def _refuse_large_non_log(path: Path) -> None:
-    """Raise NotALog for a large file that is no log, such as a disk image, before it is hashed."""
+    """Raise NotALog for a large file, such as a disk image, before it is hashed."""
     try:
         formats.recognise(path)
     except NotALog:
@@ -152,13 +156,16 @@ def _refuse_large_non_log(path: Path) -> None:
             raise
 
 
-# Logs meant by files, folders, patterns, archives and URLs.
+# Expansion of files, folders, patterns, archives and URLs to logs.
 
 _PATTERN = frozenset("*?[")
 
 
 def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
-    """Return the log files that names mean, each once, and errors of names; archives are not opened."""
+    """Return the log files matched by paths, each once, and errors.
+
+    Archives are not opened.
+    """
     logs: dict[Path, None] = {}
     wrong: list[AttlogError] = []
     for path in given:
@@ -171,7 +178,7 @@ def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
 
 
 def _refuse_url(path: Path) -> None:
-    """Raise UsageError for a URL, of which a path has lost a slash."""
+    """Raise UsageError for a URL given as a path, which lacks a slash."""
     url = str(path).replace(":/", "://", 1)
     if is_url(url) and not os.path.lexists(path):
         raise UsageError(
@@ -180,13 +187,13 @@ def _refuse_url(path: Path) -> None:
 
 
 def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError]]:
-    """Return the logs that names mean, each once, and errors of names.
+    """Return the logs matched by names, each once, and errors.
 
-    A file is taken as it is, also if missing. A folder means the logs in it at any depth but hidden ones; a pattern
-    the logs that it matches (``**`` includes folders); a zip archive the logs in it, ``archive.zip/*.ulg`` those
-    members. These logs are recognised by content, also in gzip files. A URL is a log, an archive, a folder
-    (``s3://bucket/flights``; ``https://host/flights/``) or a pattern where the place can be listed; these logs are
-    recognised by name. A name without a log is a LogUnreadable, ``-`` a UsageError.
+    A file is taken unchecked, even if missing. A folder matches its logs at any depth except hidden ones. A pattern
+    matches logs (``**`` includes folders). A zip archive matches its logs, ``archive.zip/*.ulg`` those members. These
+    logs are recognised by content, also in gzip files. A URL is a log, an archive, a folder (``s3://bucket/flights``;
+    ``https://host/flights/``) or a pattern where the place can be listed; these logs are recognised by name. A name
+    without a log gives a LogUnreadable, ``-`` a UsageError.
     """
     logs: dict[Source, None] = {}
     wrong: list[AttlogError] = []
@@ -204,7 +211,7 @@ def sources(given: Iterable[str | Path]) -> tuple[list[Source], list[AttlogError
 
 
 def _meant(path: Path, archives: bool, wrong: list[AttlogError]) -> list[Source]:
-    """Return the logs that a name means; unreadable folders go to ``wrong``."""
+    """Return the logs matched by one name; unreadable folders go to ``wrong``."""
     if str(path) == "-":
         raise UsageError("a log cannot come from standard input: it is memory-mapped; give a file name")
     if os.path.isdir(path):
@@ -236,10 +243,13 @@ def _in_folder(folder: Path, archives: bool, wrong: list[AttlogError]) -> list[S
 
 
 def _below(folder: Path, refused: list[AttlogError]) -> Iterator[Path]:
-    """Yield the files in a folder at any depth but hidden ones; unreadable folders go to ``refused``."""
+    """Yield files of a folder at any depth except hidden ones.
+
+    Unreadable folders go to ``refused``.
+    """
 
     def refuse(error: OSError) -> None:
-        if not isinstance(error, FileNotFoundError):  # gone meanwhile
+        if not isinstance(error, FileNotFoundError):  # deleted meanwhile
             refused.append(_cannot_be_read(error))
 
     for place, folders, files in os.walk(folder, onerror=refuse):
@@ -274,7 +284,10 @@ def _cannot_be_read(error: OSError) -> LogUnreadable:
 
 
 def _logs_of(file: Path, archives: bool = True) -> list[Source]:
-    """Return the logs of a file found in a folder. A broken archive is a source whose reading fails."""
+    """Return the logs of a file found in a folder.
+
+    A broken archive becomes a source that fails when read.
+    """
     if archives and is_archive(file):
         from attlog.batch.archive import members
 
@@ -294,7 +307,10 @@ def _of_file(path: Path) -> list[Source]:
 
 
 def _in_archive(path: Path) -> list[Source] | None:
-    """Return the members that ``archive.zip/flights/a.ulg`` means; None if no part is an archive."""
+    """Return the members named by a path such as ``archive.zip/flights/a.ulg``.
+
+    None if no part of the path is an archive.
+    """
     for archive in path.parents:
         if os.path.isfile(archive):
             return _members(str(archive), path.relative_to(archive).as_posix()) if is_archive(archive) else None
