@@ -1,4 +1,4 @@
-"""Configuration of an analysis: the names of the options, read from TOML or JSON and kept in every result."""
+"""Analysis configuration: option names, read from TOML or JSON, kept in every result."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ REFERENCES = ("auto", "truth", "smoother", "onboard", "none")
 
 
 def reference_of(value: Any) -> str:
-    """Return the name of a reference. ValueError for an unknown one."""
+    """Validate the name of a reference. ValueError for an unknown one."""
     if isinstance(value, str) and (value in REFERENCES or value.startswith("onboard:")):
         return value
     raise ValueError("must be auto, truth, smoother, onboard, onboard:NAME (such as onboard:AHR2) or none")
 
 
 def gyro_bias_of(value: Any) -> str:
-    """Return the name of a gyro bias to subtract. ValueError for an unknown one."""
+    """Validate the source of the gyro bias to subtract. ValueError for an unknown one."""
     if value in ("rest", "none", "onboard"):
         return str(value)
     raise ValueError("must be rest, none or onboard")
@@ -37,15 +37,14 @@ def _rows(value: Any) -> Any:
 
 @dataclass
 class Config:
-    """Configuration of an analysis; every value is checked when it is set. UsageError for a wrong one.
+    """Configuration of an analysis, validated on assignment. UsageError for a wrong value.
 
-    ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``,
-    ``FILE.py``). ``imu``, ``mag``: instance to replay, None for the choice of the log,
-    ``"all"`` / ``"none"``. ``window``: a window that table and verdicts show beside the standard ones. ``gyro_bias``:
-    subtracted from the gyro for every filter: its mean over the rest before take-off, nothing, or the onboard bias.
-    ``params``: a parameter file for values that are not logged. ``truth``: a trajectory, another log, a folder of them
-    or a message of the log (:mod:`attlog.external.attitude`). Times are s on the log's clock, 0 at the first IMU
-    sample.
+    ``estimators``: row specifications (``default``, ``all``, ``NAME[@PRESET][:k=v,...]``, ``FILE.py``). ``imu``,
+    ``mag``: instance to replay; None for the log's own choice, ``"all"`` / ``"none"``. ``window``: shown in table and
+    verdicts beside the standard ones. ``gyro_bias``: subtracted from the gyro for every filter: its mean over the rest
+    before take-off, nothing, or the onboard bias. ``params``: a parameter file for values that are not logged.
+    ``truth``: a trajectory, another log, a folder of them or a message of the log (:mod:`attlog.external.attitude`).
+    Times are s on the log's clock, 0 at the first IMU sample.
     """
 
     estimators: Annotated[list[str], ParsedBy(_rows)] = field(default_factory=lambda: ["default"])
@@ -72,29 +71,35 @@ class Config:
 
     @classmethod
     def of(cls, config: Config | Mapping[str, Any] | None) -> Config:
-        """Return a configuration from itself, a mapping of names, or the defaults for None. UsageError as below."""
+        """Convert a mapping of option names to a configuration; None gives the defaults.
+
+        A configuration is returned unchanged. UsageError as of :meth:`build`.
+        """
         if isinstance(config, Config):
             return config
         return cls.build(dict(config), origin="config") if config else cls()
 
     @classmethod
     def build(cls, values: dict[str, Any], origin: str = "") -> Config:
-        """Return a configuration from plain values. UsageError lists every problem, with suggestions for names."""
+        """Build a configuration from plain values.
+
+        UsageError lists every problem, with suggestions for misspelt names.
+        """
         return validated(cls, values, origin)
 
     @classmethod
     def trusted(cls, values: Mapping[str, Any]) -> Config:
-        """Return a configuration from values that are checked already, as those of the command line."""
+        """Build a configuration without validation, from values already checked."""
         config = cls()
         config.__dict__.update(values)
         return config
 
     @classmethod
     def load(cls, path: Path, **options: Any) -> Config:
-        """Return a configuration from a TOML or JSON file, overridden by ``options``.
+        """Read a configuration from a TOML or JSON file, overridden by ``options``.
 
-        A JSON object holds the names at its top, or is a result of ``attlog analyze`` with its configuration. Filter
-        files that a result names run only where ``options`` name ``estimators``: results come from others.
+        A JSON file is an object of option names, or a result of ``attlog analyze`` with its configuration. Filter files
+        named in a result run only where ``options`` name ``estimators``, because results come from others.
         LogUnreadable if the file cannot be opened, UsageError for everything wrong in it.
         """
         text = read_settings_text(path)
@@ -119,12 +124,12 @@ DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Config)} | {"estim
 
 
 def _is_default(name: str, value: Any) -> bool:
-    """Whether a value is the default of a key."""
+    """Compare a value with the default of its option."""
     return name in DEFAULTS and type(value) is type(DEFAULTS[name]) and value == DEFAULTS[name]
 
 
 def _from_json(text: str, path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the names of a configuration from its own JSON object or from a result.
+    """Extract configuration options from their own JSON object or from a result.
 
     UsageError for other JSON, and for a result with filter files that ``options`` do not name.
     """

@@ -1,6 +1,7 @@
-"""From a log to a result: prepare what no filter changes, then evaluate filters, as often as wanted.
+"""Prepare a log once, then evaluate filters on it as often as wanted.
 
-prepare: read, segments, reference, heading references. evaluate: estimators, metrics, ranking, checks, findings.
+``prepare``: read, segments, reference, heading references. ``evaluate``: estimators, metrics, ranking, checks,
+findings.
 """
 
 from __future__ import annotations
@@ -58,9 +59,9 @@ from attlog.words.answers import ONLY_BASELINE, QUESTIONS, verdicts
 def checks_of(
     log: FlightLog, phases: Segments, case: Case | None = None, *, drawn: list[Trace] | None = None
 ) -> list[Check]:
-    """Make every check of a log; ``case`` is None for a log that cannot be replayed.
+    """Run every check of a log; ``case`` is None for a log that cannot be replayed.
 
-    ``drawn`` takes the arrays of their figures.
+    ``drawn`` receives the arrays of their figures.
     """
     ref = None if case is None else case.reference
     asked = HealthCase(log, phases, ref, lambda: None if case is None else motion_attitude(case))
@@ -74,7 +75,7 @@ def checks_of(
 
 
 def motion_attitude(case: Case) -> MotionAttitude | None:
-    """Run the smoother without compass; None without GNSS velocity or where it cannot be run."""
+    """Run the smoother without compass; None without GNSS velocity or on failure."""
     if not any(np.isfinite(receiver.vel_ned).any() for receiver in case.log.gnss):
         return None
     try:
@@ -98,9 +99,9 @@ def of_reference_and_filters(
     chosen: Mapping[str, Chosen],
     rows: Iterable[Track],
 ) -> list[Problem]:
-    """Return a contradicted reference, filters that failed (``failed``: their errors) or are not compiled.
+    """Return problems of the reference, and of filters that failed or are slow.
 
-    A sensor that a filter needs and the log does not hold is a note.
+    ``failed``: errors by row. A sensor that a filter needs and the log lacks is a note.
     """
     late = {name for name, error in failed.items() if isinstance(error, PluginTimeout)}
     broken = [
@@ -116,7 +117,10 @@ def of_reference_and_filters(
 
 
 def all_of(case: Case, result: Result, rows: Sequence[Track], known: Sequence[Problem]) -> list[Finding]:
-    """Return every finding of a log and its analysis, worst first; ``known``: of reference and filters."""
+    """Return every finding of a log and its analysis, worst first.
+
+    ``known``: problems of reference and filters.
+    """
     own = [*known, *_unmeasured(result.estimators), *_late_field(rows)]
     unanswered = guarded_part(
         case.log, "What would answer open questions", partial(_unanswered, case, result), list[OpenQuestion]
@@ -139,14 +143,14 @@ def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
 
 
 def _unmeasured(lines: Iterable[EstimatorRow]) -> list[Problem]:
-    """Return metrics that ended in a bug, each once."""
+    """Return each bug of a metric once."""
     answers = [a for line in lines for window in line.metrics.values() for a in window.values()]
     sentences = dict.fromkeys(a.reason for a in answers if a.code == "part_failed" and a.reason)
     return [Problem("part_failed", "error", sentence) for sentence in sentences]
 
 
 def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Track]) -> list[Problem]:
-    """Return plug-ins that ran in plain Python, or whose process was lost when a metric tried them."""
+    """Return plug-ins that ran in plain Python, or whose process died in a metric."""
     ran = {row.name.partition("/imu")[0] for row in rows}
     text = "its step runs in plain Python, some hundred times slower, because numba cannot compile it"
     found = []
@@ -165,7 +169,7 @@ def _slow(chosen: Mapping[str, Chosen], rows: Iterable[Track]) -> list[Problem]:
 
 
 def _late_field(rows: Iterable[Track]) -> list[Problem]:
-    """Return the time before the magnetometer's first sample, in which no filter had a heading."""
+    """Report the time before the first magnetometer sample, without any heading."""
     waited = max((float(s.value or 0.0) for row in rows for s in row.steps if s.name == "late_field"), default=0.0)
     text = (
         f"The magnetometer's first sample came late: for {waited:.1f} s no filter knew its heading. "
@@ -175,7 +179,7 @@ def _late_field(rows: Iterable[Track]) -> list[Problem]:
 
 
 class Measurement:
-    """Measure rows one by one and release their samples: memory does not grow with their number.
+    """Measure rows one by one and release their samples, to bound memory.
 
     A row that is needed whole later is run again.
     """
@@ -190,7 +194,10 @@ class Measurement:
         traces: bool,
         only: Collection[str],
     ) -> None:
-        """Set up for the chosen rows; ``unusable``: the sensor because of which no filter can be judged, or empty."""
+        """Prepare to measure the chosen rows.
+
+        ``unusable``: name of the sensor whose fault makes every filter unusable, or empty.
+        """
         self.case = case.looked_at_with([])
         self._unusable, self._traces, self._only = unusable, traces, only
         expected = len(case.imus) * sum(not isinstance(spec, PluginError) for spec in chosen.values())
@@ -206,11 +213,11 @@ class Measurement:
         self._check = None if imu is None else check(case.log, imu, case.reference, again, choice)
 
     def add(self, row: Track, line: EstimatorRow) -> None:
-        """Measure a row into its line of the table and release its samples."""
+        """Compute the metrics of a row into its table line; release its samples."""
         case, log = self.case, self.case.log
         if row.reproduction is not None and self._traces:
             self._drawn += guarded_part(log, "Figures", partial(onboard_rerun.traces_of, case, row), list[Trace])
-        # metrics look at innovations alone; the rest is as large as the attitude
+        # metrics read innovations only; other outputs are as large as the attitude
         row.aux = {name: table for name, table in row.aux.items() if name.startswith(INNOVATION)}
         case.rows.append(row)
         if self._check is not None:
@@ -224,18 +231,18 @@ class Measurement:
         case.done_with(row)
 
     def contradiction(self) -> tuple[str, AlignmentStep] | None:
-        """Return why filters that agree contradict the reference; None where they do not."""
+        """Return why filters that agree contradict the reference, else None."""
         if self._check is None:
             return None
         what = "What filters say against the reference"
         return guarded_part(self.case.log, what, self._check.contradicted, lambda: None)
 
     def alike(self) -> list[Duplicates]:
-        """Return groups of rows that are the same filter twice."""
+        """Return groups of rows with the same equation or equal attitudes."""
         return guarded_part(self.case.log, "Which rows are alike", self._likeness.found, list)
 
     def drawn(self) -> list[Trace]:
-        """Return the traces of all rows and of what is drawn beside them."""
+        """Return the traces of all rows and of sensors and segments drawn with them."""
         if not self._traces:
             return []
         log = self.case.log
@@ -248,7 +255,7 @@ def without_replay(
 ) -> Result:
     """Return a result without filters: headline, events, segments, checks, findings.
 
-    ``case``: the prepared log, where it can be replayed.
+    ``case``: the prepared log, if it can be replayed.
     """
     with stage("segments"):
         phases = segments.build(log) if case is None else case.segments
@@ -256,7 +263,7 @@ def without_replay(
     drawn: list[result_Trace] = []
     with stage("checks"):
         checks = checks_of(log, phases, case, drawn=drawn if case is None else None)
-    described = describe(log, phases)  # before the findings: what breaks in it is one
+    described = describe(log, phases)  # before the findings, which include its errors
     others = [] if case is None else contradiction(case.reference)
     found = findings(log, checks, others, events=happened)
     return Result(
@@ -277,11 +284,11 @@ def without_replay(
 
 @log_cache()
 def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
-    """Prepare a log for :func:`evaluate`: all that does not depend on which filters are compared.
+    """Prepare a log for :func:`evaluate`: everything independent of the filters compared.
 
-    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`; a mapping is checked like a configuration
-    file. LogUnreadable or LogUnusable (no inertial data, encrypted, not a log) if there is nothing to analyse,
-    UsageError for a missing sensor, reference or window.
+    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. A mapping is checked like a configuration file.
+    LogUnreadable or LogUnusable (no inertial data, encrypted, not a log) if the log cannot be analysed, UsageError for
+    a missing sensor, reference or window.
     """
     config = Config.of(config)
     stage = Stages()
@@ -291,7 +298,7 @@ def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] |
 
 
 def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
-    """Return the case of a log that was read. LogUnusable where it cannot be replayed."""
+    """Prepare a log that was read. LogUnusable if it cannot be replayed."""
     preparation.require_imu(log)
     flight.check_analysis_memory(log, flight.ANALYSIS_BYTES)
     stage.samples = samples_of(log)
@@ -341,12 +348,13 @@ def evaluate(
     only: Collection[str] = (),
     command: str = "",
 ) -> Result:
-    """Evaluate the filters of ``specs``, else of the configuration, on a prepared log.
+    """Evaluate filters on a prepared log.
 
-    ``case`` may serve many calls. ``command`` is kept in the result. ``traces``: keep the arrays of figures. ``cost``:
-    measure the time of each filter, which takes longer than running it. ``only``: metrics as of ``metrics.compute``;
-    the result then has no verdicts, and findings of reference and filters alone. UsageError for an unknown estimator or
-    parameter; a plug-in that fails becomes a row with ``status = "failed"``, the others finish.
+    ``case`` may serve many calls. ``specs``: filters, default those of the configuration. ``command`` is stored in the
+    result. ``traces``: keep the arrays of figures. ``cost``: measure the time of each filter, which takes longer than
+    running it. ``only``: metrics as of ``metrics.compute``; the result then has no verdicts, and only findings of
+    reference and filters. UsageError for an unknown estimator or parameter. A plug-in that fails becomes a row with
+    ``status = "failed"``, the others finish.
     """
     if isinstance(specs, str):
         specs = estimators.items(specs)
@@ -418,13 +426,13 @@ def evaluate(
 def analyze(
     source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
 ) -> Result:
-    """Analyse one log as ``attlog analyze`` does, with the lines of its figures.
+    """Analyse one log as ``attlog analyze`` does, with the traces of its figures.
 
-    ``source`` is a path or a :class:`FlightLog` from :func:`attlog.read`. ``config`` is a :class:`Config` or a mapping
-    of its names, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
-    ``command`` is kept in the result. :func:`prepare` and :func:`evaluate` in one call, traces and
-    costs included; raises what the two raise: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError. A log
-    that cannot be replayed but holds an attitude, a position or arming gives a result without the comparison.
+    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. ``config``: a :class:`Config` or a mapping of
+    options, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
+    ``command`` is stored in the result. Combines :func:`prepare` and :func:`evaluate` with traces and costs, and raises
+    their errors: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError. A log that cannot be replayed but
+    has an attitude, a position or arming gives a result without the comparison.
     """
     settings, stage = Config.of(config), Stages()
     with log_cache():
@@ -452,7 +460,7 @@ def health(
 
 
 def has_a_story(log: FlightLog) -> bool:
-    """Whether a log that cannot be replayed holds something that happened at a known time."""
+    """Return whether a log has an attitude, GNSS data or a time line of arming."""
     armed = log.state.armed is not None and len(log.state.armed.t) > 1 and log.state.armed.t[-1] > log.state.armed.t[0]
     return bool(log.attitudes or log.gnss or armed)
 
@@ -484,7 +492,10 @@ def _described(case: Case) -> dict[str, Any]:
 
 
 def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
-    """Return the case with the next best reference, or none, and nothing computed with the refused one."""
+    """Return the case with the next best reference, or none.
+
+    Results computed with the refused reference are dropped.
+    """
     options = preparation.reference_options(Config.trusted(case.settings))
     refused = case.reference.faults.refused | {case.reference.kind: fault}
     ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
@@ -494,7 +505,7 @@ def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
 
 
 def summarize(ref: Reference) -> ReferenceSummary:
-    """Return the reference as the result shows it."""
+    """Summarise the reference for the result."""
     return ReferenceSummary(
         ref.kind,
         ref.source,

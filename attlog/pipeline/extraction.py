@@ -1,4 +1,4 @@
-"""Messages, SI streams or estimates of a log as tables, to CSV or Parquet.
+"""Extract messages, SI streams or estimates of a log to CSV or Parquet.
 
 Every table begins with ``time_s``: s on the log's clock (0 = first IMU sample). Column names carry the unit
 (``gyro_x_rad_s``, ``roll_deg``); messages keep the names of their log. Frames, units, the log's hash and the version
@@ -36,13 +36,13 @@ if TYPE_CHECKING:
 
 # ``MAG.0`` and ``IMU[1]``.
 INSTANCE = re.compile(r"(?P<name>.+?)(?:\.(?P<dot>\d{1,9})|\[(?P<bracket>\d{1,9})\])")
-# About the bytes of a column before its first value, and of a number in a CSV file.
+# Approximate bytes of a column before its first value, and of a number in a CSV file.
 COLUMN_BYTES, CELL_BYTES = 200, 8
 
 
 @dataclass(slots=True)
 class Extract:
-    """One table to write: columns of equal length by name, ``units`` of those that have one."""
+    """One table to write: columns of equal length by name; ``units`` of some."""
 
     name: str
     columns: dict[str, NDArray[Any]]
@@ -54,7 +54,7 @@ class Extract:
         return len(next(iter(self.columns.values()), ()))
 
     def between(self, start: float | None, end: float | None) -> Extract:
-        """Return the rows with start <= time_s <= end; all rows of a table without time."""
+        """Select the rows with start <= time_s <= end; all rows of a table without time."""
         if "time_s" not in self.columns:
             return self
         t = self.columns["time_s"]
@@ -69,10 +69,11 @@ class Extract:
 
 
 def messages(log: FlightLog, names: Iterable[str], system: int | None = None) -> Iterator[Extract]:
-    """Yield the named messages of a log, all without names, scaled as the format prints them.
+    """Yield the named messages of a log, scaled by the factors of their format.
 
-    Names as of :func:`select_tables`; ``system``: the MAVLink vehicle that ``log`` was read for. UsageError for names
-    that the log does not have, LogUnusable where the definitions of a small log would fill a disk.
+    Without names all messages. Names as of :func:`select_tables`. ``system``: the MAVLink vehicle that ``log`` was read
+    for. UsageError for names that the log does not have, LogUnusable where the definitions of a small log would fill a
+    disk.
     """
     opened = formats.open(log.path, system).boot(log.boot)
     clock = record_clock(opened, system)
@@ -97,9 +98,10 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
 
 
 def select_tables(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int]]:
-    """Return messages and instances by names, each once: ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``; all without names.
+    """Select messages and instances by names, each once; all without names.
 
-    UsageError for unknown names, each with similar ones, else with all.
+    Names are ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``. UsageError for unknown names, each with similar ones, else with
+    all.
     """
     known = opened.names()
     found: dict[tuple[str, int], None] = {}
@@ -123,7 +125,10 @@ def select_tables(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int
 
 
 def _name_and_instance(text: str, known: Collection[str]) -> tuple[str, int | None]:
-    """Return a known name as it is, else the text before ``.N`` or ``[N]``, and N."""
+    """Split a name into message and instance: text before ``.N`` or ``[N]``, and N.
+
+    A known name is returned whole.
+    """
     match = None if text in known else INSTANCE.fullmatch(text)
     return (match["name"], int(match["dot"] or match["bracket"])) if match else (text, None)
 
@@ -166,9 +171,10 @@ def streams(log: FlightLog) -> Iterator[Extract]:
 
 
 def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
-    """Yield the attitudes of re-run estimators at IMU rate, a table for each, and innovations of an onboard filter.
+    """Yield the attitude of each re-run estimator at IMU rate, and innovations.
 
-    As in an analysis the gyro's bias at rest is subtracted first; ``bias`` columns contain it.
+    Innovations are those of an onboard filter. The gyro's bias at rest is subtracted first, as in an analysis; ``bias``
+    columns include it.
     """
     from attlog.pipeline import prepare
     from attlog.pipeline.replay import run_rows
@@ -189,7 +195,7 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
             table.units |= {f"bias_{axis}_rad_s": "rad/s" for axis in "xyz"}
         for name, values in row.aux.items():
             if len(values) != len(row.t):
-                continue  # has its own times
+                continue  # has its own time column
             wide = values.reshape(len(row.t), -1)
             ends = [""] if wide.shape[1] == 1 else [f"_{k}" for k in range(wide.shape[1])]
             table.columns |= {name + end: wide[:, k] for k, end in enumerate(ends)}
@@ -202,10 +208,10 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
 
 
 def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> list[Path]:
-    """Write tables and return the files.
+    """Write tables and return the files written.
 
-    One table goes to ``path`` itself if that ends in the format's suffix and is no folder; otherwise ``path`` is a
-    folder with a file for each table, all or none. OutputError if a file cannot be written or pyarrow is missing.
+    One table goes to ``path`` itself if that ends in the format's suffix and is no folder. Otherwise ``path`` is a
+    folder with one file per table, all or none. OutputError if a file cannot be written or pyarrow is missing.
     """
     listed = list(tables)
     meta = _about(log)
@@ -234,7 +240,7 @@ def _write(table: Extract, target: Path, meta: dict[str, Any], kind: str) -> Non
 
 
 def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, kind: str) -> None:
-    """Write the one table to an open stream. UsageError if there are several."""
+    """Write a single table to an open stream. UsageError if there are several."""
     listed = list(tables)
     if len(listed) != 1:
         raise UsageError(f"-o -: standard output takes one table, not {_too_many(listed)}")
@@ -250,7 +256,7 @@ def _too_many(tables: list[Extract]) -> str:
 
 
 def _about(log: FlightLog) -> dict[str, Any]:
-    """Return what every file holds of its log."""
+    """Return the metadata that every file has of its log."""
     from attlog import __version__
 
     return {

@@ -1,4 +1,4 @@
-"""Inputs of an estimator beside its samples: logged parameters and aids, as plain numbers without log or firmware."""
+"""Estimator inputs other than samples: logged parameters and aids, free of log formats."""
 
 from __future__ import annotations
 
@@ -14,12 +14,15 @@ from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
 FIX_3D = 3
-# Shortest rest whose noise is measured.
+# Shortest rest over which noise is estimated.
 LEAST_REST_S = 2.0
 
 
 def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: float | None = None) -> LogFacts:
-    """Return numeric parameters at the first IMU sample, and rates, noise and declination for a replay of ``imu``."""
+    """Return numeric parameters, rates, noise and declination to replay ``imu``.
+
+    Parameters are those at the first IMU sample.
+    """
     values = {name: log.param(name) for name in log.parameters.lines if name not in log.parameters.filled}
     gyro, acc, seconds = noise_at_rest(imu, segments)
     info = LogInfo(
@@ -37,15 +40,18 @@ def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: floa
 
 
 def forward_of(kind: VehicleKind) -> bool | None:
-    """Whether a vehicle's course is its heading: planes, rovers and boats; None where the vehicle is not known."""
+    """Return whether the course is the heading: planes, rovers, boats.
+
+    None for an unknown vehicle.
+    """
     return None if kind is VehicleKind.OTHER else kind.fixed_wing or kind in (VehicleKind.ROVER, VehicleKind.BOAT)
 
 
 def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | None, float]:
-    """Fit white noise densities of gyro (rad/s/sqrt(Hz)) and accelerometer (m/s^2/sqrt(Hz)); seconds of rest used.
+    """Estimate white noise densities of gyro and accelerometer at rest.
 
-    The variance of differences of neighbouring samples is 2 n^2 / dt, whatever the drift. Mean of the axes' variances
-    over all rest; None with less than 2 s.
+    Units: rad/s/sqrt(Hz) and m/s^2/sqrt(Hz); then seconds of rest used. The variance of differences of neighbouring
+    samples is 2 n^2 / dt, whatever the drift. Mean of the axes' variances over all rest; None with less than 2 s.
     """
     t = imu.gyro.t_best
     rest = spans.inside(t, segments.spans("rest"))
@@ -66,9 +72,9 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
 def aids_of(
     log: FlightLog, segments: Segments, imu: Imu | None = None, field: earth.MagneticField | None = None
 ) -> Aids:
-    """Return the aids of a log on its clock: first receiver with a 3D fix, barometer, airspeed, times at rest.
+    """Return the aids of a log: first receiver with a 3D fix, barometer, airspeed, rest.
 
-    ``imu``: the replayed unit, whose filters' lag is an aid; ``field``: the earth's field there.
+    ``imu``: the replayed unit; the lag of its low-pass filters is an aid. ``field``: the earth's field at the site.
     """
     receiver = receiver_of(log)
     height = next((_measured(b.t_best, b.x) for b in log.baro if b.unit == "m" and len(b.t) > 1), None)
@@ -98,7 +104,10 @@ def field_of(mag: Mag) -> Measurements | None:
 
 
 def _lag(stream: Stream) -> float:
-    """Return the known lag of a stream's low-pass filter in s, limited: damaged parameters may give any."""
+    """Return the known lag of a stream's low-pass filter in s.
+
+    The lag is limited, because damaged parameters may give any value.
+    """
     return float(np.clip(stream.delay, 0.0, 0.99 * LONGEST_LAG_S))
 
 
@@ -115,7 +124,7 @@ def _velocity(g: Gnss) -> Measurements | None:
 
 
 def _measured(t: Array, x: Array, sigma: Array | None = None) -> Measurements | None:
-    """Return finite samples in the order of time, of equal times the first; None without any."""
+    """Return finite samples sorted by time, the first of equal times; None without any."""
     x = np.array(x, np.float64)
     x = x[:, 0] if x.ndim == 2 and x.shape[1] == 1 else x
     x[~np.isfinite(x)] = np.nan

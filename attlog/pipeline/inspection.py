@@ -1,4 +1,4 @@
-"""Contents, checks and findings of a log without filters, as plain values: ``attlog info``."""
+"""Inspection of a log without filters, as plain values: ``attlog info``."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from attlog.pipeline import evaluation
 from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages
 
-# Shortest span of records with a rate.
+# Shortest time span for which a message rate is computed.
 SHORTEST_S = 1.0
 
 
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -> dict[str, Any]:
     """Inspect a log: contents, physics checks, answerable questions and findings.
 
-    Keys: ``log``, ``headline`` and ``events`` (what happened), ``messages`` of the boot (name, instance, records,
-    rate_hz, fields; the rate is None without times and for records within one second), ``compared_with`` (what an
-    analysis compares with), ``checks``, ``answerable``, ``findings`` (all that is wrong, worst first, with cause and
-    action, before any filter runs), ``damage``, ``gyro_bias`` (what an analysis takes off the gyro; None without
-    inertial data). Works on logs without inertial data too. LogUnreadable or LogUnusable as in ``attlog.read``.
+    Keys: ``log``; ``headline`` and ``events`` (what happened); ``messages`` of the boot (name, instance, records,
+    rate_hz, fields; the rate is None without times and for records within one second); ``compared_with`` (reference of
+    an analysis); ``checks``; ``answerable``; ``findings`` (every problem known before a filter runs, worst first, with
+    cause and action); ``damage``; ``gyro_bias`` (bias that an analysis subtracts from the gyro; None without inertial
+    data). Works on logs without inertial data too. LogUnreadable or LogUnusable as in ``attlog.read``.
     """
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
     listed, damage = _listed(messages.boot(log.boot), system), _damage(messages)
-    del messages  # the log's bytes and its index go with it: what follows takes as much
-    log.estimator.inputs = None  # and so does what an onboard filter would read
+    del messages  # frees the log's bytes and index: the next steps need as much memory
+    log.estimator.inputs = None  # frees the inputs of the onboard filter, not needed here
     config, stage = Config(), Stages()
     with log_cache():
         case = evaluation.prepared(log, config, stage) if log.imu is not None else None
@@ -55,7 +55,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
 
 
 def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
-    """Return the messages of a log with their number of records and rate."""
+    """List the messages of a log with their number of records and rate."""
     messages.forget()
     stamps = table_time_span(messages, system)
     return [
@@ -71,12 +71,15 @@ def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
 
 
 def _damage(messages: Messages) -> dict[str, Any]:
-    """Return how much of the file is not usable, and where."""
+    """Return how much of the file is unusable, and where."""
     return {"bytes": messages.damage_bytes, "count": messages.damage_places, "places": to_plain(messages.damage)}
 
 
 def _rate(count: int, ends: tuple[int, int] | None) -> float | None:
-    """Return the rate of ``count`` records between two boot times in us; None for a burst, such as definitions."""
+    """Return the rate of ``count`` records between two boot times in us.
+
+    None for a burst, such as definitions.
+    """
     if ends is None or count < 2:
         return None
     span = (float(ends[1]) - float(ends[0])) / 1e6

@@ -1,4 +1,4 @@
-"""Run the onboard filter again as a row, and measure how closely it follows what flew."""
+"""Run the onboard filter again as a row, and measure its deviation from the flown attitude."""
 
 from __future__ import annotations
 
@@ -29,24 +29,24 @@ from attlog.result import EstimatorRow
 
 Array = NDArray[np.float64]
 
-# A re-run follows what flew below these differences of the airborne attitude (deg); above, no parameter is studied.
+# Largest differences (deg) between a re-run and the flown airborne attitude. Beyond them no parameter is studied.
 MAX_TILT_MEDIAN_DEG, MAX_TILT_P95_DEG, MAX_HEADING_MEDIAN_DEG = 0.5, 1.5, 2.0
-# The whole log is compared where it has fewer seconds in the air.
+# Below this airborne time the whole log is compared.
 MIN_AIRBORNE_S = 5.0
-# Fewest records of the onboard attitude that are compared.
+# Fewest records of the onboard attitude for a comparison.
 MIN_RECORDS = 20
 GAUSS_PER_TESLA = 1e4
 
 
-# The re-run of each firmware's filter, by the estimator's name.
+# Estimator that re-runs the filter of each firmware.
 BY_FIRMWARE = {"PX4": "px4_ekf2", "ArduPilot": "ap_ekf3"}
 OLDEST_EKF2 = (1, 8)
-# Value of AHRS_EKF_TYPE with EKF3.
+# AHRS_EKF_TYPE of EKF3.
 EKF3_TYPE = 3
 
 
 def flown_filter(log: FlightLog) -> str:
-    """Return the estimator that runs the filter that flew again; empty where attlog has none.
+    """Return the estimator that re-runs the flown filter; empty if there is none.
 
     PX4 1.7 and older flew other filters by default; ArduPilot flew EKF3 where AHRS_EKF_TYPE is 3.
     """
@@ -61,7 +61,10 @@ def flown_filter(log: FlightLog) -> str:
 
 @per_case
 def inputs_of(case: Case, unit: str) -> Any:
-    """Read the inputs of the onboard filter, of the core on an IMU where a log holds several. UsageError without."""
+    """Read the inputs of the onboard filter. UsageError without them.
+
+    A log with several filter cores gives those of the core on the IMU ``unit``.
+    """
     read = case.log.estimator.inputs
     if read is None:
         raise UsageError("An onboard filter is run again only on a log of PX4 that EKF2 flew, or ArduPilot and EKF3.")
@@ -70,7 +73,7 @@ def inputs_of(case: Case, unit: str) -> Any:
 
 @per_case
 def gnss_rate_of(case: Case, _: str) -> float | None:
-    """Fit the receiver's rate on board, once, with the parameters that flew."""
+    """Fit the onboard rate of the GNSS receiver, with the flown parameters."""
     from attlog.estimators.ekf2.run import fitted_gnss_rate
 
     return fitted_gnss_rate(inputs_of(case, ""), *_field(case.log))
@@ -92,9 +95,10 @@ def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
 def rerun_row(
     case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str, field_error_ut: Array | None = None
 ) -> tuple[Track, EstimatorRow]:
-    """Run the onboard filter again with the values of ``spec`` over the log's own. UsageError for a thin log.
+    """Re-run the onboard filter, with the values of ``spec`` over the log's parameters.
 
-    ``field_error_ut`` (3,): error of the compass in body axes that is removed from its samples first.
+    ``field_error_ut`` (3,): compass error in body axes, subtracted from its samples first. UsageError if the log lacks
+    inputs.
     """
     changes = {key: float(value) for key, value in spec.params.items()}
     found = run_again(case, imu, spec.estimator.name, changes, field_error_ut)
@@ -121,9 +125,9 @@ def rerun_row(
 def run_again(
     case: Case, imu: Imu, name: str, changes: Mapping[str, float], field_error_ut: Array | None = None
 ) -> Rerun:
-    """Run a firmware's filter again with parameters (full names) over the log's own.
+    """Re-run a firmware's filter with parameters (full names) over the log's own.
 
-    UsageError where the log is of another firmware, or too thin.
+    UsageError if the log is of another firmware, or lacks inputs.
     """
     inputs = inputs_of(case, str(imu.index) if case.log.firmware.name == "ArduPilot" else "")
     if field_error_ut is not None and len(inputs.mag["t"]):
@@ -147,7 +151,7 @@ def run_again(
 
 
 def estimate_flown(spec: estimators.EstimatorSpec, log: FlightLog | Path | str) -> Estimate:
-    """Return the filter that flew, run again on a log with the values of ``spec`` over the log's own."""
+    """Re-run the flown filter on a log, with the values of ``spec`` over its parameters."""
     from attlog.pipeline import prepare
 
     case = prepare(log)
@@ -159,9 +163,9 @@ def estimate_flown(spec: estimators.EstimatorSpec, log: FlightLog | Path | str) 
 
 
 def onboard_difference(case: Case, estimate: Estimate) -> Array:
-    """Return time, tilt and signed heading (m, 3) in s and deg between a re-run and the onboard attitude.
+    """Return time, tilt and signed heading of a re-run minus the onboard attitude.
 
-    At the records of the lane that flew first; empty where there are too few.
+    Shape (m, 3), in s and deg, at the records of the EKF lane that flew first. Empty where there are too few.
     """
     onboard = case.log.onboard_attitude
     if onboard is None or len(estimate.t) < 2:
@@ -181,7 +185,10 @@ def onboard_difference(case: Case, estimate: Estimate) -> Array:
 
 
 def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | None:
-    """Compare a re-run with the onboard attitude: in the air, else over all; None where they share no time."""
+    """Compare a re-run with the onboard attitude in the air, else over the whole log.
+
+    None where they share no time.
+    """
     t, tilt, heading = onboard_difference(case, estimate).T
     if not len(t):
         return None
@@ -207,7 +214,7 @@ def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | N
 
 
 def traces_of(case: Case, row: Track) -> list[Trace]:
-    """Return the lines of the figure that shows a re-run beside what the onboard filter logged of itself."""
+    """Return traces of a re-run beside the logged states of the onboard filter."""
     from attlog.estimators.ekf2.logged import logged_tables as logged_ekf2
     from attlog.estimators.ekf3.logged import logged_tables as logged_ekf3
 

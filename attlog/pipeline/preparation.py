@@ -1,4 +1,4 @@
-"""Stages of an analysis with their time, and the part of its configuration that chooses sensors and reference."""
+"""Timed stages of an analysis; sensors and reference chosen by its configuration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from attlog.flight.model import FlightLog, Imu
 from attlog.pipeline.config import Config
 from attlog.segments.model import WINDOWS, Segments
 
-# Receives the name of each stage as it begins.
+# Logs the name of each stage as it begins.
 STAGES = logging.getLogger("attlog.stages")
 SENTENCES = {
     "read": "reading the log",
@@ -30,9 +30,10 @@ SENTENCES = {
 
 
 class Stages:
-    """Seconds of wall time by stage, added to earlier ones; a stage within another is not counted twice.
+    """Wall time in s by stage, excluding nested stages, added to earlier times.
 
-    ``samples``: number of inertial samples, once known: a stage of a long log gives freed memory back to the system.
+    ``samples``: number of inertial samples, once known. After a stage of a long log freed memory is returned to the
+    system.
     """
 
     def __init__(self, earlier: Mapping[str, float] | None = None, samples: int = 0) -> None:
@@ -53,7 +54,7 @@ class Stages:
             self._within = before + spent
 
 
-# What a configuration chooses of a log: sensors, units to replay, windows, how the reference is aligned.
+# Parts of a log chosen by the configuration: sensors, units to replay, windows, alignment of the reference.
 
 
 def flight_of(source: str | Path | FlightLog, config: Config) -> FlightLog:
@@ -68,14 +69,14 @@ def flight_of(source: str | Path | FlightLog, config: Config) -> FlightLog:
 
 
 def require_imu(log: FlightLog) -> None:
-    """Raise LogUnusable for a log that cannot be replayed, with the reason."""
+    """Raise LogUnusable, with the reason, for a log that cannot be replayed."""
     if log.imu is None:
         reasons = [p.text for p in log.problems if p.severity == "error"]
         raise LogUnusable(f"{log.path}: " + (" ".join(reasons) or "no inertial data: nothing to replay"))
 
 
 def _read(path: str | Path, config: Config) -> FlightLog:
-    """Read the flight in a file. UsageError for a sensor that the log does not hold."""
+    """Read the flight in a file. UsageError for a sensor that the log lacks."""
     imu = config.imu if isinstance(config.imu, int) else None
     log = read(path, imu=imu, mag=config.mag, boot=config.boot, system=config.system, params=config.params)
     for what, asked, units in (("imu", imu, log.imus), ("mag", config.mag, log.mags)):
@@ -86,7 +87,7 @@ def _read(path: str | Path, config: Config) -> FlightLog:
 
 
 def _given(log: FlightLog, config: Config) -> FlightLog:
-    """Return a flight that was read before. UsageError for settings that only reading can serve."""
+    """Check a flight that was read before. UsageError for options of the reader."""
     chosen = {"boot": log.boot, "imu": None if log.imu is None else log.imus[log.imu].index}
     chosen["mag"] = None if log.mag is None else log.mags[log.mag].index
     for name in ("boot", "imu", "mag", "system", "params"):
@@ -116,7 +117,7 @@ def windows(config: Config, segments: Segments) -> tuple[str, ...]:
 
 
 def reference_options(config: Config) -> reference.ReferenceOptions:
-    """Return the options of choosing and aligning the reference."""
+    """Return the options for choosing and aligning the reference."""
     return reference.ReferenceOptions(
         reference=config.reference,
         clock=config.clock,

@@ -1,7 +1,7 @@
-"""Settings that checks offer, tried on the onboard filter: what they change, and what they must not make worse.
+"""Test proposed settings by running the onboard filter again with them.
 
-The filter that flew runs again with the new values. Its innovations are its own errors of prediction and need no
-reference: a setting that makes an aid's innovations significantly larger, and none smaller, is not offered.
+The flown filter runs again with the new values. Its innovations are its own prediction errors and need no reference. A
+setting that makes an aid's innovations significantly larger, and none smaller, is not offered.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from attlog.pipeline.onboard_rerun import flown_filter, rerun_row
 from attlog.reference.model import Track
 
 RMS, RATIO = "innovation_rms", "test_ratio_rms"
-# Aids in sentences, GNSS first: a setting of the compass shows there without circularity.
+# Aids in sentences. GNSS comes first, because it is independent of the compass.
 AIDS = ("gnss_velocity", "gnss_position", "compass_heading", "compass_field", "height")
-# Smaller changes of an RMS are not reported.
+# Smaller relative changes of an RMS are not reported.
 MIN_CHANGE = 0.02
-# Aids that one sentence names.
+# Aids named in one sentence.
 MAX_SHOWN = 3
 MIN_BLOCKS = 3
 FILTER_TITLES = {"px4_ekf2": "EKF2", "ap_ekf3": "EKF3"}
-# Names of the same parameters in other versions.
+# Parameter names of other firmware versions.
 ALIASES = {"px4_ekf2": ekf2.ALIASES, "ap_ekf3": ekf3.ALIASES}
 
 
 def prove_settings(case: Case, checks: list[Check]) -> list[Check]:
-    """Return the checks with the re-run's numbers before and after their settings; without settings that harm.
+    """Add innovations before and after to each check with settings; drop harmful settings.
 
-    Checks without settings that the filter reads, and logs that it cannot be run again on, stay as they are.
+    Checks without settings of the filter, and checks of logs that cannot be run again, are returned unchanged.
     """
     name, imu = flown_filter(case.log), case.log.replay_imu
     if not name or imu is None:
@@ -65,7 +65,10 @@ def prove_settings(case: Case, checks: list[Check]) -> list[Check]:
 
 
 def _changes(check: Check, estimator: Estimator) -> dict[str, float]:
-    """Return the values that a check offers by the filter's names, where the filter reads all of them."""
+    """Return a check's settings under the filter's parameter names.
+
+    Empty unless the filter reads all of them.
+    """
     known = {p.name for p in estimator.parameters}
     aliases = {name: p for name, short in ALIASES[estimator.name].items() for p in known if p.endswith(short)}
     wanted = {aliases.get(s.name, s.name): s.new for s in check.settings}
@@ -73,7 +76,7 @@ def _changes(check: Check, estimator: Estimator) -> dict[str, float]:
 
 
 def _is_offset(check: Check) -> bool:
-    """Return whether a check offers an offset of the compass in use, which changes the filter's input."""
+    """Return whether a check proposes an offset of the compass in use."""
     return check.question == "compass_offset" and check.in_use and bool(check.settings) and len(check.vector) == 3
 
 
@@ -95,7 +98,10 @@ def _proven(
 
 
 def _change(before: Mapping[str, Answer], after: Mapping[str, Answer], aid: str) -> tuple[str, int]:
-    """Return the change of an aid's innovations in words (empty if small), and its sign where it is significant."""
+    """Describe the change of an aid's innovations, with its sign if significant.
+
+    The text is empty and the sign 0 for a small change.
+    """
     one, two = before[f"{RMS}.{aid}"], after[f"{RMS}.{aid}"]
     if not one.value or two.value is None or abs(two.value / one.value - 1.0) < MIN_CHANGE:
         return "", 0
@@ -112,7 +118,10 @@ def _values_text(settings: list[Setting]) -> str:
 
 
 def _significant_sign(one: Answer, two: Answer) -> int:
-    """Return the sign of the mean difference of paired blocks, 0 where its 95 % interval includes zero."""
+    """Return the sign of the mean paired difference of blocks.
+
+    It is 0 where its 95 % interval includes zero.
+    """
     if one.units is None or two.units is None:
         return 0
     _, i, j = np.intersect1d(one.units.ids, two.units.ids, return_indices=True)

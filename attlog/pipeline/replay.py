@@ -1,4 +1,4 @@
-"""Run estimators over a Case: each as an aligned track and as a row of the result's table."""
+"""Run estimators over a Case: aligned tracks and rows of the result's table."""
 
 from __future__ import annotations
 
@@ -27,14 +27,15 @@ from attlog.result import EstimatorRow, ParameterValue
 from attlog.segments import model
 from attlog.segments.model import Segments
 
-# Receives the name of each filter as it starts.
+# Logs the name of each filter as it starts.
 STAGES = logging.getLogger("attlog.stages")
-# Both firmwares use a heading by GNSS motion below this sigma (EKFGSF_yaw_err_max, GSF_YAW_ACCURACY_THRESHOLD_DEG).
+# Heading sigma below which both firmwares use a heading from GNSS motion (EKFGSF_yaw_err_max,
+# GSF_YAW_ACCURACY_THRESHOLD_DEG).
 KNOWN_RAD = np.deg2rad(15.0)
 
 
 class Runnable(Protocol):
-    """A row that is more than a filter by its name: with changed inputs, or an attitude from elsewhere."""
+    """Row defined by more than a filter name: changed inputs or an external attitude."""
 
     @property
     def name(self) -> str:
@@ -45,7 +46,10 @@ class Runnable(Protocol):
         """The filter that runs."""
 
     def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Track, EstimatorRow]:
-        """Return track and table row of one unit; ``suffix`` follows the name. AttlogError if it fails."""
+        """Return track and table row of one unit. AttlogError on failure.
+
+        ``suffix`` is appended to the name.
+        """
 
 
 # A row to run, or the error of a plug-in that cannot be loaded.
@@ -53,7 +57,10 @@ Chosen: TypeAlias = estimators.EstimatorSpec | Runnable | PluginError
 
 
 def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
-    """Return the aligned attitudes of the named estimators; the first failure is raised."""
+    """Run the named estimators and return their aligned attitudes.
+
+    The first failure is raised.
+    """
     rows = []
     for suffix, imu in case.imus.items():
         for spec in chosen(specs, case.log).values():
@@ -66,10 +73,11 @@ def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
 def smoother(
     log: FlightLog, segments: Segments, options: reference.ReferenceOptions, *, compass: bool = True
 ) -> Estimate:
-    """Run the whole-log smoother on the IMU that flew, a segment between gaps and impacts at a time.
+    """Run the whole-log smoother on the IMU that flew.
 
-    It corrects the lag of the IMU's filters. Segments that fail their own checks are left out; ``compass`` False: as if
-    the log held none. UsageError where too little is left, for a log too long, or without accelerometer.
+    Segments between gaps and impacts run separately; segments that fail their own checks are left out. The lag of the
+    IMU's filters is corrected. ``compass`` False ignores the compass. UsageError for a log too long, without
+    accelerometer, or with too little left.
     """
     imu = log.replay_imu
     asked = options.reference != "auto"
@@ -106,15 +114,15 @@ def smoother(
 def replays(
     case: Case, specs: Mapping[str, Chosen], failed: dict[str, AttlogError] | None = None
 ) -> Iterator[tuple[Track | None, EstimatorRow]]:
-    """Yield each chosen estimator as track and table row; a failed one has no track and status ``failed``.
+    """Yield each chosen estimator as track and table row.
 
-    ``failed`` takes the errors by the rows' names.
+    A failed one has no track and status ``failed``; ``failed`` collects the errors by row name.
     """
     for suffix, imu in case.imus.items():
         for name, spec in specs.items():
             kind = "rerun" if is_rerun(spec) else "replay"
             if kind == "rerun" and imu is not case.log.replay_imu:
-                continue  # it flew on one unit
+                continue  # the onboard filter is re-run on one IMU only
 
             def bug(sentence: str, name: str = name + suffix, kind: str = kind) -> tuple[None, EstimatorRow]:
                 return None, EstimatorRow(name, kind, name, "failed", sentence)
@@ -130,7 +138,10 @@ def replays(
 
 
 def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
-    """Run a row of :func:`replays` once more with all that its estimator gives. AttlogError as there."""
+    """Run one row of :func:`replays` again and keep all outputs of its estimator.
+
+    AttlogError as there.
+    """
     imu, spec, suffix = next(
         (imu, spec, suffix) for suffix, imu in case.imus.items() for n, spec in specs.items() if n + suffix == name
     )
@@ -140,9 +151,10 @@ def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
 
 
 def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]:
-    """Return rows to run by name; a plug-in that cannot be loaded is its error. UsageError for unknown names.
+    """Return the rows to run by name. UsageError for unknown names.
 
-    The sets ``default`` and ``all`` begin with the filter that flew.
+    A plug-in that cannot be loaded is represented by its error. The sets ``default`` and ``all`` begin with the filter
+    that flew.
     """
     found: dict[str, Chosen] = {}
     if flown := rerun_by_default(specs, log):
@@ -160,8 +172,11 @@ def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]
 
 
 def rerun_by_default(specs: Sequence[str | Runnable], log: FlightLog) -> str:
-    """Return the filter that flew where a set asks for it; empty where it is named itself or attlog has none."""
-    from attlog.pipeline.onboard_rerun import flown_filter  # most logs have one, `attlog info` needs none
+    """Return the flown filter if a set of estimators includes it.
+
+    Empty if it is also named explicitly, or if attlog has no such filter.
+    """
+    from attlog.pipeline.onboard_rerun import flown_filter  # imported late: `attlog info` does not need it
 
     named = {item for text in specs if isinstance(text, str) for item in estimators.items(text)}
     flown = flown_filter(log) if named & {"default", "all"} else ""
@@ -183,7 +198,7 @@ def aids_of(case: Case, suffix: str) -> estimators.Aids:
 def _run(
     case: Case, imu: Imu, spec: estimators.EstimatorSpec | Runnable, suffix: str, whole: bool = True
 ) -> tuple[Track, EstimatorRow]:
-    """Run one estimator over one unit; ``whole`` as of :func:`replayed`."""
+    """Run one estimator over one IMU; ``whole`` as of :func:`replayed`."""
     STAGES.info("running %s", spec.name)
     if not isinstance(spec, estimators.EstimatorSpec):
         return spec.run(case, imu, suffix)
@@ -198,12 +213,12 @@ def _run(
 
 
 def is_rerun(spec: Chosen) -> bool:
-    """Whether a row is a re-run of the filter that flew."""
+    """Return whether a row is a re-run of the flown filter."""
     return isinstance(spec, estimators.EstimatorSpec) and spec.estimator.name in FLOWN
 
 
 def is_recorded(spec: estimators.EstimatorSpec) -> bool:
-    """Whether a row is an attitude that was computed elsewhere."""
+    """Return whether a row is an attitude computed elsewhere."""
     return estimators.is_recorded(spec.estimator.origin)
 
 
@@ -238,9 +253,9 @@ def replayed(
     name: str,
     whole: bool = True,
 ) -> tuple[Track, EstimatorRow]:
-    """Run one estimator over the samples of a unit and a magnetometer, and align its attitude.
+    """Run one estimator over the samples of an IMU and a magnetometer; align its attitude.
 
-    ``whole`` False drops its other outputs (``aux``), which no metric reads and which are as large as the attitude.
+    ``whole`` False drops other outputs (``aux``), which no metric reads and which are as large as the attitude.
     """
     t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
     estimate = estimators.estimate(
@@ -255,7 +270,7 @@ def replayed(
         log=known,
     )
     if np.array_equal(estimate.t, t):
-        estimate.t = t  # one array for all rows: in long logs copies add up
+        estimate.t = t  # share one time array between rows: copies add up in long logs
     values = spec.resolved(known)
     row = _track(case, imu, mag, spec, values, estimate, name, whole)
     row.equation = spec.estimator.equation
@@ -271,10 +286,10 @@ def batch(
     known: estimators.LogFacts,
     aids: estimators.Aids,
 ) -> list[Track]:
-    """Run one filter with many parameter sets side by side; each track as :func:`replayed` gives it alone.
+    """Run one filter with many parameter sets side by side.
 
-    ``settings`` are laid over the parameters of ``spec``. UsageError for values out of range or a missing sensor that
-    the filter needs, PluginError of a plug-in.
+    Each track equals that of :func:`replayed`. ``settings`` override the parameters of ``spec``. UsageError for values
+    out of range or a missing sensor, PluginError of a plug-in.
     """
     from attlog.estimators.batch import estimate_batch
 
@@ -315,7 +330,7 @@ def _track(
     name: str,
     whole: bool,
 ) -> Track:
-    """Return an estimate as an aligned track of a unit."""
+    """Convert an estimate to an aligned track of an IMU."""
     estimator = spec.estimator
     north_by_gnss = "gnss" in estimator.needs and wait_for_motion(estimate)
     if not whole:
@@ -337,9 +352,10 @@ def _track(
 
 
 def wait_for_motion(estimate: Estimate) -> bool:
-    """Mark the time until GNSS motion gives a heading, in each segment; False where the filter reports no sigma.
+    """Mark the time until GNSS motion gives a heading, in each segment.
 
-    UsageError where no motion ever gave one: such a row would leave no time in which all rows can be compared.
+    False where the filter reports no sigma. UsageError where motion never gave one: with such a row, all rows would
+    share no time for a comparison.
     """
     sigma = estimate.aux.get("sigma_heading")
     if sigma is None or estimate.segment is None or not len(sigma):
@@ -355,19 +371,19 @@ def wait_for_motion(estimate: Estimate) -> bool:
 
 
 def _placed(mag: Mag | None, estimator: estimators.Estimator, t: alignment.Array) -> alignment.Array | None:
-    """Return the magnetometer at the IMU's samples, None for a filter that does not use it."""
+    """Interpolate the magnetometer to the IMU's times; None for a filter without it."""
     return estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and "mag" in estimator.uses else None
 
 
 def _with_field(aids: estimators.Aids, estimator: estimators.Estimator, mag: Mag | None) -> estimators.Aids:
-    """Return the aids; for whole runs of plug-ins with the magnetometer at its own times."""
+    """Add the magnetometer at its own times to the aids of a whole-run plug-in."""
     if mag is None or estimator.run is None or estimator.origin == "attlog" or "mag" not in estimator.uses:
         return aids
     return replace(aids, mag=inputs.field_of(mag))
 
 
 def _add_common_bias(row: Track, taken: CommonBias) -> None:
-    """Add what was subtracted for every filter to the row's bias: then it is all that it takes off the logged gyro."""
+    """Add the common gyro bias to the row's bias: their sum is the bias of the logged gyro."""
     row.estimates_bias = row.bias is not None and bool(np.any(row.bias))
     if row.bias is not None and not row.estimates_bias:
         row.bias = taken.at(row.t)  # a constant takes no memory
@@ -380,7 +396,7 @@ def table_row(
     spec: estimators.EstimatorSpec | None = None,
     values: Mapping[str, tuple[float | str, str]] | None = None,
 ) -> EstimatorRow:
-    """Return a track as the result lists it, its answers still empty; an onboard one has no ``spec``."""
+    """Return the table line of a track, without answers; an onboard one has no ``spec``."""
     known = {} if spec is None else {p.name: p for p in spec.estimator.parameters}
     return EstimatorRow(
         row.name,
@@ -404,9 +420,9 @@ def table_row(
 
 
 def preload(specs: Sequence[str]) -> None:
-    """Load the compiled loops of built-in filters into a process before it forks.
+    """Load compiled loops of built-in filters into a process before it forks.
 
-    Plug-ins are left out: their code runs where a log is analysed. A failure here is reported there.
+    Plug-ins are left out, because their code runs where a log is analysed. Errors are reported there too.
     """
     t = np.arange(100) * 0.004
     rest = (np.zeros((t.size, 3)), np.tile([0.0, 0.0, -9.80665], (t.size, 1)), np.tile([2e-5, 0.0, 4e-5], (t.size, 1)))

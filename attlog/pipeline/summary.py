@@ -1,4 +1,4 @@
-"""Description of a log in one dictionary: the ``log`` part of the result and of ``attlog info``."""
+"""Description of a log in one dictionary: ``log`` of results and of ``attlog info``."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ def sha256(path: Path) -> str:
 
 
 def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:
-    """Describe aircraft, sensors, times and time lines of a flight as plain values; absent ones are None.
+    """Describe aircraft, sensors, times and time lines of a flight as plain values.
 
-    A part that ends in a bug is absent, and a problem of the log. LogUnreadable where the file is gone meanwhile.
+    Absent ones are None. A part that ends in a bug is left out and reported as a problem of the log. LogUnreadable if
+    the file was deleted meanwhile.
     """
 
     def part(what: str, make: Callable[[], Any], absent: Any) -> Any:
@@ -91,9 +92,9 @@ def _date(log: FlightLog) -> str | None:
 
 
 def _params(log: FlightLog) -> dict[str, float]:
-    """Return the first value of each parameter; where defaults are logged only those that differ.
+    """Return the first value of each parameter that differs from its logged default.
 
-    ULog holds no default of a parameter that has it.
+    All parameters where no defaults are logged. ULog logs no default for a parameter at its default.
     """
     found = {name: value for name in sorted(log.parameters.lines) if (value := log.param(name)) is not None}
     if not log.parameters.defaults:
@@ -105,7 +106,10 @@ def _params(log: FlightLog) -> dict[str, float]:
 
 
 def place(log: FlightLog) -> dict[str, float] | None:
-    """Return the median place of the first receiver with a fix, and the earth's turn there; None without a fix."""
+    """Return the median position of the first receiver with a fix, and the earth's turn there.
+
+    None without a fix.
+    """
     import numpy as np
 
     for receiver in log.gnss:
@@ -129,7 +133,7 @@ def _sensor(stream: Stream) -> dict[str, Any]:
 
 
 def _intervals(line: TimeLine | None, end: float) -> list[list[Any]]:
-    """Return [[t0, t1, value], ...] without repeats of the same value."""
+    """Return [[t0, t1, value], ...], with equal neighbours merged."""
     out: list[list[Any]] = []
     if line is None:
         return out

@@ -1,6 +1,6 @@
-"""The result of an analysis as dataclasses, as a JSON document, and read back.
+"""Result of an analysis: dataclasses, and their JSON document.
 
-Other rooms import the parts of a result from here, wherever they are defined.
+Other packages import the parts of a result from here, wherever they are defined.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""A result as its JSON document, and the way back.
+"""Convert a result to its JSON document and back.
 
-Left out are fields with their default, the window and the unit of an answer (its place and its metric give them), and
-the details that metrics keep for themselves. Answers have six significant digits, what stands behind them five.
+Left out are fields with their default, the window and the unit of an answer (given by its place and its metric), and
+internal details of metrics. Answers have six significant digits, their evidence five.
 """
 
 from __future__ import annotations
@@ -19,19 +19,22 @@ from attlog.metrics.metric import Answer
 T = TypeVar("T")
 SCHEMA_NAME, SCHEMA_NUMBER = "attlog-result/", 7
 SCHEMA = f"{SCHEMA_NAME}{SCHEMA_NUMBER}"
-# What differs between two runs of the same log; ``--deterministic`` leaves it out.
+# Fields that differ between two runs of the same log. ``--deterministic`` leaves them out.
 MEASURED_TIMES = ("timing", "ns_per_update", "cost_ns", "cost_ratio")
-# Bytes of a file name that are not UTF-8, as Python keeps them: UTF-8 cannot hold them, a JSON escape can.
+# Non-UTF-8 bytes of a file name, as Python's surrogates: UTF-8 cannot encode them, a JSON escape can.
 NOT_UTF8 = re.compile("[\ud800-\udfff]")
 # Intervals are wider than a percent.
 ANSWER_DIGITS, EVIDENCE_DIGITS = 6, 5
 EVIDENCE = ("each", "units")
-# Errors that are printed of a document.
+# Number of validation errors printed for a document.
 MAX_ERRORS = 3
 
 
 def document(result: Any, deterministic: bool = False) -> dict[str, Any]:
-    """Return the JSON document of a :class:`~attlog.result.Result`; ``deterministic``: without measured times."""
+    """Return the JSON document of a :class:`~attlog.result.Result`.
+
+    ``deterministic``: without measured times.
+    """
     found: dict[str, Any] = {"schema": SCHEMA} | to_plain(result, defaults=False) | {"schema": SCHEMA}
     if deterministic:
         found = without_keys(found, MEASURED_TIMES) | {"command": ""}
@@ -43,7 +46,7 @@ def document(result: Any, deterministic: bool = False) -> dict[str, Any]:
 
 
 def _written(answer: dict[str, Any], metric: str, window: str) -> dict[str, Any]:
-    """Return an answer without what its place gives."""
+    """Return an answer without fields given by its place."""
     given: dict[str, Any] = {"window": window, "unit": metric_units().get(metric)}
     if answer.get("value") is None:
         given["ranked"] = False
@@ -60,7 +63,7 @@ def metric_units() -> dict[str, str]:
 
 
 def as_written(answer: Answer) -> Answer:
-    """Return an answer with the digits of a document: equal to one that was read back where both were equal."""
+    """Round an answer to the digits of a document, as if read back from one."""
     numbers = {"value": answer.value, "ci95": answer.ci95 and list(answer.ci95)}
     found: dict[str, Any] = rounded_document(numbers, ANSWER_DIGITS)
     units = answer.units
@@ -73,7 +76,10 @@ def as_written(answer: Answer) -> Answer:
 
 
 def read(kind: type[T], content: bytes, name: str) -> T:
-    """Return the result (of the class ``kind``) in a JSON text. UsageError, which begins with ``name``, for others."""
+    """Parse the JSON text of a result of class ``kind``.
+
+    UsageError, which begins with ``name``, for other texts.
+    """
     from pydantic import ValidationError
 
     from attlog.core.settings import adapter, problem_lines
@@ -82,7 +88,7 @@ def read(kind: type[T], content: bytes, name: str) -> T:
     try:
         complete_answers(found)
         text = json.dumps(found, ensure_ascii=False)
-        if NOT_UTF8.search(text):  # a file name that is no text: pydantic's JSON does not take it, its Python does
+        if NOT_UTF8.search(text):  # pydantic's JSON parser rejects names that are not UTF-8
             result: T = adapter(kind).validate_python(found, strict=False)
         else:
             result = adapter(kind).validate_json(text)
@@ -98,7 +104,10 @@ def read(kind: type[T], content: bytes, name: str) -> T:
 
 
 def complete_answers(found: dict[str, Any]) -> None:
-    """Give every answer its window and unit; other types are left for the check of types."""
+    """Set window and unit of every answer.
+
+    Values of another type are left for the type check.
+    """
 
     def tables(value: Any) -> list[tuple[str, Any]]:
         return list(value.items()) if isinstance(value, dict) else []
@@ -112,7 +121,7 @@ def complete_answers(found: dict[str, Any]) -> None:
 
 
 def _parsed(content: bytes, name: str) -> dict[str, Any]:
-    """Return the JSON object of a text of this schema. UsageError else."""
+    """Parse the JSON object of a document. UsageError for another schema."""
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:

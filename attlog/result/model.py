@@ -1,7 +1,7 @@
-"""The dataclasses of a result, which are the JSON contract.
+"""Dataclasses of a result, which define the JSON contract.
 
 ``Result.to_json`` writes one document without NaN (null with a code instead), keys in the order of the fields, angles
-in degrees, times in s or ms. ``traces`` are arrays for the figures: packed in the page, not in the JSON.
+in degrees, times in s or ms. ``traces`` are arrays for the figures: packed in the page, absent from the JSON.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     import pandas
     import plotly.graph_objects
 
-# Kind of the finding that a user's filter took too long; its row has failed.
+# Kind of the finding that a user's filter exceeded its time. Its row has failed.
 TIMED_OUT = "estimator_timed_out"
 
 
 @dataclass(slots=True)
 class ParameterValue:
-    """A parameter as it was used. ``origin``: default, preset, option, config, log, file."""
+    """Parameter value used. ``origin``: default, preset, option, config, log, file."""
 
     value: float | str
     origin: str
@@ -50,11 +50,11 @@ class ParameterValue:
 
 @dataclass(slots=True)
 class EstimatorRow:
-    """A row of the table: estimator, parameters, and every answer by window.
+    """Table row: estimator, parameters, and every answer by window.
 
-    ``title``: first line of an estimator's docstring, or the message of an onboard attitude. ``quality``: remarks of an
-    estimator on its own run. ``kind``: ``replay``, ``onboard``, or ``rerun`` of the filter that flew, never ranked;
-    ``reproduction``: how closely it follows what flew.
+    ``title``: first line of an estimator's docstring, or the message of an onboard attitude. ``quality``: an
+    estimator's remarks on its own run. ``kind``: ``replay``, ``onboard``, or ``rerun`` of the filter that flew, never
+    ranked. ``reproduction``: deviation of the re-run from the flown attitude.
     """
 
     name: str
@@ -78,17 +78,17 @@ class EstimatorRow:
 
 
 def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
-    """Return why the first filter failed where every filter did; empty else."""
+    """Return why the first filter failed if every filter did, else an empty text."""
     ran = [row for row in rows if row.kind == "replay"]
     return f"{ran[0].name}: {ran[0].reason}" if ran and all(row.status == "failed" for row in ran) else ""
 
 
 @dataclass(slots=True)
 class Verdict:
-    """The answer to one of the four questions.
+    """Answer to one of the four questions.
 
-    ``question``: accuracy, noise, lag, yaw_drift. ``answered``: a filter has a value in the column
-    ``metric``, ``window``. ``notes``: sentences on what was measured and which rows are not ranked, and why.
+    ``question``: accuracy, noise, lag, yaw_drift. ``answered``: a filter has a value in the column ``metric``,
+    ``window``. ``notes``: sentences on the measurement, and on rows that are not ranked.
     """
 
     question: str
@@ -101,11 +101,11 @@ class Verdict:
 
 @dataclass(slots=True)
 class ReferenceSummary:
-    """The reference of all comparisons, and each step of the alignment.
+    """Reference of all comparisons, and each step of the alignment.
 
-    ``sigma_tilt_deg``, ``sigma_heading_deg``: own RMS error of a smoother or an external truth. ``heading_by``: source
-    of its heading, ``own``, ``onboard`` or ``nobody``. ``refused``: why a better attitude (truth, smoother) was not
-    taken. ``fit``: clock and axes of a truth from the user.
+    ``sigma_tilt_deg``, ``sigma_heading_deg``: RMS error of the reference itself (smoother or external truth).
+    ``heading_by``: source of its heading, ``own``, ``onboard`` or ``nobody``. ``refused``: attitude (truth, smoother)
+    -> why it was rejected as reference. ``fit``: clock and axes of a truth from the user.
     """
 
     choice: str
@@ -114,14 +114,14 @@ class ReferenceSummary:
     floor_deg: Annotated[float, NullAsNaN()]
     text: str
     alignment: list[AlignmentStep] = field(default_factory=list)
-    # Rows are compared from here on: before it filters and onboard settle.
+    # Start of the comparison: filters and onboard attitude have settled.
     scoring_start_s: float = 0.0
-    # Rows are compared up to here (impact); None: to the end.
+    # End of the comparison (impact); None: end of the log.
     scoring_end_s: float | None = None
     sigma_tilt_deg: float | None = None
     sigma_heading_deg: float | None = None
     heading_by: str = "own"
-    # Clause on doubts of the reference, the source of its heading, a refused better one.
+    # Caveat: doubts about the reference, the source of its heading, a rejected better one.
     caveat: str = ""
     refused: dict[str, str] = field(default_factory=dict)
     fit: TruthFit | None = None
@@ -129,22 +129,21 @@ class ReferenceSummary:
 
 @dataclass(slots=True)
 class Result:
-    """The result of ``attlog analyze`` for one log; its JSON (``attlog schema``) has the same names.
+    """Result of ``attlog analyze`` for one log; its JSON has the same names.
 
-    ``estimators``: rows with their answers in ``metrics[window][metric]``: ``value``, ``ci95``, ``n`` and ``unit``, or
-    ``code`` and ``reason`` without a value. ``verdicts``: the four answers in words. ``headline`` and ``events``: what
-    happened. ``findings``: what is wrong, one entry for each cause; ``checks``: of sensors and estimator, and
-    what to set. ``segments``: phases of the log. ``reference``: what rows are compared with.
-    ``definitions``: meaning of each
-    metric. Angles in deg, times in s or ms, as the metric's name says, on the log's clock: 0 at the first sample of
-    the replayed IMU.
+    ``attlog schema`` prints its schema. ``estimators``: rows with their answers in ``metrics[window][metric]``:
+    ``value``, ``ci95``, ``n`` and ``unit``, or ``code`` and ``reason`` without a value. ``verdicts``: the four answers
+    in words. ``headline`` and ``events``: what happened. ``findings``: problems, one entry per cause. ``checks``: of
+    sensors and estimator, with settings. ``segments``: phases of the log. ``reference``: attitude that rows are
+    compared with. ``definitions``: meaning of each metric. Angles in deg, times in s or ms, as the metric's name says,
+    on the log's clock: 0 at the first sample of the replayed IMU.
     """
 
     attlog: dict[str, str]
     command: str
     config: dict[str, Any]
     log: dict[str, Any]
-    # What flew, from when to when, what went wrong first and how it ended, in at most 30 words.
+    # Vehicle, start and end, first failure and outcome, in at most 30 words.
     headline: str = ""
     # In time order, each with its evidence.
     events: list[Event] = field(default_factory=list)
@@ -152,17 +151,17 @@ class Result:
     checks: list[Check] = field(default_factory=list)
     segments: list[Segment] = field(default_factory=list)
     reference: ReferenceSummary | None = None
-    # Subtracted from the gyro for every filter alike, one for each replayed IMU.
+    # Bias subtracted from the gyro for every filter, one per replayed IMU.
     gyro_bias: list[CommonBias] = field(default_factory=list)
     estimators: list[EstimatorRow] = field(default_factory=list)
-    # Why the filter that flew was not run again; empty where it was, or where attlog has no such filter.
+    # Why the flown filter was not re-run; empty if it was, or if attlog has no such filter.
     not_rerun: str = ""
-    # Rows that share an equation, or whose attitudes are equal.
+    # Rows with a common equation, or with equal attitudes.
     alike: list[Duplicates] = field(default_factory=list)
     verdicts: list[Verdict] = field(default_factory=list)
-    # window -> metric -> rows that none is significantly better than; absent for all of them.
+    # window -> metric -> rows that no row is significantly better than; absent if that is all of them.
     best: dict[str, dict[str, list[str]]] = field(default_factory=dict)
-    # window -> metric -> the significantly worst row; absent without one.
+    # window -> metric -> the significantly worst row; absent if there is none.
     worst: dict[str, dict[str, list[str]]] = field(default_factory=dict)
     # window -> metric -> compared rows.
     ranked: dict[str, dict[str, list[str]]] = field(default_factory=dict)
@@ -172,19 +171,22 @@ class Result:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid", "arbitrary_types_allowed": True}
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
-        """Return the JSON document as plain Python; ``deterministic``: without measured times and the command."""
+        """Return the JSON document as plain Python objects.
+
+        ``deterministic``: without measured times and the command.
+        """
         return document.document(self, deterministic)
 
     def to_json(
         self, path: str | Path | None = None, deterministic: bool = False, *, whole: dict[str, Any] | None = None
     ) -> str:
-        """Return the JSON text, one line; write it to ``path`` (atomically) where given. OutputError if it cannot be.
+        """Return the JSON text, one line; also write it to ``path`` (atomically) if given.
 
-        ``whole``: what ``to_dict`` gave, where the caller has it.
+        ``whole``: output of ``to_dict``, if already computed. OutputError if the file cannot be written.
         """
         whole = self.to_dict(deterministic) if whole is None else whole
         text = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
-        if document.NOT_UTF8.search(text):  # a copy of all of it is not made for nothing
+        if document.NOT_UTF8.search(text):  # copying all of it is avoided if possible
             text = document.NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.core.files import write_atomic
@@ -196,8 +198,8 @@ class Result:
     def load(cls, path: str | Path) -> Result:
         """Read the result that ``to_json`` wrote to ``path``, without traces.
 
-        LogUnreadable if the file cannot be opened, UsageError with the place for what is no result of this schema. A
-        file without measured times reads back with none: ``to_json(deterministic=True)`` gives its text again.
+        LogUnreadable if the file cannot be opened. UsageError with the place of the error if it is no result of this
+        schema. A file without measured times stays without: ``to_json(deterministic=True)`` reproduces its text.
         """
         return cls.read(read_settings_bytes(Path(path), MAX_RESULT_BYTES), str(path))
 
@@ -223,9 +225,9 @@ class Result:
         write_report(self, Path(path), **options)
 
     def figures(self) -> dict[str, str]:
-        """Return titles of the figures that this result can fill, by the names of :meth:`figure`.
+        """Return titles of the figures that this result can fill, by name.
 
-        A result read from JSON has the few that need no lines.
+        Names are those of :meth:`figure`. A result read from JSON has only the few figures without traces.
         """
         from attlog.report.figures.catalogue import figures
 
@@ -239,11 +241,11 @@ class Result:
         rows: Sequence[str] | None = None,
         span: tuple[float, float] | None = None,
     ) -> plotly.graph_objects.Figure:
-        """Return a figure of the report for a paper or a notebook: 88 mm wide, 8 pt, black axes, light colours.
+        """Return a figure for print: 88 mm wide, 8 pt, black axes, light colours.
 
-        ``view``: a view of the figure by its name on the page or the start of it (``"pitch"``), else by its place.
-        ``rows``: filters and onboard rows to draw; else those that the page shows at first. ``span``: flight time
-        (from, to), s. Long lines are the extremes of 600 buckets. UsageError for a name that is not in
+        ``view``: a view of the figure by its name on the page or the start of it (``"pitch"``), else by its number.
+        ``rows``: filters and onboard rows to draw, default those that the page shows at first. ``span``: flight time
+        (from, to), s. Long lines are reduced to the extremes of 600 buckets. UsageError for a name that is not in
         :meth:`figures`.
         """
         from attlog.report.figures.catalogue import figure
@@ -251,9 +253,10 @@ class Result:
         return figure(self, name, view=view, rows=rows, span=span)
 
     def table(self, window: str = "all") -> pandas.DataFrame:
-        """Return the values of one window: a line for each row, a column for each metric, NaN without a value.
+        """Return the values of one window: a line per row, a column per metric.
 
-        Columns are named as in the JSON (``tilt_rmse_deg``, ``lag_ms``). Empty where the log has no such window.
+        NaN without a value. Columns are named as in the JSON (``tilt_rmse_deg``, ``lag_ms``). Empty where the log has
+        no such window.
         """
         import pandas
 

@@ -19,7 +19,10 @@ from attlog.result.model import Result
 
 
 class DocumentSchema(GenerateJsonSchema):
-    """A schema generator that accepts functions and arrays, which only fields outside the document hold."""
+    """JSON schema generator that accepts functions and arrays.
+
+    Only fields outside the document have such types.
+    """
 
     def handle_invalid_for_json_schema(self, schema: Any, error_info: str) -> dict[str, Any]:
         """Accept anything."""
@@ -66,7 +69,7 @@ def _metrics() -> dict[str, Any]:
 
 
 def _name_answers(parts: dict[str, Any]) -> None:
-    """Name the metrics of an answer, without what its place gives."""
+    """Set the schema of a row's metrics by window, and hide details of answers."""
     answer = parts["Answer"]["properties"]
     del answer["detail"]
     parts["EstimatorRow"]["properties"]["metrics"] = {
