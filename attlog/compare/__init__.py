@@ -1,1 +1,1 @@
-"""Which setting is better, on one log or many: comparisons, sweeps, tuning, differences of results, gates."""
+"""Find the better setting on one log or many: comparisons, sweeps, tuning, gates."""

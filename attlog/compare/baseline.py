@@ -1,7 +1,7 @@
-"""An earlier run to compare with: one result, a file with one result a line, or the folder of a batch.
+"""Baseline of a comparison: one result, a file of results, or a batch folder.
 
-Only heads are read to find the log of a result, and a document when it is asked for: a folder of ten thousand results
-costs no memory.
+Only heads of documents are read to find the log of a result, and a document when it is requested. A folder of ten
+thousand results costs no memory.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from attlog.core.errors import UsageError
 from attlog.result import Result
 from attlog.result.document import SCHEMA_NAME
 
-# Bytes that hold the schema, and those that hold the log's name unless the configuration is longer.
+# Bytes at the start of a document that hold its schema, and its log's name unless the configuration is longer.
 SCHEMA_BYTES, RESULT_HEAD_BYTES = 200, 64 * 1024
 LOG_PATTERN = re.compile(rb'"log":\s*\{\s*"name":\s*("(?:[^"\\]|\\.)*"),\s*"sha256":\s*"([0-9a-f]{64})"')
 
 
 @dataclass(frozen=True, slots=True)
 class DocumentPlace:
-    """Place of a document: a whole file, or a line of one from a byte on."""
+    """Place of a JSON document: a whole file, or a line of one from byte ``start`` on."""
 
     path: Path
     start: int = 0
@@ -47,7 +47,7 @@ class DocumentPlace:
 
 @dataclass(frozen=True, slots=True)
 class BaselineResult:
-    """The earlier result of a log. ``same_log``: of the same bytes, so that evidence can be paired."""
+    """Earlier result of a log. ``same_log``: same bytes, so that evidence can be paired."""
 
     result: Result
     same_log: bool
@@ -55,7 +55,10 @@ class BaselineResult:
 
 @dataclass(slots=True)
 class Baseline:
-    """Results by SHA-256 and by name of their log; ``only``: the single result, compared with every log."""
+    """Results by SHA-256 and by name of their log.
+
+    ``only``: the single result, compared with every log.
+    """
 
     name: str
     by_sha256: dict[str, DocumentPlace] = field(default_factory=dict)
@@ -64,7 +67,10 @@ class Baseline:
     last: tuple[DocumentPlace, Result] | None = None
 
     def of(self, log: Mapping[str, Any]) -> BaselineResult | str:
-        """Return the result of the same log, else of the same name, else the only one; or the reason for none."""
+        """Find the result of a log, or return why there is none.
+
+        The order is: same SHA-256, same name, the only result.
+        """
         same = self.by_sha256.get(str(log.get("sha256")))
         place = same or self.by_name.get(str(log.get("name"))) or self.only
         if place is None:
@@ -78,7 +84,7 @@ class Baseline:
 
 
 def read_baseline(path: Path) -> Baseline:
-    """Return the results of a file or folder. UsageError where it cannot be read or holds none."""
+    """Read the results of a file or folder. UsageError where it has none."""
     is_folder = os.path.isdir(path)
     found, count = Baseline(path.name), 0
     try:
@@ -100,7 +106,7 @@ def read_baseline(path: Path) -> Baseline:
 
 
 def read_baselines(paths: Iterable[Path | None]) -> dict[Path, Baseline]:
-    """Read every baseline once. UsageError names all that cannot be used."""
+    """Read every baseline once. UsageError names all unusable ones."""
     found, wrong = {}, []
     for path in dict.fromkeys(p for p in paths if p is not None):
         try:
@@ -113,7 +119,7 @@ def read_baselines(paths: Iterable[Path | None]) -> dict[Path, Baseline]:
 
 
 def _places_in_file(path: Path) -> list[DocumentPlace]:
-    """Return the documents of a file: its lines where each is one, else the whole file."""
+    """Locate the documents of a file: its lines where each is one, else the whole file."""
     places: list[DocumentPlace] = []
     at = 0
     with open(path, "rb") as file:
@@ -126,7 +132,7 @@ def _places_in_file(path: Path) -> list[DocumentPlace]:
 
 
 def _log_of_place(place: DocumentPlace) -> tuple[str, str | None] | None:
-    """Return name and SHA-256 of a result's log, None for another document."""
+    """Return name and SHA-256 of a result's log, None for other documents."""
     head = place.head()
     if SCHEMA_NAME.encode() not in head[:SCHEMA_BYTES]:
         return None

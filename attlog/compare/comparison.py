@@ -1,4 +1,4 @@
-"""Questions of ``attlog compare``, ``sweep`` and ``tune`` to settings on logs, and the document of a comparison."""
+"""Questions of ``attlog compare``, ``sweep`` and ``tune``, and the comparison document."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from attlog.metrics.metric import named
 from attlog.words.ranking import AIR, ALL, DRIFT_AIR, PHASES, REST, SELF_COMPARED
 
 FALLBACK_WINDOWS = ("all", "airborne", "armed", "rest", "hover", "cruise", "idle")
-# Names of the phases after a noun, in a sentence and in a title.
+# Phases after a noun, in a sentence and in a title.
 PHASE_PLACES = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
 SHORT_PLACES = PHASE_PLACES | {"cruise": "moving", "idle": "idling"}
-# Metric and windows, in the order of a report on one log.
+# Metric and windows, in the order of the report of one log.
 MAIN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("tilt_rmse_deg", AIR),
     ("heading_rmse_deg", AIR),
@@ -34,7 +34,7 @@ MAIN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("drift_rest_deg_per_min", REST),
     (DRIFT_AIR, AIR),
 )
-# Asked beside the main ones of a filter that flew and is run again: it needs no reference for them.
+# Additional questions of a re-run onboard filter. They need no reference.
 FLOWN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     *((f"{what}.{aid}", AIR) for aid in AID_GROUPS for what in ("innovation_rms", "test_ratio_rms", "rejected_pct")),
     (RESETS.name, AIR),
@@ -46,7 +46,7 @@ COMPARISON_SCHEMA = "attlog-comparison/3"
 
 @dataclass(slots=True)
 class SettingAnswer:
-    """One setting on one log: its answer as of ``attlog analyze``, or the reason for none."""
+    """Answer of one setting on one log as of ``attlog analyze``, or why it is missing."""
 
     value: float | None
     ci95: Interval | None = None
@@ -58,7 +58,10 @@ class SettingAnswer:
 
 @dataclass(slots=True)
 class Contrast:
-    """One configuration against the first: log by log, and pooled (None where no log has a value)."""
+    """One configuration against the first, log by log and pooled.
+
+    ``over`` is None where no log has a value.
+    """
 
     configuration: str
     logs: list[Difference] = field(default_factory=list)
@@ -67,7 +70,7 @@ class Contrast:
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """One metric in the first of ``windows`` in which a log has a value, and what settings answer.
+    """One metric, in the first of ``windows`` in which a log has a value.
 
     ``main``: the question has a sentence and a figure. ``cells``: log -> configuration -> answer.
     """
@@ -84,12 +87,12 @@ class Question:
 
     @property
     def id(self) -> str:
-        """Return its name in files: ``tilt_rmse_deg@airborne``."""
+        """Return the question's name in files: ``tilt_rmse_deg@airborne``."""
         return f"{self.metric}@{self.windows[0]}"
 
     @property
     def name(self) -> str:
-        """Return its name in one window: ``METRIC``, or ``METRIC@WINDOW`` for a part of the log."""
+        """Return ``METRIC``, or ``METRIC@WINDOW`` for a part of the log."""
         return self.metric if self.window == "all" else self.id
 
     @property
@@ -99,7 +102,7 @@ class Question:
 
     @property
     def needs_reference(self) -> bool:
-        """Return whether its metric compares an attitude with the reference's."""
+        """Return whether the metric needs the reference attitude."""
         return not self.metric.startswith((*SELF_COMPARED, GNSS_HEADING_NAME))
 
     def contrast(self, name: str) -> Contrast:
@@ -108,11 +111,10 @@ class Question:
 
 
 def select_questions(metrics: Sequence[str] = (), window: str | None = None, *, flown: bool = False) -> list[Question]:
-    """Return the main questions, or those of ``metrics`` (``METRIC[@WINDOW]``, ``all``), in one window if named.
+    """Return the main questions, or those of ``metrics``.
 
-    ``flown``: with those of a filter that is run again.
-
-    UsageError names everything wrong in them.
+    ``metrics``: ``METRIC[@WINDOW]`` or ``all``. ``flown``: add the questions of a re-run onboard filter. UsageError
+    lists every error.
     """
     windows = None if window is None else (window,)
     if not metrics:
@@ -128,9 +130,9 @@ def select_questions(metrics: Sequence[str] = (), window: str | None = None, *, 
 
 
 def parse_metrics(texts: Iterable[str], known: Sequence[Metric] = ()) -> list[tuple[Metric, str]]:
-    """Return metric and window ("" without one) of texts such as ``lag_ms``, ``noise_*@hover``.
+    """Parse texts such as ``lag_ms``, ``noise_*@hover`` to metrics and windows.
 
-    UsageError names everything wrong in them.
+    The window is "" where none is named. UsageError lists every error.
     """
     by_name = {m.name: m for m in known or definitions().values()}
     found: dict[tuple[str, str], tuple[Metric, str]] = {}
@@ -163,7 +165,7 @@ def _question(metric: Metric, windows: tuple[str, ...], title: str, main: bool =
 
 
 def _main_question(name: str, windows: tuple[str, ...]) -> Question:
-    """Return a question with its noun as title: ``Tilt error``, ``Noise added in hover``."""
+    """Return a main question, titled by noun: ``Tilt error``, ``Noise added in hover``."""
     metric = named(definitions().values(), name)
     noun = metric.wording.noun if metric.wording is not None else metric.title
     added = " added" if windows[0] != "rest" else ""
@@ -172,7 +174,7 @@ def _main_question(name: str, windows: tuple[str, ...]) -> Question:
 
 
 def _metric_questions(metric: Metric, windows: tuple[str, ...] | None, main: bool) -> list[Question]:
-    """Return a metric's questions: each phase for itself, at rest, or first in flight."""
+    """Return a metric's questions: one per phase, at rest, or first in flight."""
     in_flight = dict(MAIN_QUESTIONS).get(metric.name) if metric.scale == "ratio" and metric.asked == "flight" else None
     if windows or in_flight:
         return [_question(metric, windows or in_flight or (), metric.title, main)]
@@ -184,9 +186,10 @@ def _metric_questions(metric: Metric, windows: tuple[str, ...] | None, main: boo
 
 @dataclass(slots=True)
 class ConfigurationSummary:
-    """One configuration: ``name`` of its rows, ``label`` in sentences, ``text`` for the command line.
+    """One configuration of a comparison.
 
-    ``parameters``: those set by hand. ``before``: settings that act before the filter.
+    ``name``: of its rows. ``label``: in sentences. ``text``: for the command line. ``parameters``: set by the user.
+    ``before``: settings of the samples ahead of the filter.
     """
 
     name: str
@@ -198,9 +201,9 @@ class ConfigurationSummary:
 
 @dataclass(slots=True)
 class LogLine:
-    """One log and its reference, or the exit ``code`` and the ``reason`` why it could not be used.
+    """One log and its reference, or ``code`` and ``reason`` why it is unusable.
 
-    ``same_as``: log of the same flight that counts in its place where logs are pooled.
+    ``same_as``: another log of the same flight, which replaces it where logs are pooled.
     """
 
     name: str
@@ -217,7 +220,10 @@ class LogLine:
 
 @dataclass(slots=True)
 class ConfigurationSentences:
-    """A configuration against the first in words: the lead, and a sentence for each further question."""
+    """Sentences on a configuration against the first.
+
+    The lead comes first, then one sentence per further question.
+    """
 
     configuration: str
     lead: str
@@ -226,7 +232,7 @@ class ConfigurationSentences:
 
 @dataclass(slots=True)
 class Comparison:
-    """Settings x logs x metrics; the others of ``configurations`` are compared with its first.
+    """Comparison of settings over logs and metrics, each with the first configuration.
 
     ``unanswered``: question id -> why no log answers it.
     """
@@ -244,12 +250,12 @@ class Comparison:
 
     @property
     def first(self) -> ConfigurationSummary:
-        """Return the configuration that the others are compared with."""
+        """Return the configuration that all others are compared with."""
         return self.configurations[0]
 
     @property
     def is_what_if(self) -> bool:
-        """Return whether all configurations are of a filter that flew, run again."""
+        """Return whether all configurations re-run a filter that flew."""
         return all(c.text.partition(":")[0] in FLOWN for c in self.configurations)
 
     @property
@@ -263,12 +269,12 @@ class Comparison:
         return [line for line in self.logs if not line.code]
 
     def to_json(self) -> str:
-        """Return the JSON text; what cannot be encoded is replaced."""
+        """Return the JSON text; characters that cannot be encoded are replaced."""
         text = json.dumps(to_plain(self), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
         return text.encode("utf-8", "surrogatepass").decode("utf-8", "replace")
 
 
 def commonest_reason(reasons: Iterable[str]) -> str:
-    """Return the reason given most often, empty where none is given."""
+    """Return the most frequent reason, empty without any."""
     given = [reason for reason in reasons if reason]
     return max(dict.fromkeys(given), key=given.count) if given else ""

@@ -1,4 +1,7 @@
-"""A comparison as one self-contained page: sentences, a table with dots and intervals, each log, forest plots."""
+"""Comparison as one self-contained page.
+
+It has sentences, a table with dots and intervals, each log, and forest plots.
+"""
 
 from __future__ import annotations
 
@@ -19,17 +22,17 @@ from attlog.report.figures.figure import PageFigure
 from attlog.report.figures.style import RowStyle, assign_colours
 from attlog.words.numbers import counted, listed
 
-# Differences and intervals this many times the median one do not set the scale of their row.
+# Differences and intervals beyond this multiple of the median one do not extend the scale of their row.
 FAR_RATIO, WIDE_RATIO = 4.0, 2.5
-# Ends of a row's scale in percent of the cell's width from its middle.
+# Half width of a row's scale, in percent of the cell's width.
 HALF_WIDTH_PCT = 45.0
 
 
 @dataclass(frozen=True, slots=True)
 class Dot:
-    """A difference drawn in its cell. Places in percent of the width, 50 is no difference.
+    """Difference drawn in its cell. Places in percent of the width, 50 is no difference.
 
-    ``beyond``: -1 or 1 outside the scale. ``floor``: half width of the log's resolution. ``logs``: a place for each.
+    ``beyond``: -1 or 1 outside the scale. ``floor``: half width of the log's resolution. ``logs``: one place per log.
     """
 
     x: float
@@ -41,7 +44,7 @@ class Dot:
 
 
 def render_comparison(found: Comparison) -> str:
-    """Return the page as text; it loads nothing."""
+    """Return the page as text; it loads no other file."""
     figures = {
         q.id: _forest_figure(found, q, n) for n, q in enumerate(found.questions) if q.main and _has_difference(q)
     }
@@ -69,7 +72,7 @@ def render_comparison(found: Comparison) -> str:
 
 
 def status_words(found: Comparison) -> dict[str, str]:
-    """Return by name what became of configurations that are not compared on some logs: ``diverged on 2 logs``."""
+    """Describe configurations that are missing on some logs: ``diverged on 2 logs``."""
     said = {}
     for c in found.configurations:
         cells = [cells[c.name] for cells in found.questions[0].cells.values()] if found.questions else []
@@ -111,14 +114,14 @@ def scale_ends(row: MatrixRow) -> tuple[str, str]:
 
 
 def end_label(value: float, question: Question) -> str:
-    """Return the label of a scale's end; of a ratio from ten on the factor: ``÷40``, ``×40``."""
+    """Format the end of a scale; ratios from ten on as factors: ``÷40``, ``×40``."""
     if question.scale == "ratio" and not 0.1 < value < 10.0:
         return f"×{value:.3g}" if value > 1.0 else f"÷{1.0 / value:.3g}"
     return signed_text(value, question)
 
 
 def _on_scale(difference: Difference, value: float) -> float:
-    """Return the place of a value on its scale: ratios by their logarithm."""
+    """Map a value to its scale, which is logarithmic for ratios."""
     if difference.scale != "ratio":
         return value
     return math.log(value) if value > 0.0 else -math.inf
@@ -133,7 +136,7 @@ def _place(difference: Difference, value: float, limit: float) -> float:
 
 
 def _scale_limit(row: MatrixRow) -> float:
-    """Return the end of a row's scale, not set by differences or intervals far from the median one."""
+    """Return the limit of a row's scale, unaffected by outliers and wide intervals."""
     known = [d for d in row.differences if d is not None and d.value is not None]
     sizes = [abs(_on_scale(d, d.value or 0.0)) for d in known]
     middle = median_low(sizes)
@@ -148,7 +151,7 @@ def _has_difference(question: Question) -> bool:
 
 
 def _forest_figure(found: Comparison, question: Question, number: int) -> PageFigure:
-    """Return the forest plot of a question: logs with a value, and all of them below."""
+    """Draw the forest plot of a question: each log with a value, the pooled one last."""
     order, labels = [c.name for c in found.configurations], found.labels
     with_value = {d.log for c in question.contrasts for d in c.logs if d.value is not None}
     logs = [line.name for line in found.logs if line.name in with_value]

@@ -1,4 +1,4 @@
-"""Differences between two results: of one log by two versions, or of two flights with two firmwares.
+"""Differences between two results, of one log or of two flights.
 
 Of the same log (same SHA-256) a number counts where it moved by more than its tolerance. Of two logs the interval of
 the difference has to exclude zero as well: of independent v1 in [l1, u1] and v2 in [l2, u2] it reaches from
@@ -27,7 +27,7 @@ from attlog.words.answers import QUESTIONS
 Verdict = Literal["beyond", "within", "not_significant", "appeared", "vanished"]
 Interval = tuple[float, float]
 ABSENT_VALUE = "(absent)"
-# Differences by unit that mean nothing to anybody who flies, and the same as a share of the older value.
+# Negligible differences by unit, and as a share of the older value.
 NEGLIGIBLE = {
     "deg": 0.01,
     "ms": 0.5,
@@ -42,23 +42,24 @@ NEGLIGIBLE = {
     "deg/sqrt_h": 0.005,
 }
 NEGLIGIBLE_SHARE = 0.02
-# Rounding of a difference that equals its tolerance.
+# Relative rounding error of a difference equal to its tolerance.
 ROUNDING_SHARE = 1e-9
 NUMBER_PATTERN = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)", re.S)
 OTHER_QUESTION = "Other numbers"
 QUESTION_ORDER = ("Accuracy", "Noise", "Step response", "Yaw drift", "Innovations", OTHER_QUESTION)
 VERDICT_ORDER = ("beyond", "vanished", "appeared", "not_significant", "within")
 QUIET_VERDICTS = ("not_significant", "within")
-# A result names its schema within its first bytes.
+# Byte range in which a result names its schema.
 SCHEMA_BYTES = 200
 
 
 @dataclass(frozen=True, slots=True)
 class NumberChange:
-    """A number that differs. ``closer``: the newer value is nearer to perfect; None where neither is.
+    """Number that differs between two results.
 
-    ``verdict``: ``beyond`` the tolerance, ``within``, ``not_significant`` (of two flights), ``appeared``, ``vanished``
-    (``reason``: why there is no value). ``interval``: of the difference of two flights.
+    ``closer``: the newer value is nearer to its ideal; None if both are equally near. ``verdict``: ``beyond`` the
+    tolerance, ``within``, ``not_significant`` (of two flights), ``appeared``, ``vanished`` (``reason``: why the value
+    is missing). ``interval``: of the difference between two flights.
     """
 
     row: str
@@ -78,7 +79,7 @@ class NumberChange:
 
     @property
     def question(self) -> str:
-        """Return the title of its question."""
+        """Return the title of the metric's question."""
         return _question_and_title(self.metric)[0]
 
     @property
@@ -88,14 +89,17 @@ class NumberChange:
 
     @property
     def is_main(self) -> bool:
-        """Return whether a comparison asks for this number in this window."""
+        """Return whether a comparison includes this metric and window by default."""
         known = metric_titles()
         metric = self.metric if self.metric in known else self.metric.rpartition(".")[0]
         return any(metric == name and self.window == windows[0] for name, windows in MAIN_QUESTIONS)
 
     @property
     def order(self) -> tuple[bool, int, bool, int, float, int]:
-        """Return the sort key: what counts, by question, main numbers, worse, most tolerances first."""
+        """Return the sort key.
+
+        Differences that count come first, then by question, main numbers, worse ones, and size in tolerances.
+        """
         side = 0 if self.closer is False else 1 if self.verdict in ("vanished", "appeared") else 3 if self.closer else 2
         times = 0.0
         if self.difference is not None and self.tolerance is not None:
@@ -106,7 +110,7 @@ class NumberChange:
 
 @dataclass(frozen=True, slots=True)
 class TextChange:
-    """A setting, text or state that differs; ``(absent)`` where one side has none."""
+    """Setting, text or state that differs; ``(absent)`` where one side has none."""
 
     name: str
     old: Any
@@ -117,10 +121,10 @@ class TextChange:
 class RunDifference:
     """Two results side by side.
 
-    ``statements``: headline and findings above notes. ``verdicts``: sentences. ``made_by``: versions of attlog.
-    ``log``: firmware, vehicle, format. ``config``: options. ``parameters`` of the log: first those that both have, none
-    of two kinds of autopilot, None where a result holds none. ``gains``: filter parameters. ``status``: of rows.
-    ``moved``: numbers that differ, in their order.
+    ``statements``: headline, and findings more severe than notes. ``verdicts``: sentences. ``made_by``: versions of
+    attlog. ``log``: firmware, vehicle, format. ``config``: options. ``parameters`` of the log: shared ones first, none
+    for two kinds of autopilot, None where a result has none. ``gains``: filter parameters. ``status``: of rows.
+    ``moved``: numbers that differ, sorted.
     """
 
     name: str
@@ -146,17 +150,17 @@ class RunDifference:
 
     @property
     def count(self) -> int:
-        """Return how many differences count: numbers, rows, states of rows."""
+        """Return the number of differences that count: numbers, rows, states of rows."""
         return len(self.beyond) + len(self.rows_appeared) + len(self.rows_vanished) + len(self.status)
 
     def with_verdict(self, verdict: Verdict) -> int:
-        """Return the number of numbers with a verdict."""
+        """Return how many numbers have a verdict."""
         return sum(m.verdict == verdict for m in self.moved)
 
 
 @dataclass(frozen=True, slots=True)
 class ToleranceRule:
-    """Metrics of a pattern may move by ``size`` in their unit, or by ``share`` of the older value."""
+    """Tolerance for metrics of a pattern: ``size`` in their unit, or ``share`` of the older value."""
 
     pattern: str
     size: float | None
@@ -165,16 +169,19 @@ class ToleranceRule:
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Rules of the user, of which the last that fits counts; without one NEGLIGIBLE or its share, the larger."""
+    """Tolerances of the user; the last matching rule counts.
+
+    Without a match the tolerance is NEGLIGIBLE or its share, whichever is larger.
+    """
 
     rules: tuple[ToleranceRule, ...] = ()
 
     def rule(self, metric: str) -> ToleranceRule | None:
-        """Return the rule given for a metric, None without one."""
+        """Return the user's rule for a metric, None without one."""
         return next((r for r in reversed(self.rules) if fnmatchcase(metric, r.pattern)), None)
 
     def of(self, metric: str, unit: str, old: float) -> float:
-        """Return how far a metric may move from ``old``, in its unit."""
+        """Return the tolerance of a metric at the older value ``old``, in its unit."""
         rule = self.rule(metric)
         if rule is None:
             return max(NEGLIGIBLE.get(unit, 0.0), NEGLIGIBLE_SHARE * abs(old))
@@ -182,10 +189,10 @@ class Tolerances:
 
 
 def parse_tolerances(texts: Iterable[str], units: Mapping[str, str]) -> Tolerances:
-    """Return the rules of texts such as ``lag_ms=2``, ``noise_tilt_deg=0.01deg``, ``noise_*=5%`` (or ``5pct``).
+    """Parse tolerances such as ``lag_ms=2``, ``noise_tilt_deg=0.01deg``, ``noise_*=5%``.
 
-    ``units``: unit by metric. A percent sign means a share of the older value, also of a metric in percent. UsageError
-    names everything wrong in them.
+    ``5pct`` equals ``5%``. ``units``: unit by metric. A percent sign means a share of the older value, also of a metric
+    in percent. UsageError lists every error.
     """
     rules, wrong = [], []
     for text in texts:
@@ -230,13 +237,19 @@ def metric_titles() -> dict[str, tuple[str, str]]:
 
 
 def _question_and_title(metric: str) -> tuple[str, str]:
-    """Return both of a metric; the id of a drift in the air may end with its heading reference."""
+    """Return question and title of a metric.
+
+    The id of a drift in the air may end with its heading reference.
+    """
     known = metric_titles()
     return known.get(metric) or known.get(metric.rpartition(".")[0], (OTHER_QUESTION, metric))
 
 
 def metric_units(*results: Result) -> dict[str, str]:
-    """Return the unit of every metric that a result defines, without times measured anew in each run."""
+    """Return the unit of every metric of a result, without run times.
+
+    Run times are measured anew in each run.
+    """
     found = {name: str(d.get("unit", "")) for r in results for name, d in r.definitions.items()}
     return {name: unit for name, unit in found.items() if name not in MEASURED_TIMES}
 
@@ -244,7 +257,7 @@ def metric_units(*results: Result) -> dict[str, str]:
 def compare_results(
     name: str, old: Result, new: Result, tolerances: Tolerances, window: str | None = None
 ) -> RunDifference:
-    """Return what differs between two results; ``window`` limits the numbers to one."""
+    """Compare two results; ``window`` limits the numbers to one window."""
     sha = [r.log.get("sha256") for r in (old, new)]
     found = RunDifference(name, same_log=sha[0] is not None and sha[0] == sha[1])
     found.statements = _changed_statements(old, new)
@@ -275,7 +288,10 @@ def compare_results(
 
 
 def _changed_statements(old: Result, new: Result) -> list[TextChange]:
-    """Return headlines and findings above notes that differ; older results have no headline."""
+    """Return headlines, and findings above notes, that differ.
+
+    Older results have no headline.
+    """
     sides = []
     for result in (old, new):
         headline = {"headline": result.headline} if old.headline and new.headline else {}
@@ -285,10 +301,10 @@ def _changed_statements(old: Result, new: Result) -> list[TextChange]:
 
 
 def _changed_parameters(old: Result, new: Result) -> list[TextChange] | None:
-    """Return parameters that differ, first those that both have.
+    """Return parameters that differ, shared ones first.
 
-    A result whose log reports defaults lists only what differs from them: all others have the default that the other
-    result reports, else its value.
+    A result whose log has defaults lists only values that differ from them. Any other parameter has the default of the
+    other result, else its value.
     """
     params = [r.log.get("params") for r in (old, new)]
     if not all(isinstance(side, dict) for side in params):
@@ -312,7 +328,7 @@ def _changed_numbers(
     better: Mapping[str, str],
     only: str | None,
 ) -> Iterator[NumberChange | None]:
-    """Return the numbers of a row that differ, None for each that does not."""
+    """Yield the changed numbers of a row, None for each unchanged one."""
     for window in dict.fromkeys([*old.metrics, *new.metrics]):
         if only is not None and window != only:
             continue
@@ -359,7 +375,10 @@ def _number_change(
 
 
 def difference_interval(a: float, a_ci95: Interval | None, b: float, b_ci95: Interval | None) -> Interval | None:
-    """Return the 95 % interval of b - a of independent values, None where one has none."""
+    """Return the 95 % interval of b - a for independent values (Zou2008).
+
+    None where either has no interval.
+    """
     if a_ci95 is None or b_ci95 is None:
         return None
     down = math.hypot(b - b_ci95[0], a_ci95[1] - a)
@@ -368,14 +387,14 @@ def difference_interval(a: float, a_ci95: Interval | None, b: float, b_ci95: Int
 
 
 def _changed_entries(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[TextChange]:
-    """Return entries that differ, those of one side included, in the order of names."""
+    """Return entries that differ, sorted by name; absent ones included."""
     names = sorted(old.keys() | new.keys())
     pairs = [(n, old.get(n, ABSENT_VALUE), new.get(n, ABSENT_VALUE)) for n in names]
     return [TextChange(n, a, b) for n, a, b in pairs if a != b]
 
 
 def _flatten(value: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """Return entries of nested objects under dotted names; None counts as absent."""
+    """Flatten nested objects to dotted names; None counts as absent."""
     found: dict[str, Any] = {}
     for name, entry in value.items():
         if isinstance(entry, Mapping):
@@ -387,22 +406,25 @@ def _flatten(value: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 
 @dataclass(slots=True)
 class ResultPairs:
-    """Results by the name that both sides share, None where one has none. ``wrong``: files that cannot be used."""
+    """Pairs of results by shared name, None for a missing side.
+
+    ``wrong``: unusable files.
+    """
 
     pairs: dict[str, tuple[Result | None, Result | None]] = field(default_factory=dict)
     wrong: list[AttlogError] = field(default_factory=list)
 
     @property
     def alone(self) -> list[tuple[str, str]]:
-        """Return the logs of one side alone, and that side (``old``, ``new``)."""
+        """Return logs without a partner, with their side (``old``, ``new``)."""
         return [(n, "new" if a is None else "old") for n, (a, b) in self.pairs.items() if a is None or b is None]
 
 
 def pair_results(old: Path, new: Path) -> ResultPairs:
-    """Pair two files, or the files of two folders by name, else by the log they are of.
+    """Pair two files, or the files of two folders by name, else by their log.
 
-    In folders a broken file is left out. LogUnreadable, LogUnusable for a file or folder without a result, UsageError
-    for a file beside a folder.
+    A broken file in a folder is left out. LogUnreadable, LogUnusable for a file or folder without a result, UsageError
+    for a file against a folder.
     """
     if os.path.isdir(old) != os.path.isdir(new) and os.path.exists(old) and os.path.exists(new):
         raise UsageError(f"{old} and {new}: give two files or two folders")
@@ -421,7 +443,7 @@ def pair_results(old: Path, new: Path) -> ResultPairs:
 
 
 def load_result(path: Path) -> Result:
-    """Return a result. LogUnreadable if the file cannot be opened, LogUnusable if it is none."""
+    """Read a result. LogUnreadable if the file cannot be opened, else LogUnusable."""
     try:
         return Result.load(path)
     except UsageError as error:
@@ -429,7 +451,7 @@ def load_result(path: Path) -> Result:
 
 
 def _folder_results(folder: Path, wrong: list[AttlogError]) -> dict[str, Result]:
-    """Return the results below a folder by their path in it; other JSON files are passed over."""
+    """Read the results in a folder by relative path; other JSON files are ignored."""
     meant = [p for p in sorted(folder.rglob("*.json")) if os.path.isfile(p) and _is_result_file(p)]
     if not meant:
         raise LogUnreadable(f"{folder}: is a folder without a result of attlog analyze (*.json)")
@@ -447,4 +469,4 @@ def _is_result_file(path: Path) -> bool:
         with open(path, "rb") as file:
             return SCHEMA_NAME.encode() in file.read(SCHEMA_BYTES)
     except OSError:
-        return True  # reading it reports the error
+        return True  # the error is reported when the file is read

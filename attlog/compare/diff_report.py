@@ -1,4 +1,4 @@
-"""Changes between two results for the terminal, as Markdown, JSON and as a page: statements, numbers, causes."""
+"""Changes between two results as terminal text, Markdown, JSON and page."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from attlog.words.numbers import MINUS, counted, half_width, quantity, unit_sign
 from attlog.words.text import clean, escape_markdown
 
 DIFF_SCHEMA = "attlog-diff/2"
-# Entries listed in Markdown and on a terminal; the JSON holds all.
+# Entries listed in Markdown and on a terminal. The JSON lists all.
 MAX_LISTED, MAX_TERMINAL = 40, 5
-# Numbers of a question shown at first on the page: the main ones, within these limits.
+# Numbers of a question shown initially on the page: the main ones, within these limits.
 MIN_NUMBERS_SHOWN, MAX_NUMBERS_SHOWN = 2, 8
 NUMBER_COLUMNS = ("row", "window", "metric", "old", "new", "difference", "tolerance", "")
 VERDICT_SIGNS = {"appeared": "new", "vanished": "gone", "not_significant": "not significant", "within": "within"}
@@ -44,7 +44,7 @@ class DiffBlock:
 
 
 class DiffBlocks(NamedTuple):
-    """Two results in blocks: statements first, then numbers by question, then possible causes."""
+    """Blocks of two results: statements, numbers by question, possible causes."""
 
     before: list[DiffBlock]
     numbers: list[DiffBlock]
@@ -52,7 +52,7 @@ class DiffBlocks(NamedTuple):
 
 
 def diff_blocks(d: RunDifference, everything: bool = False) -> DiffBlocks:
-    """Return the blocks that hold something; ``everything``: also numbers within their tolerance."""
+    """Return the non-empty blocks; ``everything``: with numbers within tolerance."""
     moved = d.moved if everything else d.beyond
     unknown = d.parameters is None and not d.same_log
     found = DiffBlocks(
@@ -75,7 +75,10 @@ def diff_blocks(d: RunDifference, everything: bool = False) -> DiffBlocks:
 
 
 def diff_document(differences: Sequence[RunDifference], alone: Alone) -> dict[str, Any]:
-    """Return the JSON: every number that differs, and ``count`` of those that matter; ``alone``: (name, side)."""
+    """Return the JSON of all numbers that differ.
+
+    ``count``: number of differences that count. ``alone``: (name, side) of logs without a partner.
+    """
     logs = [to_plain(asdict(d)) | {"count": d.count} for d in differences]
     only = {side: [name for name, s in alone if s == side] for side in ("old", "new")}
     return {
@@ -87,7 +90,7 @@ def diff_document(differences: Sequence[RunDifference], alone: Alone) -> dict[st
 
 
 def diff_lines(differences: Sequence[RunDifference], alone: Alone, everything: bool) -> Iterator[str]:
-    """Return the text for a terminal, worst first; ``everything`` also lists numbers within their tolerance."""
+    """Return terminal lines, worst first; ``everything``: with numbers within tolerance."""
     most = None if everything else MAX_TERMINAL
     for d in differences:
         yield clean(f"{d.name}: {diff_summary(d)}")
@@ -102,7 +105,7 @@ def diff_lines(differences: Sequence[RunDifference], alone: Alone, everything: b
 
 
 def diff_markdown(differences: Sequence[RunDifference], alone: Alone, everything: bool) -> Iterator[str]:
-    """Return the same as Markdown."""
+    """Return the changes as Markdown; arguments as :func:`diff_lines`."""
     most = None if everything else MAX_LISTED
     for d in differences:
         yield from (f"### {escape_markdown(d.name)}", "", escape_markdown(diff_summary(d)), "")
@@ -117,7 +120,7 @@ def diff_markdown(differences: Sequence[RunDifference], alone: Alone, everything
 
 
 def diff_summary(d: RunDifference) -> str:
-    """Return what was compared and how much differs, in one sentence."""
+    """Summarise in one sentence: results compared and number of differences."""
     versions = [e.old if e.old == e.new else f"{e.old} → {e.new}" for e in d.made_by]
     what = "the same log" if d.same_log else "two logs"
     by = f", attlog {versions[0]}" if versions else ""
@@ -135,7 +138,7 @@ def _quiet_parts(d: RunDifference, within: str) -> list[str]:
 
 
 def number_cells(m: NumberChange) -> tuple[str, ...]:
-    """Return a number that moved as the cells of NUMBER_COLUMNS; the last is its side."""
+    """Return a changed number as cells of NUMBER_COLUMNS; the last is its side."""
     sign = VERDICT_SIGNS.get(m.verdict, "")
     if m.verdict == "beyond":
         sign = "" if m.closer is None else "better" if m.closer else "worse"
@@ -145,7 +148,10 @@ def number_cells(m: NumberChange) -> tuple[str, ...]:
 
 
 def _size_text(value: float | None, unit: str, plus: str) -> str:
-    """Return a difference to three digits: with those of values a small one would be 0."""
+    """Format a difference with three digits.
+
+    With the digits of its values a small difference would be 0.
+    """
     if value is None:
         return ""
     sign = unit_sign(unit)
@@ -166,13 +172,13 @@ def entry_line(entry: TextChange | str) -> str:
         return clean(entry)
     ends = entry.old, entry.new
     sides = ["absent" if x == ABSENT_VALUE else f"{x:.7g}" if isinstance(x, float) else str(x) or "none" for x in ends]
-    if sides[0] == sides[1]:  # the difference lies behind the digits shown
+    if sides[0] == sides[1]:  # both sides are equal in the digits shown
         sides = [repr(x) for x in ends]
     return clean(f"{entry.name}: {sides[0]} → {sides[1]}")
 
 
 def _listed(block: DiffBlock, most: int | None) -> list[str]:
-    """Return the entries of a block, of numbers none, and how many are not shown."""
+    """Return the listed entries of a block (no numbers) and how many are omitted."""
     texts, total = [entry_line(e) for e in block.entries], len(block.entries) or len(block.numbers)
     if most is None or total <= most + (not block.numbers):
         return texts
@@ -190,7 +196,10 @@ def _aligned(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:
 def diff_page(
     differences: Sequence[RunDifference], alone: Alone, old: str, new: str, version: str, command: str
 ) -> str:
-    """Return the page, worst first. ``old``, ``new``: names of both sides; ``alone``: logs of one side."""
+    """Return the page, worst first.
+
+    ``old``, ``new``: names of both sides. ``alone``: logs of one side.
+    """
     whole = diff_document(differences, alone)
     return shell.render(
         "diff.html",
@@ -210,7 +219,7 @@ def diff_page(
 
 
 def _page_section(d: RunDifference) -> dict[str, Any]:
-    """Return what the template shows of a pair of results."""
+    """Return the template's variables for a pair of results."""
     before, numbers, causes = diff_blocks(d)
     tables = []
     for block in numbers:
@@ -218,7 +227,7 @@ def _page_section(d: RunDifference) -> dict[str, Any]:
         shown = min(max(main, MIN_NUMBERS_SHOWN), MAX_NUMBERS_SHOWN)
         cells = [_page_cells(m) for m in block.numbers]
         tables.append((block.title, cells[:shown], cells[shown:]))
-    lists = before[bool(d.statements) + bool(d.verdicts) :]  # those two are shown side by side
+    lists = before[bool(d.statements) + bool(d.verdicts) :]  # statements and verdicts are shown side by side
     quiet = [*_quiet_parts(d, "within tolerance"), *([f"{d.equal:,} equal"] if d.equal else [])]
     return {
         "name": d.name,

@@ -1,6 +1,7 @@
-"""Samples of a log as a configuration wants them: calibrated, filtered, resampled, delayed; and its filter run.
+"""Prepare a log's samples for a configuration, and run its filter on them.
 
-The log itself is not changed, nor its known delays: a low-pass makes a row late, and the row's lag shows it.
+Samples are calibrated, filtered, resampled, delayed. The log itself and its known delays stay unchanged: a low-pass
+makes a row late, and the row's lag includes the delay.
 """
 
 from __future__ import annotations
@@ -32,17 +33,17 @@ from attlog.words.flight import reproduction_text
 Array = NDArray[np.float64]
 Settings = Mapping[str, Value]
 
-# Smallest frequency of a rotor in widths of its notch: slower ones get no notch.
+# Lowest rotor frequency with a notch, in widths of the notch.
 MIN_CENTRE_WIDTHS = 1.0
 TESLA_PER_UT = 1e-6
-# A rate may exceed that of the log by a third: rounding to a whole number of samples then still gives one.
+# Largest ratio of a requested rate to the log's rate: up to a third above, rounding still gives one sample per output.
 MIN_RATE_SHARE = 0.75
 IMU_CALIBRATION = ("imu_rotation", "gyro_offset", "gyro_scale", "acc_offset", "acc_scale")
 
 
 @dataclass(frozen=True, slots=True)
 class FilterInput:
-    """Input of a configuration's filter on one log, prepared once for all its parameter sets."""
+    """Input of a configuration's filter on one log, shared by its parameter sets."""
 
     case: Case
     configuration: Configuration
@@ -54,9 +55,9 @@ class FilterInput:
 
     @classmethod
     def of(cls, case: Case, configuration: Configuration, suffix: str | None = None) -> FilterInput:
-        """Return the samples of an IMU (default: the first) behind the configuration's settings.
+        """Return the prepared samples of an IMU (default: the first).
 
-        UsageError for settings that this log cannot serve.
+        UsageError for settings that this log does not allow.
         """
         suffix = next(iter(case.imus)) if suffix is None else suffix
         imu, mag = case.imus[suffix], None if case.log.mag is None else case.log.mags[case.log.mag]
@@ -66,7 +67,7 @@ class FilterInput:
             facts = replace(facts, given={**facts.given, **given})
             imu, mag = recorrected_units(case.log, configuration.params.name, given, imu, mag)
         before = {name: value for name, value in configuration.before.items() if name != "params"}
-        if before:  # else the log's own unit, whose metrics are cached
+        if before:  # otherwise keep the log's own IMU, whose metrics are cached
             imu, mag = prepare_input(before, case.log, imu, mag)
         return cls(case, configuration, suffix, imu, mag, facts, replay.aids_of(case, suffix))
 
@@ -76,7 +77,7 @@ class FilterInput:
         return {name: value for name, (value, _) in self.configuration.row.resolved(self.facts).items()}
 
     def rows(self, settings: Sequence[Mapping[str, float | str]]) -> list[Track]:
-        """Return a row for each parameter set laid over the configuration's own."""
+        """Return one row per parameter set, which overrides the configuration's own."""
         row = self.configuration.row
         if self.configuration.is_flown:
             specs = [replace(row, params={**row.params, **setting}) for setting in settings]
@@ -92,7 +93,7 @@ class FilterInput:
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredFilter:
-    """A configuration as :func:`attlog.pipeline.evaluate` takes it in place of a filter's name."""
+    """Configuration in the form of a filter for :func:`attlog.pipeline.evaluate`."""
 
     configuration: Configuration
 
@@ -110,7 +111,7 @@ class ConfiguredFilter:
         return self.configuration.text
 
     def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Track, EstimatorRow]:
-        """Return the row and its line of the table, settings before the filter among its parameters."""
+        """Return the row and its table line, including settings of the samples."""
         c = self.configuration
         if replay.is_recorded(c.row):
             if c.before:
@@ -130,10 +131,10 @@ class ConfiguredFilter:
 
 
 def flown_parameters(log: FlightLog, c: Configuration) -> dict[str, float | str]:
-    """Return the parameters that a configuration of a filter that flew changes.
+    """Return the firmware parameters that a configuration of a flown filter changes.
 
-    Of a parameter file those that differ from the log's. UsageError for settings of the samples, because the filter
-    runs on what it was given on board, and for parameters of another version.
+    From a parameter file only values that differ from the log's. UsageError for settings of the samples, because the
+    filter runs on its onboard inputs, and for parameters of another version.
     """
     others = [name for name in c.before if name != "params"]
     if others:
@@ -152,7 +153,7 @@ def flown_parameters(log: FlightLog, c: Configuration) -> dict[str, float | str]
 
 
 def _is_of_version(log: FlightLog, c: Configuration, name: str) -> bool:
-    """Return whether a log's firmware has a parameter of a filter that flew."""
+    """Return whether a log's firmware version has a parameter of its filter."""
     table, version = parameter_table(c.row.estimator.name), version_number(log.firmware.version)
     known = table.TABLE[name.removeprefix(table.PREFIX)]
     at = table.era_of(version) if hasattr(table, "era_of") else version
@@ -160,7 +161,10 @@ def _is_of_version(log: FlightLog, c: Configuration, name: str) -> bool:
 
 
 def start_remark(found: Reproduction, c: Configuration) -> str:
-    """Return the sentence on parameters that act on a cold start alone, "" where the re-run has one or sets none."""
+    """Warn about parameters that act on a cold start only.
+
+    Empty where the re-run has a cold start or none is set.
+    """
     table = parameter_table(c.row.estimator.name)
     names = [n for n in c.row.params if getattr(table.TABLE[n.removeprefix(table.PREFIX)], "start", False)]
     if found.start != "warm" or not names:
@@ -169,7 +173,10 @@ def start_remark(found: Reproduction, c: Configuration) -> str:
 
 
 def require_reproduction(case: Case, name: str) -> Reproduction:
-    """Return how a filter run again with the log's parameters follows what flew. LogUnusable where it does not."""
+    """Return how closely the re-run onboard filter follows the flown attitude.
+
+    LogUnusable where it does not follow.
+    """
     row, _ = rerun_row(case, next(iter(case.imus.values())), estimators.parse(name), name)
     found = row.reproduction
     said = reproduction_text(name, found) if found else f"{name} cannot be compared with what flew."
@@ -179,7 +186,10 @@ def require_reproduction(case: Case, name: str) -> Reproduction:
 
 
 def prepare_input(settings: Settings, log: FlightLog, imu: Imu, mag: Mag | None) -> tuple[Imu, Mag | None]:
-    """Return an IMU and a magnetometer behind settings. UsageError for settings that this log cannot serve."""
+    """Apply settings to an IMU and a magnetometer.
+
+    UsageError for settings that this log does not allow.
+    """
     if settings.get("mag") == "off":
         mag = None
     if any(name in settings for name in IMU_CALIBRATION):
@@ -208,7 +218,7 @@ def calibrate(settings: Settings, sensor: Literal["gyro", "acc", "mag"], x: Arra
 
 
 def _filter_imu(settings: Settings, log: FlightLog, imu: Imu) -> tuple[Stream, Stream]:
-    """Return gyro and accelerometer behind notches and low-passes, which start anew after each gap."""
+    """Apply notches and low-passes, restarted after each gap."""
     both, gyro, acc = (settings.get(name) for name in ("lowpass", "gyro_lowpass", "acc_lowpass"))
     has_notch = "notch" in settings or "rpm_notch" in settings
     streams = []
@@ -233,7 +243,7 @@ def _filter_imu(settings: Settings, log: FlightLog, imu: Imu) -> tuple[Stream, S
 
 
 def _notch_rotors(asked: Value, log: FlightLog, t: Array, x: Array, rate: float) -> Array:
-    """Return samples behind one notch per rotor and harmonic, each at the rotor speed logged last."""
+    """Apply one notch per rotor and harmonic, at the last logged rotor speed."""
     if log.power.rpm is None or len(log.power.rpm.t) == 0:
         raise UsageError("rpm_notch needs rotor speeds, and this log holds none (ESC telemetry or RPM messages)")
     width = float(asked[0])
@@ -252,7 +262,7 @@ def _notch_rotors(asked: Value, log: FlightLog, t: Array, x: Array, rate: float)
 
 
 def _samples_per_output(asked: float, rate: float, what: str) -> int:
-    """Return how many samples give one at the rate asked for. UsageError for a rate above the log's."""
+    """Return the decimation factor for a requested rate. UsageError above the log's rate."""
     n = round(rate / asked) if rate else 1
     if n < 1 or rate < MIN_RATE_SHARE * asked:
         raise UsageError(f"a {what} of {asked:g} Hz is above that of the log, {rate:.0f} Hz")
@@ -260,7 +270,7 @@ def _samples_per_output(asked: float, rate: float, what: str) -> int:
 
 
 def _resample_imu(settings: Settings, imu: Imu) -> Imu:
-    """Return an IMU at a lower rate: means over n samples, or each n-th."""
+    """Reduce the rate of an IMU: means over n samples, or every n-th sample."""
     asked = settings.get("rate") or settings.get("pick")
     if asked is None:
         return imu
@@ -288,7 +298,7 @@ def _resample_imu(settings: Settings, imu: Imu) -> Imu:
 
 
 def _prepare_mag(settings: Settings, field: Stream) -> Stream:
-    """Return a magnetic field calibrated and at a lower rate."""
+    """Calibrate a magnetic field and reduce its rate."""
     out = replace(field, x=calibrate(settings, "mag", field.x))
     if "mag_rate" not in settings:
         return out

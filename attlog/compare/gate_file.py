@@ -1,4 +1,4 @@
-"""Gates in a TOML file; all problems are reported at once, each with its line.
+"""Read gates from a TOML file; report all problems at once, with their lines.
 
 [gates]
 baseline = "main.json"          # optional: a result, a file with one result a line, a batch's folder; beside this file
@@ -31,7 +31,7 @@ from attlog.result import CHECKS
 from attlog.segments.model import WINDOWS, Segments
 
 GATE_TABLE, SENSOR_TABLE = "gates", "health"
-# Key (empty: the gate as a whole) and sentence.
+# Key (empty: the whole gate) and sentence.
 Problem = tuple[str, str]
 
 
@@ -46,7 +46,10 @@ def _patterns(value: Any) -> Any:
 
 @dataclass
 class GateTable:
-    """Keys of one gate. A ratio is above 0; ``baseline`` true: not worse than that of all gates."""
+    """Keys of one gate.
+
+    A ratio is above 0. ``baseline`` true: not worse than the baseline of the file.
+    """
 
     min: Annotated[float, NumberRange(0.0)] | None = None
     max: Annotated[float, NumberRange(0.0)] | None = None
@@ -61,7 +64,10 @@ class GateTable:
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def limits(self) -> tuple[GateLimit, ...]:
-        """Return its limits; not worse than a baseline where it names one and no limit to it."""
+        """Return the limits of the gate.
+
+        A baseline without a limit relative to it means "not worse than the baseline".
+        """
         values = [(kind, getattr(self, kind)) for kind in LIMIT_KINDS if kind != "baseline"]
         found = [GateLimit(kind, value) for kind, value in values if value is not None]
         if self.baseline is not None and not any(limit.against == "baseline" for limit in found):
@@ -71,7 +77,10 @@ class GateTable:
 
 @dataclass
 class SensorGateTable:
-    """Keys of a sensor's gate. ``max`` is of the value's size, ``verdict`` the worst allowed."""
+    """Keys of a sensor's gate.
+
+    ``max``: largest absolute value. ``verdict``: the worst allowed.
+    """
 
     min: Annotated[float, NumberRange()] | None = None
     max: Annotated[float, NumberRange(0.0)] | None = None
@@ -83,7 +92,7 @@ class SensorGateTable:
 
 @dataclass
 class CommonKeys:
-    """Keys beside the gates of a file."""
+    """Keys of the file other than gates."""
 
     strict: bool = True
     baseline: str | None = None
@@ -91,10 +100,10 @@ class CommonKeys:
 
 
 def read_gates(path: Path) -> Gates:
-    """Return the gates of a file. UsageError names everything wrong in it."""
+    """Read the gates of a file. UsageError lists every error."""
     try:
         text = read_settings_text(path)
-    except LogUnreadable as error:  # exit code 66 is for logs
+    except LogUnreadable as error:  # LogUnreadable has exit code 66, which is for logs
         raise UsageError(str(error)) from error
     values = parse_toml(text, path)
     lines = text.splitlines()
@@ -137,14 +146,17 @@ def read_gates(path: Path) -> Gates:
 
 
 def _entries(table: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Return (name, its table) of every gate; a list holds several of one name."""
+    """Yield (name, table) of every gate; a list has several of one name."""
     for name, value in table.items():
         for one in value if isinstance(value, list) and value else [value]:
             yield name, one
 
 
 def _metric_entries(table: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
-    """Return entries of metrics, whose own dots may have made tables: ``step_error_deg.0.5s = ...``."""
+    """Yield metrics with their tables.
+
+    TOML splits the dots of a metric's name into tables: ``step_error_deg.0.5s = ...``.
+    """
     known = definitions()
     for key, value in table.items():
         name = before + key
@@ -156,7 +168,7 @@ def _metric_entries(table: Mapping[str, Any], before: str = "") -> Iterator[tupl
 
 
 def _parse_gate(metric: str, table: Any, path: Path, baseline: str | None) -> tuple[Gate | None, list[Problem]]:
-    """Return a gate of its table, or None and all that is wrong with it."""
+    """Parse one gate, or return None and all its problems."""
     if metric not in definitions():
         near = suggestion(metric, [*definitions(), "baseline", "strict", SENSOR_TABLE])
         return None, [("", f"there is no such metric{near}")]
@@ -185,7 +197,7 @@ def _parse_gate(metric: str, table: Any, path: Path, baseline: str | None) -> tu
 
 
 def _parse_sensor_gate(question: str, table: Any) -> tuple[SensorGate | None, list[Problem]]:
-    """Return a sensor's gate of its table, or None and all that is wrong with it."""
+    """Parse a sensor's gate, or return None and all its problems."""
     if question not in CHECKS:
         return None, [("", f"there is no such question about a sensor{suggestion(question, list(CHECKS))}")]
     if not isinstance(table, Mapping):
@@ -224,7 +236,10 @@ def _window_problems(metric: str, window: str) -> list[Problem]:
 
 
 def _place_of_key(path: Path, lines: list[str], key: str, metric: str | None = None) -> str:
-    """Return the file and, where found, the line of a key: inside the metric's gate, or of its own."""
+    """Return file and line of a key, in the metric's gate or at its own name.
+
+    Only the file where the key is not found.
+    """
     quoted = rf"""["']?{re.escape(key)}["']?"""
     begin = 0
     if metric is not None and metric != key:

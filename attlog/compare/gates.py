@@ -1,18 +1,19 @@
-"""Limits on the numbers of a result, judged: which are exceeded?
+"""Judge the numbers of a result against limits.
 
-A gate asks one metric in one window of every row that it names for one or more limits. It fails a row that failed or
-diverged; it fails a missing answer, unless it is optional (then the answer is skipped, never passed); and it fails
-where it names no row. A strict set of gates also fails every lost row that no gate asks. Gates of sensors ask the
-checks of ``attlog health`` in the same way: an unknown or missing check fails unless the gate lets unknown pass.
+A gate compares one metric in one window with one or more limits, for each selected row. It fails for a row that failed
+or diverged, for a missing answer, and if it selects no row. An optional gate skips a missing answer and never passes
+it. A strict set of gates also fails every failed or diverged row that no gate selects. Sensor gates judge the checks of
+``attlog health`` in the same way: an unknown or missing check fails unless the gate has ``unknown = "pass"``.
 
-Sizes are compared: where good is zero the absolute value, where good is one (gains) the distance from one. A limit to a
-baseline is exceeded where the size is beyond it **and** the evidence separates it from the baseline: the 95 % interval
-of the difference is worse than zero (of a limit below the baseline: beyond the limit). The interval is
+Sizes are compared: the absolute value where zero is ideal, the distance from one where one is ideal (gains). A limit
+relative to a baseline is exceeded where the size is beyond it **and** the difference is significant: its 95 % interval
+is worse than zero (for a limit below the baseline: beyond the limit). The interval is
 
-- on the same log that of the paired evidence (:mod:`attlog.compare.paired`); a percentile takes the width of its RMSE's
-  interval (``Metric.decided_by``);
-- of two logs, and for metrics without units, that of independent answers (Zou2008, as :mod:`attlog.compare.diff`);
-- without any interval the size alone decides, but not "not worse than the baseline" of two logs.
+- on the same log that of the paired evidence (:mod:`attlog.compare.paired`); a percentile takes the relative interval
+  of its RMSE (``Metric.decided_by``);
+- on two logs, and for metrics without units of evidence, that of independent answers (Zou2008, as in
+  :mod:`attlog.compare.diff`);
+- where there is none, the size alone decides, except for "not worse than the baseline" on two logs.
 
 "Not worse than the baseline" allows a negligible step (:class:`attlog.compare.diff.Tolerances`).
 """
@@ -43,7 +44,7 @@ Cause = Literal["row", "limit", "unanswered", "no_row"]
 LimitKind = Literal[
     "min", "max", "max_ratio_to_onboard", "max_above_onboard", "max_ratio_to_baseline", "max_above_baseline", "baseline"
 ]
-# As in a file; ``baseline`` alone means not worse than it.
+# Keys of limits in a file. ``baseline`` alone means not worse than the baseline.
 LIMIT_KINDS: tuple[LimitKind, ...] = (
     "min",
     "max",
@@ -56,17 +57,17 @@ LIMIT_KINDS: tuple[LimitKind, ...] = (
 # Outcomes in order: worst first.
 STATUS_ORDER = ("failed", "skipped", "passed")
 CAUSE_ORDER = ("row", "limit", "unanswered", "no_row", None)
-# A value that differs from its limit by this share equals it.
+# Relative rounding error of a value equal to its limit.
 ROUNDING_SHARE = 1e-9
-# Name of the check of a strict set.
+# Name of the check that a strict set adds.
 STATUS_CHECK = "status"
-# Estimators drawn beside the others and not meant to be good: they diverge on any long flight.
+# Estimators drawn for comparison, whose errors are no fault: they diverge on any long flight.
 BASELINE_ESTIMATORS = ("gyro", "accel_mag")
 # Metrics of the onboard filter run again, which other rows do not have.
 RERUN_METRICS = "rerun_"
 LOST_STATUSES = ("failed", "diverged")
 WILDCARDS = frozenset("*?[")
-# In place of a sensor where a log has no check that a gate asks.
+# Sensor name in the outcome of a gate whose check is missing in the log.
 NO_SENSOR = "sensors"
 # Verdicts of a sensor, the best first; a gate allows one of the first two.
 VERDICTS = ("ok", "warning", "fault")
@@ -77,9 +78,9 @@ AnswerOrReason = tuple[Answer | None, str]
 class GateOutcome:
     """Outcome of one limit on one row or sensor.
 
-    ``check``: gate and limit as in the file (``lag_ms@airborne max=5``). ``cause`` of what did not pass: the ``row`` is
-    lost, ``no_row`` is named, the ``limit`` is exceeded, the metric is ``unanswered``. ``excess``: times beyond the
-    limit (1 at it). ``excused``: passed beyond a limit to the baseline, because the difference is not significant.
+    ``check``: gate and limit as in the file (``lag_ms@airborne max=5``). ``cause`` of a failure or skip: ``row`` failed
+    or diverged, ``no_row`` selected, ``limit`` exceeded, metric ``unanswered``. ``excess``: ratio to the limit (1 at
+    it). ``excused``: passed beyond a limit relative to the baseline, because the difference is not significant.
     """
 
     row: str
@@ -97,20 +98,20 @@ class GateOutcome:
 
 
 def worst_first(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
-    """Return failed before skipped before passed; lost rows first, then by excess."""
+    """Sort outcomes: failed, skipped, passed; then by cause and excess."""
     return sorted(outcomes, key=lambda o: (STATUS_ORDER.index(o.status), CAUSE_ORDER.index(o.cause), -o.excess))
 
 
 @dataclass(frozen=True, slots=True)
 class GateLimit:
-    """One limit, in the metric's unit, as a ratio, or 0 for not worse than the baseline."""
+    """One limit: in the metric's unit, as a ratio, or 0 for not worse than the baseline."""
 
     kind: LimitKind
     value: float
 
     @property
     def against(self) -> Literal["", "onboard", "baseline"]:
-        """Return what the answer is compared with, if with anything."""
+        """Return the reference of a relative limit, empty for an absolute one."""
         return "onboard" if self.kind.endswith("onboard") else "baseline" if self.kind.endswith("baseline") else ""
 
     def __str__(self) -> str:
@@ -119,10 +120,10 @@ class GateLimit:
 
 @dataclass(frozen=True, slots=True)
 class Gate:
-    """Every one of ``limits`` on a metric, for the rows that ``filters`` name.
+    """Limits on a metric for selected rows.
 
     ``window`` None: the first of the metric's windows with an answer. ``filters`` None: every estimator row but
-    ``gyro`` and ``accel_mag``; of ``rerun_`` metrics the re-run. ``baseline``: file or folder for limits to one.
+    ``gyro`` and ``accel_mag``, and the re-run for ``rerun_`` metrics. ``baseline``: file or folder for relative limits.
     """
 
     metric: str
@@ -133,7 +134,7 @@ class Gate:
     baseline: Path | None = None
 
     def check(self, limit: GateLimit) -> str:
-        """Return a check as in the file."""
+        """Format gate and limit as in the file."""
         return f"{self.metric}{f'@{self.window}' if self.window else ''} {limit}"
 
 
@@ -151,13 +152,16 @@ class SensorGate:
     unknown_passes: bool = False
 
     def check(self, limit: GateLimit | str) -> str:
-        """Return a check as in the file: ``health.compass_offset max=5``, ``health.notch verdict=warning``."""
+        """Format gate and limit: ``health.compass_offset max=5``, ``health.notch verdict=warning``."""
         return f"health.{self.question} {limit if isinstance(limit, GateLimit) else f'verdict={limit}'}"
 
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Gates of a file. ``strict``: lost rows count also where no gate asks them. ``health``: gates of sensors."""
+    """Gates of a file.
+
+    ``strict``: failed and diverged rows count even if no gate selects them. ``health``: gates of sensors.
+    """
 
     gates: tuple[Gate, ...] = ()
     strict: bool = True
@@ -165,7 +169,10 @@ class Gates:
 
 
 def judge_gates(gates: Gates, result: Result, baselines: Mapping[Path, Baseline] | None = None) -> list[GateOutcome]:
-    """Return the outcomes for one result, worst first; ``baselines`` as of :func:`read_baselines`."""
+    """Judge one result by all gates, worst outcome first.
+
+    ``baselines``: see :func:`read_baselines`.
+    """
     rows = result.estimators
     names = [row.name for row in rows]
     found: list[GateOutcome] = []
@@ -189,10 +196,11 @@ def judge_gates(gates: Gates, result: Result, baselines: Mapping[Path, Baseline]
 
 
 def select_rows(rows: Sequence[EstimatorRow], filters: Iterable[str] | None) -> tuple[list[EstimatorRow], list[str]]:
-    """Return the rows that patterns name, in the order of the table, and the patterns that name none.
+    """Return the rows that match patterns, in table order, and patterns without a match.
 
     A pattern matches a row's whole name or the part before ``/imuN``. Onboard attitudes, baselines and the reference
-    are selected by name only: a pattern that begins with a wildcard leaves them out. Without patterns: all others.
+    are selected by name only: a pattern that begins with a wildcard leaves them out. Without patterns all other rows
+    match.
     """
     if filters is None:
         return [row for row in rows if not _by_name_only(row)], []
@@ -214,7 +222,7 @@ def _matches(row: EstimatorRow, pattern: str) -> bool:
 def _limit_outcome(
     gate: Gate, limit: GateLimit, row: EstimatorRow, rows: Sequence[EstimatorRow], beside: BaselineResult | str
 ) -> GateOutcome:
-    """Return the outcome of one limit on one row."""
+    """Judge one limit on one row."""
     if row.status in LOST_STATUSES:
         return _without_value(gate, limit, row.name, "row", lost_row_text(row))
     window, answer = first_answer(row, gate.metric, gate_windows(gate.metric, gate.window))
@@ -226,7 +234,7 @@ def _limit_outcome(
     if why:
         return _without_value(gate, limit, row.name, "unanswered", f"{row.name}: {why}", window)
     decided = None
-    if limit.against == "baseline" and other is not None:  # the baseline has written digits only
+    if limit.against == "baseline" and other is not None:  # the baseline has only the digits of its file
         answer, other = as_written(answer), as_written(other)
         if known.decided_by:
             mine = first_answer(row, known.decided_by, (window,))[1]
@@ -251,21 +259,24 @@ def _limit_outcome(
 
 
 def _without_value(gate: Gate, limit: GateLimit, row: str, cause: Cause, why: str, window: str = "") -> GateOutcome:
-    """Return the outcome without a number: failed, or skipped where an optional gate has no answer."""
+    """Return the outcome of a missing number: failed, or skipped if the gate is optional."""
     status: Status = "skipped" if gate.optional and cause == "unanswered" else "failed"
     where = window or gate.window or ""
     return GateOutcome(row, gate.check(limit), gate.metric, where, status, why, cause)
 
 
 def _row_outcome(row: EstimatorRow) -> GateOutcome:
-    """Return whether a row ran to its end."""
+    """Return the outcome of a row's status: failed if the row failed or diverged."""
     if row.status in LOST_STATUSES:
         return GateOutcome(row.name, STATUS_CHECK, STATUS_CHECK, "", "failed", lost_row_text(row), "row")
     return GateOutcome(row.name, STATUS_CHECK, STATUS_CHECK, "", "passed", f"{row.name}: {row.status}", excess=0.0)
 
 
 def gate_windows(metric: str, window: str | None) -> tuple[str, ...]:
-    """Return the windows to look in: the one named, else the metric's own, of which the first with a value counts."""
+    """Return the windows to search, of which the first with a value counts.
+
+    The named window, else the metric's own.
+    """
     return (window,) if window is not None else select_questions((metric,))[0].windows
 
 
@@ -276,7 +287,10 @@ def metric_definition(metric: str) -> Metric:
 
 
 def first_answer(row: EstimatorRow, metric: str, windows: Iterable[str]) -> tuple[str, Answer | None]:
-    """Return the first window with a value and its answer, else the first with an answer, else ("", None)."""
+    """Return the first answer with a value and its window.
+
+    Without a value the first answer; without an answer ("", None).
+    """
     known = [(w, found) for w in windows if (found := row.metrics.get(w, {}).get(metric)) is not None]
     return next(((w, a) for w, a in known if a.value is not None), known[0] if known else ("", None))
 
@@ -290,7 +304,10 @@ def _compared_answer(
     beside: BaselineResult | str,
     window: str,
 ) -> AnswerOrReason:
-    """Return the answer that a relative limit compares with; (None, "") for an absolute limit."""
+    """Return the answer that a relative limit compares with.
+
+    (None, "") for an absolute limit.
+    """
     if limit.against == "onboard":
         return onboard_answer(rows, metric, window)
     if limit.against == "baseline":
@@ -312,9 +329,9 @@ def onboard_answer(rows: Sequence[EstimatorRow], metric: str, window: str) -> An
 
 
 def baseline_answer(baseline: Result | str, name: str, row: EstimatorRow, metric: str, window: str) -> AnswerOrReason:
-    """Return the answer of the same row in the baseline ``name``; ``baseline`` may be the reason for none.
+    """Return the answer of the same row in the baseline, or why there is none.
 
-    The same row has the same name, else it is the only one of the same filter.
+    The row has the same name, or is the only one of the same filter. ``baseline`` may be a reason itself.
     """
     if isinstance(baseline, str):
         return None, baseline
@@ -326,7 +343,7 @@ def baseline_answer(baseline: Result | str, name: str, row: EstimatorRow, metric
 
 
 def _row_identity(row: EstimatorRow) -> tuple[str, str, str]:
-    """Return a row without its settings: kind, filter, and the IMU that it runs on."""
+    """Return what identifies a row across settings: kind, filter, IMU."""
     return row.kind, row.estimator or row.name, row.name.partition("/imu")[2]
 
 
@@ -339,9 +356,10 @@ def _value_of(row: EstimatorRow, metric: str, window: str, whose: str) -> Answer
 
 @dataclass(frozen=True, slots=True)
 class LimitVerdict:
-    """Verdict on an answer and a limit. ``allowed``: the size up to (or from) which it does; ``excess``: times beyond.
+    """Verdict on an answer and a limit.
 
-    ``size``, ``other``: sizes compared. ``excused``: beyond the limit, but not significantly.
+    ``allowed``: largest (or smallest) size that passes. ``excess``: ratio to it. ``size``, ``other``: sizes compared.
+    ``excused``: beyond the limit, but not significantly.
     """
 
     passed: bool
@@ -365,7 +383,7 @@ def judge_limit(
     """Judge an answer with a value against one limit.
 
     ``other``: answer of the onboard attitude or the baseline. ``decided``: (other, own) answers of the metric whose
-    pairing holds for this one too.
+    paired interval is used instead.
     """
     if other is None:
         size = abs(float(answer.value or 0.0)) if better == "zero" else float(answer.value or 0.0)
@@ -388,7 +406,10 @@ def judge_limit(
 def smallest_size(
     answer: Answer, other: Answer, better: str, same_log: bool, decided: tuple[Answer, Answer] | None = None
 ) -> float | None:
-    """Return the smallest size (95 %) that the evidence allows beside the other answer, None without an interval."""
+    """Return the lower 95 % bound of the size, given the paired or independent evidence.
+
+    None without an interval.
+    """
     near, size, _ = ranking.distance(answer, better)
     _, before, far = ranking.distance(other, better)
     if same_log and answer.units is not None and other.units is not None:
@@ -406,7 +427,7 @@ def smallest_size(
 
 
 def judge_sensors(gate: SensorGate, checks: Iterable[Check]) -> list[GateOutcome]:
-    """Return an outcome for each sensor and limit of a gate."""
+    """Judge each sensor and limit of a gate."""
     patterns = gate.sensors or ("*",)
     asked = [a for a in checks if a.question == gate.question and any(fnmatchcase(a.sensor, p) for p in patterns)]
     limits: list[GateLimit | str] = [*gate.limits, *([] if gate.worst is None else [gate.worst])]
@@ -460,12 +481,12 @@ def _sensor_unanswered(gate: SensorGate, check: GateLimit | str, sensor: str, wh
 
 
 def no_row_text(pattern: str, names: Sequence[str]) -> str:
-    """Return the sentence on a pattern that names no row."""
+    """Return the sentence on a pattern without a matching row."""
     return f"no row is called {pattern}; the rows are {', '.join(names) if names else 'none'}"
 
 
 def no_filter_text(names: Sequence[str]) -> str:
-    """Return the sentence on a gate without filters where no row is left."""
+    """Return the sentence on a gate without filters that selects no row."""
     held = f"the rows are {', '.join(names)}; name them under filters if they are meant" if names else "it has no row"
     return f"the result has no filter to be judged: {held}"
 
@@ -476,7 +497,7 @@ def lost_row_text(row: EstimatorRow) -> str:
 
 
 def unanswered_text(row: EstimatorRow, metric: str, window: str | None, answer: Answer | None) -> str:
-    """Return why nothing can be judged; empty where there is a value."""
+    """Return why a metric cannot be judged; empty where it has a value."""
     name, place = row.name, f" ({answer.window if answer is not None else window or 'any window'})"
     if row.status == "not_judged":
         return f"{name} cannot be judged: {row.reason}"
@@ -493,7 +514,7 @@ def unanswered_text(row: EstimatorRow, metric: str, window: str | None, answer: 
 def value_and_limit_text(
     row: str, metric: str, window: str, answer: Answer, limit: GateLimit, other: Answer | None, verdict: LimitVerdict
 ) -> str:
-    """Return a value beside its limit."""
+    """Format a value beside its limit."""
     unit, sign, shown = answer.unit, unit_suffix(answer.unit), quantity(answer.value, answer.unit)
     if limit.kind in ("min", "max"):
         word = "least" if limit.kind == "min" else "most"
@@ -516,7 +537,7 @@ def value_and_limit_text(
 
 
 def beyond_limit_text(value: float, limit: float, text: str, unit: str) -> str:
-    """Return a value's text; near the limit with as many digits as show its side."""
+    """Format a value; near the limit with enough digits to show its side."""
     size = abs(value)
     if size == limit or abs(size - limit) > 0.1 * limit:
         return text
@@ -529,6 +550,6 @@ def beyond_limit_text(value: float, limit: float, text: str, unit: str) -> str:
 
 
 def unit_suffix(unit: str) -> str:
-    """Return a unit as it follows a number."""
+    """Format a unit as it follows a number."""
     sign = unit_sign(unit)
     return sign if not sign or sign.startswith("°") else f" {sign}"

@@ -1,4 +1,4 @@
-"""Values to try: lists, ranges and switches of a filter's parameters, their grid, and a search between limits.
+"""Parameter values to try: lists, ranges and switches, their grid, and a search.
 
 =====================  =========================================
 ``kp=0.6,1.1,2``       these values
@@ -39,14 +39,14 @@ Value = float | str
 Setting = dict[str, Value]
 
 RANGE_PATTERN = re.compile(r"(?P<low>.+?)\.\.(?P<high>.+?)(?:/(?P<count>[^/]*?)\s*(?P<log>log)?)?")
-# Digits of the values of a range: 0..0.05/6 holds exactly 0.03.
+# Significant digits of the values of a range: 0..0.05/6 then contains exactly 0.03.
 VALUE_DIGITS = 12
 LOG_DIGITS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
-    """A parameter and its values; ``spacing`` is for drawing."""
+    """Parameter and its values; ``spacing`` is for drawing."""
 
     name: str
     unit: str
@@ -74,12 +74,12 @@ class SettingGrid:
 
 
 def is_axis(word: str) -> bool:
-    """Return whether a word of the command line is an axis (``kp=...``)."""
+    """Return whether a word of the command line defines an axis (``kp=...``)."""
     return re.match(r"[A-Za-z_]\w*=", word) is not None
 
 
 def parse_grid(texts: Iterable[str], estimator: Estimator) -> SettingGrid:
-    """Return the grid of texts such as ``kp=0.6,1.1,2``. UsageError names everything wrong in them."""
+    """Parse texts such as ``kp=0.6,1.1,2`` to a grid. UsageError lists every error."""
     axes: dict[str, GridAxis] = {}
     wrong: list[str] = []
     for text in texts:
@@ -105,7 +105,7 @@ def parse_grid(texts: Iterable[str], estimator: Estimator) -> SettingGrid:
 
 
 def parse_axis(text: str, estimator: Estimator) -> GridAxis:
-    """Return the axis of ``NAME=VALUES``. UsageError with the text and its problem."""
+    """Parse the axis ``NAME=VALUES``. UsageError with the text and its problem."""
     name, _, values = (part.strip() for part in text.partition("="))
     parameter = estimator.parameter(name)
     where = f"{estimator.name}: {text}"
@@ -143,7 +143,7 @@ def parse_axis(text: str, estimator: Estimator) -> GridAxis:
 
 
 def decimal_comma_hints(texts: Iterable[str]) -> list[str]:
-    """Return a sentence for each axis that may be a decimal comma: ``kp=0,3`` are two values."""
+    """Warn about values that may be a decimal comma: ``kp=0,3`` are two values."""
     pairs = [(text.partition("=")[0].strip(), WITH_COMMA.fullmatch(text.partition("=")[2].strip())) for text in texts]
     return [
         f"{name}={found[0]} are two values, {found[1]} and {found[2]}; the number is written {found[1]}.{found[2]}"
@@ -153,7 +153,7 @@ def decimal_comma_hints(texts: Iterable[str]) -> list[str]:
 
 
 def spaced_values(low: float, high: float, count: int, log: bool) -> list[float]:
-    """Return ``count`` values from low to high, ends included."""
+    """Return ``count`` values from low to high, both included."""
     shares = [k / (count - 1) for k in range(count)]
     found = [low * (high / low) ** s if log else low + (high - low) * s for s in shares]
     digits = LOG_DIGITS if log else VALUE_DIGITS
@@ -161,7 +161,7 @@ def spaced_values(low: float, high: float, count: int, log: bool) -> list[float]
 
 
 def setting_text(setting: Setting) -> str:
-    """Return a setting as the command line takes it: ``kp=0.6,ki=0.01``."""
+    """Format a setting for the command line: ``kp=0.6,ki=0.01``."""
     return ",".join(f"{k}={v:.{VALUE_DIGITS}g}" if isinstance(v, float) else f"{k}={v}" for k, v in setting.items())
 
 
@@ -174,7 +174,7 @@ def _checked_axis(
 
 
 def _axis_number(text: str, name: str, where: str, estimator: Estimator) -> float:
-    """Return the number of a text with or without the parameter's unit. UsageError outside its range."""
+    """Parse a number with or without the parameter's unit. UsageError outside its range."""
     if not text.strip():
         raise UsageError(f"{where}: a value is missing")
     return float(check_parameter(estimator, name, text.strip()))
@@ -200,10 +200,10 @@ class SearchRequest:
 
 
 def search_request(words: Sequence[str], example: str) -> SearchRequest:
-    """Return the parts of ``LOG... FILTER NAME=VALUES...``; the filter is the last word that is no axis.
+    """Parse ``LOG... FILTER NAME=VALUES...``.
 
-    Parameters of one firmware's EKF need no filter: it is the one that flew. UsageError with the ``example`` where logs
-    or filter are missing.
+    The filter is the last word that is no axis. Parameters of one firmware's EKF need no filter: the flown one is
+    meant. UsageError with the ``example`` where logs or filter are missing.
     """
     axes = [w for w in words if is_axis(w) and not os.path.exists(w)]
     others = [w for w in words if w not in axes]
@@ -221,19 +221,19 @@ def search_request(words: Sequence[str], example: str) -> SearchRequest:
 Array = NDArray[np.float64]
 Costs = Callable[[list[Setting]], Array]
 
-# Settings of a generation: two whole kernels.
+# Settings per generation: two batches of a compiled kernel.
 GENERATION_SIZE = 32
-# Digits of gains tried and given: equal ones are run once.
+# Significant digits of gains: equal ones are run once.
 GAIN_DIGITS = 3
-# Range of a gain without one: its default over and times this factor.
+# Range of a gain without limits: its default divided and multiplied by this factor.
 DEFAULT_RANGE_FACTOR = 20.0
-# Gains searched without being named, and at all: a few flights determine no more.
+# Largest number of gains searched, by default and in total: a few flights do not determine more.
 MAX_DEFAULT_GAINS, MAX_GAINS = 4, 8
 
 
 @dataclass(frozen=True, slots=True)
 class FreeParameter:
-    """A gain searched between two values, on a logarithmic scale where ``log``."""
+    """Gain searched between two values, on a logarithmic scale where ``log``."""
 
     name: str
     unit: str
@@ -242,7 +242,7 @@ class FreeParameter:
     log: bool
 
     def value(self, share: float) -> float:
-        """Return the value at a share of the range, to GAIN_DIGITS."""
+        """Return the value at a share of the range, rounded to GAIN_DIGITS."""
         if self.log:
             x = self.low * (self.high / self.low) ** share
         else:
@@ -250,7 +250,7 @@ class FreeParameter:
         return min(max(float(f"{x:.{GAIN_DIGITS}g}"), self.low), self.high)
 
     def share(self, value: float) -> float:
-        """Return the share of the range at a value, within 0 to 1."""
+        """Return the position of a value in the range, 0 to 1."""
         value = min(max(value, self.low), self.high)
         if self.log:
             return math.log(value / self.low) / math.log(self.high / self.low)
@@ -258,9 +258,9 @@ class FreeParameter:
 
 
 def parse_free_parameters(texts: Sequence[str], estimator: Estimator) -> list[FreeParameter]:
-    """Return the gains of texts such as ``kp=0.05..5log``; without any, all of the filter's own with a default.
+    """Parse gains such as ``kp=0.05..5log``; without texts return the filter's own gains.
 
-    UsageError names everything wrong in them.
+    Its own gains are those with a default. UsageError lists every error.
     """
     if not texts:
         own = [p for p in estimator.own if not p.choices and p not in COMMON and float(p.default) > 0.0]
@@ -288,7 +288,7 @@ def parse_free_parameters(texts: Sequence[str], estimator: Estimator) -> list[Fr
 
 
 def _default_range(parameter: Parameter) -> FreeParameter:
-    """Return a gain with its range about the default."""
+    """Return a gain with a range about its default."""
     default = float(parameter.default)
     low, high = (
         float(f"{x:.{GAIN_DIGITS}g}") for x in (default / DEFAULT_RANGE_FACTOR, default * DEFAULT_RANGE_FACTOR)
@@ -322,9 +322,10 @@ class SearchResult:
 
 
 def minimize(free: Sequence[FreeParameter], costs: Costs, start: Setting, generations: int, seed: int) -> SearchResult:
-    """Return the setting with the smallest cost, ``start`` among the first; the same for the same seed.
+    """Minimise the cost over settings, with ``start`` in the first generation.
 
-    ``costs`` takes a whole generation. UsageError where scipy is not installed.
+    ``costs`` takes a whole generation. The same ``seed`` gives the same result. UsageError where scipy is not
+    installed.
     """
     try:
         from scipy.optimize import differential_evolution  # type: ignore[import-untyped, unused-ignore]

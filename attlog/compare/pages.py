@@ -1,4 +1,4 @@
-"""Pages about parameter sets: sections of figures, sentences and tables, drawn by the report's machinery."""
+"""Pages about parameter sets: figures, sentences and tables."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ WEB_FOLDER = Path(__file__).parent / "web"
 
 @dataclass(slots=True)
 class PageSection:
-    """A heading with figures, sentences, text to copy and a table; ``folded``: only the heading is shown at first.
+    """Heading with figures, sentences, text to copy and a table.
 
-    The first ``left`` columns of the table and the last hold words.
+    ``folded``: show only the heading initially. The first ``left`` columns of the table and the last hold words.
     """
 
     title: str
@@ -32,7 +32,10 @@ class PageSection:
 
 
 def render_sections(name: str, title: str, document: dict[str, Any], sections: Sequence[PageSection]) -> str:
-    """Return a self-contained page. ``name`` begins file names of saved tables; ``document``: its JSON."""
+    """Return a self-contained page.
+
+    ``name`` begins the file names of saved tables. ``document``: JSON of the page.
+    """
     return shell.render(
         "settings.html",
         WEB_FOLDER,
@@ -49,5 +52,5 @@ def render_sections(name: str, title: str, document: dict[str, Any], sections: S
 
 
 def titled(name: str, unit: str) -> str:
-    """Return a name with its unit behind a comma."""
+    """Append the unit to a name, behind a comma."""
     return f"{name}, {unit}" if unit else name

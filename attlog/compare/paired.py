@@ -45,7 +45,7 @@ Direction = Literal["better", "worse", "same", "not significant"]
 
 RATIO_KINDS: tuple[Kind, ...] = ("log_variance", "mean_square")
 ALPHA = 0.05
-# Windows or blocks from which on the scatter of a pair is its own (see above).
+# From this number of windows or blocks on a pair uses its own scatter (see above).
 MIN_OWN_SCATTER_UNITS = 4
 # Smallest mean square [deg^2] whose logarithm is taken: 1e-9 deg, below the resolution of a quaternion.
 MIN_MEAN_SQUARE = 1e-18
@@ -56,11 +56,11 @@ OPPOSITE: dict[Direction, Direction] = {"better": "worse", "worse": "better"}
 class Difference:
     """Second setting against the first in one metric, on one log or pooled over ``logs``.
 
-    ``value`` is the ratio of both distances from perfect, or their difference in the metric's unit: below one, below
-    zero the second is nearer to perfect. It is None where ``reason`` says why there is none. ``error``: standard error
-    (of a ratio: of its logarithm). ``floor``: resolution, on the same scale. ``n``: common units of evidence.
-    ``first``, ``second``: both answers on the common units, errors as the typical block. ``better``, ``worse``: logs by
-    sign. ``tau``, ``i2_pct``, ``method``: of the pooling.
+    ``value``: ratio of the two distances from ideal, or their difference in the metric's unit. Below one or zero the
+    second setting is nearer to ideal. None with a ``reason``. ``error``: standard error (of the logarithm for a ratio).
+    ``floor``: resolution on the same scale. ``n``: common units of evidence. ``first``, ``second``: both answers on the
+    common units, errors as the typical block. ``better``, ``worse``: number of logs by sign. ``tau``, ``i2_pct``,
+    ``method``: of the pooling.
     """
 
     scale: Scale
@@ -85,7 +85,7 @@ class Difference:
 
     @property
     def even(self) -> float:
-        """Return the value of no difference."""
+        """Return the value that means no difference."""
         return 1.0 if self.scale == "ratio" else 0.0
 
     @property
@@ -95,13 +95,13 @@ class Difference:
 
     @property
     def interval_side(self) -> int:
-        """Return -1 where the whole interval favours the second, 1 where it favours the first, else 0."""
+        """Return -1 if the whole interval favours the second setting, 1 for the first, else 0."""
         if self.ci95 is None:
             return 0
         return -1 if self.ci95[1] < self.even else 1 if self.ci95[0] > self.even else 0
 
     def inverse(self) -> Difference:
-        """Return the difference of the first against the second."""
+        """Return the difference with both settings exchanged."""
 
         def back(x: float) -> float:
             if self.scale == "ratio":
@@ -121,7 +121,7 @@ class Difference:
 
 
 def paired(a: Answer, b: Answer, better: str) -> Difference:
-    """Return the difference of answer ``b`` to ``a``; ``better`` as the metric's."""
+    """Return the difference of answer ``b`` to ``a``; ``better`` is the metric's."""
     for answer in (a, b):
         if answer.value is None:
             return Difference("difference", reason=answer.reason or "no value")
@@ -152,7 +152,10 @@ def paired(a: Answer, b: Answer, better: str) -> Difference:
 
 
 def typical_value(units: UnitValues, common: NDArray[np.int64], value: float) -> float:
-    """Return the answer on common units: ``value``, of errors the root of the typical mean square."""
+    """Return the answer on common units.
+
+    It is ``value``, or for errors the root of the typical mean square.
+    """
     if units.kind != "mean_square":
         return value
     return math.exp(0.5 * float(np.mean(_logarithms(units.at(common)))))
@@ -161,7 +164,7 @@ def typical_value(units: UnitValues, common: NDArray[np.int64], value: float) ->
 def _on_scale(
     found: Estimate, p: float, resolution: float, direction: Direction, n: int, shown: Sequence[float]
 ) -> Difference:
-    """Return an estimate as a difference; logarithms become ratios."""
+    """Convert an estimate to a difference; logarithms become ratios."""
     value, ci95, floor = found.value, found.ci95, resolution
     sides = int(value < 0.0), int(value > 0.0)
     if found.scale == "ratio":
@@ -174,7 +177,10 @@ def _on_scale(
 
 
 def _without_units(a: Answer, b: Answer, better: str) -> Difference:
-    """Return the difference of two answers without common units: significant where their intervals are disjoint."""
+    """Compare two answers without common units.
+
+    They differ significantly where their intervals are disjoint.
+    """
     first, second = float(a.value or 0.0), float(b.value or 0.0)
     apart, resolution = _distance(second, better) - _distance(first, better), ranking.floor(a, b)
     same = Difference("difference", 0.0, floor=resolution, direction="same", first=first, second=second)
@@ -189,7 +195,7 @@ def _without_units(a: Answer, b: Answer, better: str) -> Difference:
 
 
 def _distance(value: float, better: str) -> float:
-    """Return how far a value is from perfect."""
+    """Return the distance of a value from its ideal."""
     return ranking.distance(Answer(value, "", ""), better)[1]
 
 
@@ -198,7 +204,10 @@ def _scale_of(kind: Kind) -> Scale:
 
 
 class Estimate(NamedTuple):
-    """A difference over units; of ratios ``value``, ``ci95`` and standard error ``error`` are of the logarithm."""
+    """Estimated difference over units.
+
+    For ratios ``value``, ``ci95`` and standard error ``error`` are of the logarithm.
+    """
 
     scale: Scale
     value: float
@@ -207,12 +216,12 @@ class Estimate(NamedTuple):
 
 
 def estimate_difference(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> Estimate:
-    """Return the difference of the second to the first over common units (k,), as the module's table says."""
+    """Estimate the difference of ``b`` to ``a`` over common units (k,), by the table above."""
     x, y = a.at(common), b.at(common)
     kind = a.kind
     if kind in RATIO_KINDS:
         d = 0.5 * (y - x if kind == "log_variance" else _logarithms(y) - _logarithms(x))
-        if len(d) < MIN_OWN_SCATTER_UNITS:  # the prior is of twice d, which is a logarithm of variances
+        if len(d) < MIN_OWN_SCATTER_UNITS:  # the prior is for logarithms of variances, which are twice d
             prior = interval.VariancePrior(statistics.PRIORS[kind].variance / 4.0, statistics.PRIORS[kind].dof)
             return Estimate("ratio", *moderated_mean(d, prior))
         return Estimate("ratio", *_student_mean(d))
@@ -223,14 +232,17 @@ def estimate_difference(a: UnitValues, b: UnitValues, common: NDArray[np.int64])
 
 
 def _student_mean(d: Array) -> tuple[float, Interval, float]:
-    """Return the mean of values (k,), its t interval and its standard error."""
+    """Return mean, t interval and standard error of values (k,)."""
     value, error = float(np.mean(d)), float(np.std(d, ddof=1)) / math.sqrt(len(d))
     half = student(0.975, len(d) - 1) * error
     return value, (value - half, value + half), error
 
 
 def _p_value(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> float:
-    """Return the two-sided p of equality on common units (k,), of the test that the interval inverts."""
+    """Return the two-sided p of equality on common units (k,).
+
+    Its test is the one that the interval inverts.
+    """
     if a.kind not in RATIO_KINDS or len(common) < MIN_OWN_SCATTER_UNITS:
         return statistics.p_value(a, b, common)
     found = estimate_difference(a, b, common)
@@ -244,17 +256,18 @@ def _logarithms(squares: Array) -> Array:
 
 
 def moderated_mean(d: Array, prior: interval.VariancePrior) -> tuple[float, Interval, float]:
-    """Return the mean of values (k,), its moderated t interval and its standard error."""
+    """Return mean, moderated t interval and standard error of values (k,)."""
     low, high = interval.moderated_interval(d, prior)
     half = 0.5 * (high - low)
     return 0.5 * (low + high), (low, high), half / student(0.975, prior.dof + len(d) - 1)
 
 
 def hodges_lehmann(d: Array) -> tuple[float, Interval | None, float]:
-    """Return the median of the Walsh averages of differences (k,), its signed-rank interval and a standard error.
+    """Return the Hodges-Lehmann estimate, its signed-rank interval and standard error.
 
-    The standard error is a quarter of the interval (Hollander & Wolfe, section 3.2). Below six differences the test
-    rejects nothing at 5 %: there is no interval.
+    The estimate is the median of the Walsh averages of differences (k,). The standard error is a quarter of the
+    interval (Hollander & Wolfe, section 3.2). Below six differences the test rejects nothing at 5 %: there is no
+    interval.
     """
     i, j = np.triu_indices(len(d))
     walsh = np.sort(0.5 * (d[i] + d[j]))
@@ -272,7 +285,10 @@ def hodges_lehmann(d: Array) -> tuple[float, Interval | None, float]:
 
 
 class PooledMean(NamedTuple):
-    """Mean of several logs. ``tau``: scatter of the true value between logs; ``i2_pct``: its share of all scatter."""
+    """Mean of several logs.
+
+    ``tau``: scatter of the true value between logs. ``i2_pct``: its share of all scatter.
+    """
 
     value: float
     ci95: Interval
@@ -283,7 +299,10 @@ class PooledMean(NamedTuple):
 
 
 def pool_values(values: Sequence[float], errors: Sequence[float | None]) -> PooledMean:
-    """Return the mean of k >= 2 values with standard errors; with an unknown error (None) all weigh the same."""
+    """Pool k >= 2 values with standard errors.
+
+    If an error is unknown (None), all values have equal weight.
+    """
     y = np.asarray(values, np.float64)
     k = len(y)
     if not np.any(y):
@@ -303,7 +322,10 @@ def pool_values(values: Sequence[float], errors: Sequence[float | None]) -> Pool
 
 
 def pool(differences: Sequence[Difference], scale: Scale) -> Difference | None:
-    """Return the differences of several logs as one, None where no log has a value; one log stays what it is."""
+    """Pool the differences of several logs, None where no log has a value.
+
+    A single log is returned unchanged.
+    """
     usable = [d for d in differences if d.value is not None]
     if not usable:
         return None
@@ -349,7 +371,10 @@ def dersimonian_laird(y: Array, variance: Array) -> tuple[float, float]:
 
 
 def hartung_knapp(y: ArrayLike, weights: ArrayLike, least: bool = False) -> tuple[float, float]:
-    """Return the weighted mean of values (k,) and its standard error; ``least``: not below 1/sqrt(sum w)."""
+    """Return the weighted mean of values (k,) and its Hartung-Knapp standard error.
+
+    ``least``: not below 1/sqrt(sum w).
+    """
     y, w = np.asarray(y, np.float64), np.asarray(weights, np.float64)
     mean = float(w @ y / w.sum())
     scatter = float(w @ (y - mean) ** 2) / (len(y) - 1)

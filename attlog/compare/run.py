@@ -1,4 +1,4 @@
-"""Configurations over logs, one after the other or in several processes, as one comparison."""
+"""Run configurations over logs, in one or several processes, to one comparison."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ EXAMPLE = "attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6"
 
 @dataclass(frozen=True, slots=True)
 class ComparisonPlan:
-    """Configurations as (name, text), questions and options, the same for every log; can be pickled."""
+    """Configurations as (name, text), questions and options; equal for every log, picklable."""
 
     configurations: tuple[tuple[str, str], ...]
     questions: tuple[Question, ...]
@@ -51,10 +51,11 @@ class ComparisonPlan:
 
 @dataclass(slots=True)
 class LogComparison:
-    """One log: answers and differences by question and configuration, or its line with a reason.
+    """Comparison on one log, or its line with a reason.
 
-    ``overruns``: sentences on filters from files that exceeded their time. ``track``: to find records of the same
-    flight. ``nothing_ran``: why the first configuration failed where all did. ``remarks``: sentences on parameters.
+    ``cells``, ``differences``: by question and configuration. ``overruns``: sentences on filters from files that
+    exceeded their time. ``track``: identifies records of the same flight. ``nothing_ran``: why the first configuration
+    failed where all did. ``remarks``: sentences on parameters.
     """
 
     line: LogLine
@@ -81,10 +82,9 @@ def compare(
     """Compare configurations with the first of them, on every log and over all logs.
 
     ``config``: options of ``attlog analyze``, its window among them. ``metrics``: questions other than the main ones
-    (``all`` for every metric). A log that cannot be used is a line with its reason. Logs of one flight count once
-    where logs are pooled. ``anyway``: also where a filter that flew, run again, does not follow its own attitude.
-    ``progress`` is called with each finished log. UsageError for fewer than two configurations
-    or an unknown metric.
+    (``all`` for every metric). An unusable log is a line with its reason. Logs of one flight count once where logs are
+    pooled. ``anyway``: continue where a re-run onboard filter does not follow the flown attitude. ``progress`` is
+    called with each finished log. UsageError for fewer than two configurations or an unknown metric.
     """
     if len(configurations) < 2:
         raise UsageError(f"a comparison needs two configurations or more: {EXAMPLE}")
@@ -114,14 +114,17 @@ def _each_log(work: dict[str, tuple[Any, ...]], jobs: int) -> Iterator[tuple[str
 
 
 def log_names(logs: Sequence[Path]) -> list[str]:
-    """Return unique names: the file's, with its folder where two logs share it, with a number if need be."""
+    """Return unique names of logs.
+
+    The file name, with its folder where two logs share it, numbered if still equal.
+    """
     plain = [log.name for log in logs]
     names = [log.name if plain.count(log.name) == 1 else f"{log.parent.name}/{log.name}" for log in logs]
     return [n if names.count(n) == 1 else f"{n}-{names[: k + 1].count(n)}" for k, n in enumerate(names)]
 
 
 def compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison:
-    """Compare on one log; any error, a bug too, becomes its line's reason."""
+    """Compare on one log; every error, bugs included, becomes its line's reason."""
     try:
         return _compare_on_log(log, name, plan)
     except Exception as error:
@@ -179,9 +182,9 @@ def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison
 
 
 def answer_place(question: Question, rows: Sequence[EstimatorRow]) -> tuple[str, str]:
-    """Return the metric and window in which most rows have a value, of equal ones the first.
+    """Return the metric and window in which most rows have a value, else the first.
 
-    Of drifts in the air the heading reference is chosen that a report would quote.
+    A drift in the air uses the heading reference that a report quotes.
     """
     metrics = [question.metric]
     if question.metric == DRIFT_AIR:
@@ -204,7 +207,7 @@ def row_difference(
     second: tuple[EstimatorRow, Answer | None],
     flown: Collection[str] = (),
 ) -> Difference:
-    """Return the difference of one row's answer to the first's, or the reason for none.
+    """Return the difference of one row's answer to the first's, or why it is missing.
 
     ``flown``: rows of the filter whose own attitude is the reference.
     """
@@ -235,7 +238,7 @@ def gather(
     command: str = "",
     config: dict[str, Any] | None = None,
 ) -> Comparison:
-    """Return logs as one comparison; a log that failed is a line with its reason and nothing else."""
+    """Combine logs to one comparison; a failed log is a line with its reason."""
     called = labels(configurations)
     found = Comparison(attlog, command, config or {}, [_summarize(c, called[c.name]) for c in configurations])
     found.logs = [log.line for log in logs]

@@ -1,8 +1,9 @@
-"""Records of one flight: what a card and a radio recorded counts once where logs are pooled.
+"""Detect records of one flight, as from a card and a radio.
 
-Both hold the onboard attitude on the autopilot's own clock. In motion two flights differ by degrees at the same time
-since boot, two records of one flight by interpolation: on 27 simulated flights, three of them recorded twice, 2.6 deg
-and more against 0.002 to 0.016 deg. Without motion only equal content proves it.
+They count once where logs are pooled. Both hold the onboard attitude on the autopilot's own clock. In motion two
+flights differ by degrees at the same time since boot, two records of one flight only by interpolation: on 27 simulated
+flights, three of them recorded twice, 2.6 deg and more against 0.002 to 0.016 deg. Without motion only equal content
+proves it.
 """
 
 from __future__ import annotations
@@ -18,23 +19,23 @@ from attlog.flight.model import FlightLog
 
 Array = NDArray[np.float64]
 
-# Attitudes are sampled so often, and not across longer intervals of a record.
+# Step of the sampled attitude, and longest interval of a record that is interpolated.
 STEP_S, MAX_GAP_S = 0.2, 1.0
-# An hour of a log suffices.
+# One hour at STEP_S.
 MAX_STEPS = 18_000
-# Median angle of one flight: the geometric mean of both kinds measured (see above).
+# Largest median angle between records of one flight: geometric mean of the two groups measured (see above).
 MAX_MEDIAN_DEG = 0.2
-# RMS angle about the mean from which on two vehicles cannot rest alike.
+# RMS angle about the mean that counts as motion: at rest two vehicles may have equal attitudes.
 MIN_MOTION_DEG = 2.0
-# Common time, absolutely and of the shorter log.
+# Shortest common time, and its smallest share of the shorter log.
 MIN_COMMON_S, MIN_COMMON_SHARE = 20.0, 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTrack:
-    """Onboard attitude ``q`` (n, 4) of a log every STEP_S s since boot, from step ``first`` on.
+    """Onboard attitude ``q`` (n, 4) every STEP_S s since boot, from step ``first`` on.
 
-    ``rate_hz``: rate of the IMU that is replayed; of one flight the log with the higher one counts.
+    ``rate_hz``: rate of the replayed IMU. Of two logs of one flight the one with the higher rate counts.
     """
 
     name: str
@@ -45,7 +46,7 @@ class FlightTrack:
 
 
 def flight_track(log: FlightLog, name: str, sha256: str = "") -> FlightTrack:
-    """Return the track of a log; without an onboard attitude an empty one, which equals no other."""
+    """Sample the onboard attitude of a log; empty without one, matching no other."""
     imu = log.replay_imu
     rate = 0.0 if imu is None or len(imu.gyro.t) < 2 else float(1.0 / np.median(np.diff(imu.gyro.t)))
     found = FlightTrack(name, sha256, rate, 0, np.zeros((0, 4)))
@@ -67,7 +68,10 @@ def flight_track(log: FlightLog, name: str, sha256: str = "") -> FlightTrack:
 
 
 def same_flight(a: FlightTrack, b: FlightTrack) -> bool:
-    """Return whether two logs are of one flight: the same file, or equal attitudes at equal times, in motion."""
+    """Return whether two logs are of one flight.
+
+    They are the same file, or have equal attitudes at equal times, in motion.
+    """
     if a.sha256 and a.sha256 == b.sha256:
         return True
     begin, end = max(a.first, b.first), min(a.first + len(a.q), b.first + len(b.q))
@@ -84,9 +88,9 @@ def same_flight(a: FlightTrack, b: FlightTrack) -> bool:
 
 
 def find_repeats(tracks: Sequence[FlightTrack]) -> dict[str, str]:
-    """Return the name of each log that does not count, with the log of the same flight that counts.
+    """Map each repeated log to the log of the same flight that replaces it.
 
-    The highest rate of the IMU counts, of equal ones the first.
+    The log with the highest IMU rate counts, of equal ones the first.
     """
     kept: list[FlightTrack] = []
     repeats: dict[str, str] = {}
@@ -100,5 +104,5 @@ def find_repeats(tracks: Sequence[FlightTrack]) -> dict[str, str]:
 
 
 def repeat_warning(repeat: str, kept: str) -> str:
-    """Return the warning for a log that does not count."""
+    """Return the warning for a repeated log."""
     return f"{repeat} and {kept} are one flight: only {kept} counts in what is pooled"

@@ -1,9 +1,9 @@
-"""Parameter sets of one filter over logs: each log's best, and one set for all logs.
+"""Compare parameter sets of one filter: each log's best, and one set for all logs.
 
-The best on a log is the set whose value is nearest to perfect. All others are compared with it pair by pair
-(:mod:`attlog.compare.paired`); significantly worse are those among the claims of which at most 5 % are false
-(Benjamini1995). Over several logs the single best has the smallest mean distance from perfect (TAGP in Laidig2021); it
-is compared by the random-effects mean of the logs' paired differences.
+The best set on a log has the value nearest to ideal. All others are compared with it pair by pair
+(:mod:`attlog.compare.paired`). The significantly worse ones are selected at a false discovery rate of 5 %
+(Benjamini1995). Over several logs the single best has the smallest mean distance from ideal (TAGP in Laidig2021); it is
+compared by the random-effects mean of the logs' paired differences.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
-# Parameter sets in one batch: whole kernels, and so many attitudes are held at once.
+# Parameter sets in one batch: whole kernels; limits the attitudes held in memory.
 BATCH_SIZE = 32
 
 
-# Innovations of a filter that flew, by what a parameter's name holds: the first that fits decides.
+# Innovation that decides for a re-run onboard filter, by part of the parameter's name; the first match counts.
 DECIDING_AIDS = {
     "GPS": "gnss_velocity",
     "VEL": "gnss_velocity",
@@ -48,10 +48,10 @@ FLOWN_AIDS = ("gnss_velocity", "compass_field", "compass_heading", "height")
 def flown_questions(
     cases: Sequence[Case], configuration: Configuration, axes: Iterable[str], plain: Sequence[str]
 ) -> tuple[list[Question], list[Question]]:
-    """Return what judges settings of a filter that flew: metrics of ``plain``, and innovations, the deciding one first.
+    """Return the questions that judge settings of a re-run onboard filter.
 
-    Without those of ``plain`` where the reference of a log is the filter's own attitude. Innovations are those of the
-    first log. ``axes``: parameters that are varied.
+    These are the metrics ``plain``, and innovations, the deciding one first. ``plain`` is dropped where the reference
+    of a log is the filter's own attitude. Innovations are those of the first log. ``axes``: parameters that are varied.
     """
     own = [aid for axis in axes for part, aid in DECIDING_AIDS.items() if part in axis]
     innovations = swept_questions(f"innovation_rms.{aid}" for aid in dict.fromkeys([*own, *FLOWN_AIDS]))
@@ -61,9 +61,9 @@ def flown_questions(
 
 
 def swept_questions(texts: Iterable[str]) -> list[Question]:
-    """Return the questions of texts such as ``tilt_rmse_deg``, ``noise_tilt_deg@hover``; all of the log by default.
+    """Parse questions such as ``tilt_rmse_deg``, ``noise_tilt_deg@hover``.
 
-    UsageError names everything wrong in them. Metrics that run the filter again are not among them.
+    The default window is the whole log. UsageError lists every error. Metrics that run the filter again are excluded.
     """
     known = [m for q in metrics.groups() for m in q.metrics]
     return [question_of(metric, window or "all") for metric, window in parse_metrics(texts, known)]
@@ -71,32 +71,38 @@ def swept_questions(texts: Iterable[str]) -> list[Question]:
 
 @dataclass(slots=True)
 class SettingResult:
-    """One parameter set on one log: its answers, and why it may not be best (``unsound``, empty where it may)."""
+    """Answers of one parameter set on one log.
+
+    ``unsound``: why it may not be best, empty if it may.
+    """
 
     answers: dict[Question, Answer]
     status: str
     unsound: str = ""
 
     def counts(self, question: Question) -> bool:
-        """Return whether it may be best in a question."""
+        """Return whether the set may be best in a question."""
         return not self.unsound and self.answers[question].value is not None
 
     def distance(self, question: Question) -> float:
-        """Return how far it is from perfect, NaN where it may not be best."""
+        """Return the distance from ideal, NaN if the set may not be best."""
         return distance(self.answers[question], question.better)[1] if self.counts(question) else math.nan
 
     def reason(self, question: Question) -> str:
-        """Return why it may not be best."""
+        """Return why the set may not be best."""
         return self.unsound or self.answers[question].reason or "no value"
 
 
 class SettingsOnLog:
-    """Parameter sets of one filter on one log; results are cached, so that a search runs none twice."""
+    """Parameter sets of one filter on one log, with cached results."""
 
     def __init__(
         self, case: Case, configuration: Configuration, questions: Sequence[Question], *, guarded: bool = False
     ) -> None:
-        """``guarded``: sets that gravity does not correct count nowhere; a short second run finds them."""
+        """Prepare the filter's input.
+
+        ``guarded``: exclude sets that gravity does not correct; a short second run detects them.
+        """
         self.case, self.questions, self.guarded = case, list(questions), guarded
         self._own_reference = configuration.is_flown and case.reference.kind == "onboard"
         self._input = FilterInput.of(case, configuration)
@@ -129,7 +135,10 @@ class SettingsOnLog:
         return [self._known[setting_text(s)] for s in settings]
 
     def why_uncorrected(self, setting: Setting) -> str:
-        """Return why gravity does not correct a parameter set, empty where it does; runs the filter again."""
+        """Return why gravity does not correct a parameter set, else an empty text.
+
+        Runs the filter again.
+        """
         return following.why_uncorrected(self.case, self._input.rows([setting])[0]) or ""
 
     def _result(self, row: Track) -> SettingResult:
@@ -150,7 +159,7 @@ class SettingsOnLog:
 
 
 def _unsound_reason(row: Track) -> str:
-    """Return why a row may be best in no question, empty where it may."""
+    """Return why a row may be best in no question, else an empty text."""
     if row.status != "ok":
         return row.reason or row.status
     if row.coverage_pct is not None and row.coverage_pct < MIN_COVERAGE_PCT:
@@ -167,12 +176,12 @@ def _check_window(case: Case, question: Question) -> None:
 
 @dataclass(slots=True)
 class SweepColumn:
-    """One question of a sweep. Settings go by number; the last is the default gains.
+    """One question of a sweep; settings are indices, the last is the default gains.
 
-    ``values`` (settings, logs): as measured, NaN without one. ``own``: best setting of each log (None without),
-    ``own_near``: those not significantly different from it. ``score`` (settings,): mean distance over the ``used``
-    logs, NaN where one has no value. ``single``: best of all, ``differences`` to it by setting. ``left_out``: reason by
-    log number, for logs on which no setting may be best.
+    ``values`` (settings, logs): as measured, NaN for missing. ``own``: best setting of each log (None without one).
+    ``own_near``: settings not significantly different from it. ``score`` (settings,): mean distance from ideal over the
+    ``used`` logs, NaN where a log has no value. ``single``: best over all logs, ``differences`` to it by setting.
+    ``left_out``: log index -> why no setting may be best there.
     """
 
     question: Question
@@ -187,14 +196,17 @@ class SweepColumn:
 
     @property
     def near(self) -> list[int]:
-        """Return settings of the grid that do not differ significantly from the single best, with it."""
+        """Return the single best, and grid settings not significantly different from it."""
         found = {k for k in _not_worse(self.differences[:-1]) if math.isfinite(self.score[k])}
         return sorted(found | ({self.single} if self.single is not None else set()))
 
 
 @dataclass(slots=True)
 class Sweep:
-    """A grid over logs. ``cells`` [setting][log]; ``logs``: their names; the first column decides."""
+    """Grid over logs. The first column decides.
+
+    ``cells``: [setting][log]. ``logs``: their names.
+    """
 
     filter: str
     grid: SettingGrid
@@ -205,14 +217,14 @@ class Sweep:
 
     @property
     def base(self) -> int:
-        """Return the number of the default gains."""
+        """Return the index of the default gains."""
         return len(self.settings) - 1
 
 
 def sweep(filter_name: str, grid: SettingGrid, logs: Iterable[SettingsOnLog]) -> Sweep:
-    """Run a grid over one or more logs with the same questions. Errors as of ``replay.batch``.
+    """Run a grid over one or more logs. Errors as of ``replay.batch``.
 
-    Each log but the first is released before the next is asked for.
+    Each log but the first is released before the next is requested.
     """
     settings: list[Setting] = [*grid, {}]
     coming = iter(logs)
@@ -228,7 +240,10 @@ def sweep(filter_name: str, grid: SettingGrid, logs: Iterable[SettingsOnLog]) ->
 
 
 def sweep_column(question: Question, cells: Sequence[Sequence[SettingResult]]) -> SweepColumn:
-    """Return each log's best and the best of all, of cells [setting][log]; the last setting wins nothing."""
+    """Return each log's best setting and the overall best from cells [setting][log].
+
+    The last setting (default gains) is never best.
+    """
     sizes = np.array([[cell.distance(question) for cell in row] for row in cells])
     answers = [[cell.answers[question].value for cell in row] for row in cells]
     values = np.array([[math.nan if v is None else v for v in row] for row in answers])
@@ -255,12 +270,12 @@ def _not_worse(differences: Sequence[Difference]) -> list[int]:
 
 
 def argmin_or_none(sizes: Array) -> int | None:
-    """Return the number of the smallest of sizes (k,), None where none is finite."""
+    """Return the index of the smallest of sizes (k,), None where none is finite."""
     return None if not np.isfinite(sizes).any() else int(np.nanargmin(sizes))
 
 
 def _setting_differences(question: Question, cells: Sequence[Sequence[SettingResult]], best: int) -> list[Difference]:
-    """Return the difference of every setting to the best, over one or more logs, with false claims controlled."""
+    """Return the difference of every setting to the best, with false discoveries controlled."""
     if len(cells[best]) == 1:
         found = [_paired_setting(question, cells[best][0], row[0]) for row in cells]
     else:
@@ -284,9 +299,9 @@ def _paired_setting(question: Question, best: SettingResult, other: SettingResul
 def pooled_setting_difference(
     question: Question, first: Sequence[SettingResult], second: Sequence[SettingResult]
 ) -> Difference:
-    """Return the second setting's difference to the first, pooled over the same logs.
+    """Return the difference of the second setting to the first, pooled over logs.
 
-    A log too short to pair its units gives a difference without standard error: all logs then weigh the same.
+    A log too short to pair its units has a difference without standard error; all logs then have equal weight.
     """
     pairs = list(zip(first, second, strict=True))
     found = [_paired_setting(question, a, b) for a, b in pairs]
@@ -304,7 +319,7 @@ def pooled_setting_difference(
     ]
     pooled = pool(same, scale)
     assert pooled is not None
-    if len(same) == 1:  # the interval of one log says nothing of others
+    if len(same) == 1:  # the interval of one log does not cover the scatter between logs
         return replace(pooled, ci95=None, p=None)
     return pooled
 
@@ -324,7 +339,10 @@ def _unpaired(question: Question, a: SettingResult, b: SettingResult, *, ratio: 
 def _reject_unsound_winners(
     settings: Sequence[Setting], cells: Sequence[Sequence[SettingResult]], log: SettingsOnLog
 ) -> None:
-    """Mark leading settings that gravity does not correct as unsound, until no leader is unsound."""
+    """Mark leading settings as unsound where gravity does not correct them.
+
+    This is repeated until every leader is sound.
+    """
     checked: set[int] = set()
     while True:
         leaders = {k for question in log.questions for k in leading_settings(question, cells)} - checked

@@ -1,8 +1,8 @@
-"""Settings: what may stand before a filter, and a filter with its gains and those settings as one configuration.
+"""Configuration of a filter: its gains, and settings of the samples before it.
 
-On the command line ``NAME[@PRESET][:key=value,...]`` or ``FILE.py[...]``, as in ``mahony:kp=0.3,lowpass=20,mag=off``.
-A key is a parameter of the filter or one of :data:`SETTINGS`; of equal names it is the filter's. Whatever the order of
-writing, samples pass calibration, notches, low-pass, sample rate, latency.
+On the command line ``NAME[@PRESET][:key=value,...]`` or ``FILE.py[...]``, as in ``mahony:kp=0.3,lowpass=20,mag=off``. A
+key is a parameter of the filter or one of :data:`SETTINGS`; a shared name means the filter's. The order of processing
+is fixed: calibration, notches, low-pass, sample rate, latency.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from attlog.core.errors import UsageError, suggestion
 from attlog.estimators.interface import Estimator, cut_by_comma, number_spelled
 from attlog.estimators.registry import FLOWN
 
-# Numbers of a setting, or its word or file.
+# Numbers, word or file of a setting.
 Value = tuple[float, ...] | str
 
 NUMBERS_PATTERN = re.compile(r"\s*([-+0-9.eE]+(?:/[-+0-9.eE]+)*)\s*(.*?)\s*$")
-# Highest sample rate of any IMU on the market is some 30 kHz.
+# Above the highest sample rate of any IMU on the market, some 30 kHz.
 MAX_FREQUENCY_HZ = 1e5
-# Suffixes of an estimator file and of an attitude computed elsewhere.
+# Suffixes of an estimator file, and of an attitude computed elsewhere.
 FILE_SUFFIXES = (".py", ".csv")
-# Filters of the firmwares that run again, by how names of their parameters begin.
+# Firmware filters that can be run again, by prefixes of their parameters' names.
 FLOWN_PREFIXES = {
     "EKF2_": "px4_ekf2",
     "SENS_GPS0_": "px4_ekf2",
@@ -38,13 +38,13 @@ FLOWN_PREFIXES = {
     "GPS_DELAY_MS": "ap_ekf3",
     "GPS1_DELAY_MS": "ap_ekf3",
 }
-# A number with text behind it that may be its unit.
+# Number followed by text that may be its unit.
 WITH_UNIT = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 
 
 @dataclass(frozen=True, slots=True)
 class InputSetting:
-    """A change of the samples: ``sizes`` numbers separated by slashes, or one of ``words``, or a file."""
+    """Setting of the samples: ``sizes`` numbers separated by slashes, a word, or a file."""
 
     name: str
     unit: str
@@ -56,7 +56,7 @@ class InputSetting:
 
     @property
     def form(self) -> str:
-        """Return the form of a value, for messages and help."""
+        """Describe the form of a value, for messages and help."""
         if self.words:
             return "|".join(self.words)
         if not self.sizes:
@@ -65,7 +65,7 @@ class InputSetting:
         return " or ".join(shapes[n] for n in self.sizes) + (f" [{self.unit}]" if self.unit else "")
 
     def check(self, value: object) -> Value:
-        """Return the value of a text, number, truth value or list. UsageError names the form."""
+        """Parse a text, number, truth value or list. UsageError states the expected form."""
         if self.words:
             text = {True: "on", False: "off"}.get(value, str(value)) if isinstance(value, bool) else str(value)
             if text not in self.words:
@@ -149,17 +149,17 @@ SETTINGS: dict[str, InputSetting] = {
 
 
 def numbers_text(value: Value) -> str:
-    """Return a setting's value as the command line takes it."""
+    """Format a setting's value for the command line."""
     return value if isinstance(value, str) else "/".join(f"{x:g}" for x in value)
 
 
 def setting_argument(name: str, value: Value) -> str:
-    """Return ``NAME=VALUE`` as the command line takes it."""
+    """Format ``NAME=VALUE`` for the command line."""
     return f"{name}={numbers_text(value)}"
 
 
 def setting_text(name: str, value: Value) -> str:
-    """Return a setting for people: ``low-pass 20 Hz``, ``no magnetometer``."""
+    """Format a setting for display: ``low-pass 20 Hz``, ``no magnetometer``."""
     if name == "mag":
         return "no magnetometer" if value == "off" else "magnetometer"
     words = name.replace("lowpass", "low-pass").replace("_", " ").replace("rpm", "RPM")
@@ -169,9 +169,9 @@ def setting_text(name: str, value: Value) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """A way to an attitude from a log: the filter ``row``, behind the settings ``before``.
+    """Filter ``row`` with settings ``before`` it.
 
-    ``name`` is its row's name everywhere; ``text`` writes it as the command line takes it.
+    ``name`` names its row everywhere. ``text`` is its form on the command line.
     """
 
     name: str
@@ -190,12 +190,12 @@ class Configuration:
 
     @property
     def is_flown(self) -> bool:
-        """Return whether the filter is a firmware's own, run again on the log's inputs."""
+        """Return whether this is a firmware's own filter, run again on the log's inputs."""
         return self.row.estimator.name in FLOWN
 
     @property
     def params(self) -> Path | None:
-        """Return the file whose firmware parameters replace those of the log."""
+        """Return the parameter file that replaces the log's firmware parameters."""
         return Path(str(self.before["params"])) if "params" in self.before else None
 
     def with_value(self, key: str, value: object, name: str | None = None) -> Configuration:
@@ -208,14 +208,14 @@ class Configuration:
 
 
 def flown_filter(text: str) -> str:
-    """Return the filter of the firmware whose parameter begins a text such as ``EKF2_GPS_DELAY=250``, else ""."""
+    """Return the firmware filter of a text such as ``EKF2_GPS_DELAY=250``, else ""."""
     return next((name for prefix, name in FLOWN_PREFIXES.items() if text.startswith(prefix) and "=" in text), "")
 
 
 def parse_configuration(text: str, name: str | None = None) -> Configuration:
-    """Return the configuration of ``NAME[@PRESET][:key=value,...]``. UsageError names everything wrong in it.
+    """Parse a configuration ``NAME[@PRESET][:key=value,...]``. UsageError lists every error.
 
-    A text that begins with a parameter of a firmware's EKF means the filter that flew.
+    A text that begins with a parameter of a firmware's EKF means the flown filter.
     """
     text = text.strip()
     if flown := flown_filter(text):
@@ -241,9 +241,9 @@ def build_configuration(
     problems: Sequence[str] = (),
     where: str = "",
 ) -> Configuration:
-    """Return a configuration of a filter (``NAME[@PRESET]`` or a file) with values by key.
+    """Build a configuration of a filter (``NAME[@PRESET]`` or file) from values by key.
 
-    UsageError has one line for each problem, ``problems`` found before among them.
+    UsageError has one line per problem, including earlier ``problems``.
     """
     wrong = list(problems)
     try:
@@ -270,7 +270,7 @@ def build_configuration(
 
 
 def _assign(estimator: Estimator, key: str, value: object, params: dict[str, Any], before: dict[str, Value]) -> None:
-    """Check a value and put it among the filter's parameters or the settings before it."""
+    """Check a value and store it with the filter's parameters or its settings."""
     if any(p.name == key for p in estimator.parameters):
         params[key] = check_parameter(estimator, key, value)
     elif key in SETTINGS:
@@ -283,7 +283,7 @@ def _assign(estimator: Estimator, key: str, value: object, params: dict[str, Any
 
 
 def _offered_as(estimator: Estimator, key: str) -> str:
-    """Return the name under which a filter that flew takes another version's parameter, "" for an unknown name.
+    """Return the re-run's name of another firmware version's parameter, "" if unknown.
 
     UsageError with the reason for a parameter of the firmware that the re-run does not offer.
     """
@@ -297,12 +297,12 @@ def _offered_as(estimator: Estimator, key: str) -> str:
 
 
 def parameter_table(flown: str) -> ModuleType:
-    """Return the module with the parameters of a filter that flew: TABLE, ALIASES, NOT_OFFERED."""
+    """Return the parameter module of a flown filter: TABLE, ALIASES, NOT_OFFERED."""
     return import_module(f"attlog.estimators.{flown.rpartition('_')[2]}.parameters")
 
 
 def check_parameter(estimator: Estimator, key: str, value: object) -> float | str:
-    """Return a parameter's value of a text or number, with or without its own unit. UsageError otherwise."""
+    """Parse a parameter's value, with or without its unit. UsageError otherwise."""
     parameter = estimator.parameter(key)
     if isinstance(value, str) and not parameter.choices:
         found = WITH_UNIT.fullmatch(value.strip())
@@ -317,9 +317,9 @@ def check_parameter(estimator: Estimator, key: str, value: object) -> float | st
 
 
 def labels(configurations: Sequence[Configuration]) -> dict[str, str]:
-    """Return short names for sentences, without what all configurations share.
+    """Return short names for sentences, without the part common to all configurations.
 
-    ``mahony:kp=0.3`` and ``mahony:kp=0.6`` are ``kp 0.3`` and ``kp 0.6``. A name of the user's own stays.
+    ``mahony:kp=0.3`` and ``mahony:kp=0.6`` become ``kp 0.3`` and ``kp 0.6``. Names given by the user are kept.
     """
     one_filter = len({(c.row.estimator.origin, c.row.estimator.name, c.row.preset) for c in configurations}) == 1
     parts = {c.name: _parts(c) or ["as flown"] * c.is_flown for c in configurations}

@@ -1,4 +1,4 @@
-"""Configurations and logs on a command line, and configurations in a TOML file; all problems are reported at once.
+"""Parse configurations and logs of a command line, and configurations in a TOML file.
 
 metrics = ["tilt_rmse_deg", "lag_ms"]           # optional, as --metric
 reference = "truth"                             # optional, any option of analyze
@@ -32,15 +32,15 @@ from attlog.pipeline.config import DEFAULTS, Config
 
 CONFIGURATION_TABLE = "configuration"
 KEY_PATTERN = re.compile(r"[^:]*:[A-Za-z_]\w*=")
-# Filters that run a firmware's own estimator with its own parameters; the first that fits takes those of a file.
+# Filters that re-run a firmware's estimator. The first match takes the parameters of a file.
 REPLICAS = (*FLOWN, "px4_q", "ap_dcm")
 
 
 @dataclass(slots=True)
 class ComparisonRequest:
-    """Logs (files, folders, patterns), configurations, metrics and options, in the order given.
+    """Logs (files, folders, patterns), configurations, metrics and options, in order.
 
-    ``repeats``: sentences on words that name a configuration which another word names already.
+    ``repeats``: sentences on words that repeat a configuration.
     """
 
     logs: list[Path] = field(default_factory=list)
@@ -51,11 +51,12 @@ class ComparisonRequest:
 
 
 def select_words(words: Sequence[str]) -> ComparisonRequest:
-    """Sort the words of a command line. UsageError names everything wrong with the configurations.
+    """Sort command-line words into logs and configurations. UsageError lists every error.
 
     A configuration is a filter's name, alone or with ``@`` or ``:``, a ``.py`` or ``.csv`` file, or a ``.toml`` file of
-    configurations; all other words are logs. A file with a filter's name is given with ``./`` before it. A parameter of
-    a firmware's EKF (``EKF2_GPS_DELAY=250``) is compared with the same filter as it flew, which comes before it.
+    configurations; all other words are logs. ``./`` before a word marks a file whose name is that of a filter. A
+    parameter of a firmware's EKF (``EKF2_GPS_DELAY=250``) is compared with the flown filter, which is inserted before
+    it.
     """
     found, filters = ComparisonRequest(), frozenset((*estimators.names(), *FLOWN))
     problems: list[str] = []
@@ -97,7 +98,7 @@ def select_words(words: Sequence[str]) -> ComparisonRequest:
 
 
 def is_configuration(word: str, filters: Collection[str]) -> bool:
-    """Return whether a word names one of the filters, an estimator file or an estimate, not a log."""
+    """Return whether a word means a filter, an estimator file or an estimate, not a log."""
     head = re.split(r"[@:]", word, maxsplit=1)[0]
     if head in filters or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
         return True
@@ -106,10 +107,11 @@ def is_configuration(word: str, filters: Collection[str]) -> bool:
 
 
 def with_params_file(configurations: Sequence[Configuration], path: Path) -> list[Configuration]:
-    """Return the configurations, each that takes firmware parameters also with those of a file.
+    """Add configurations with the firmware parameters of a file.
 
-    A file that calibrates a compass or an accelerometer concerns every filter. Without configurations the first of the
-    firmwares' own filters is taken whose parameters are in the file. UsageError where no filter takes them.
+    Each configuration that takes firmware parameters gets a copy with those of the file. A file that calibrates a
+    compass or an accelerometer applies to every filter. Without configurations the first firmware filter with
+    parameters in the file is used. UsageError where no filter takes them.
     """
     set_there = set(read_parameter_file(path))
     named = list(configurations)
@@ -131,14 +133,14 @@ def with_params_file(configurations: Sequence[Configuration], path: Path) -> lis
 
 
 def read_configurations(path: Path) -> ComparisonRequest:
-    """Read configurations, metrics and options of a TOML file.
+    """Read configurations, metrics and options from a TOML file.
 
-    LogUnreadable if it cannot be opened; UsageError names everything wrong in it, each with its line.
+    LogUnreadable if it cannot be opened; UsageError lists every error with its line.
     """
     text = read_settings_text(path)
     values = parse_toml(text, path)
     lines, found = text.splitlines(), ComparisonRequest()
-    problems: list[tuple[str, int | None, str]] = []  # key, number of its table, sentence
+    problems: list[tuple[str, int | None, str]] = []  # key, index of its table, sentence
     tables = values.pop(CONFIGURATION_TABLE, None)
     found.metrics, wrong = _check_metrics(values.pop("metrics", []))
     problems += [("metrics", None, w) for w in wrong]
@@ -180,7 +182,7 @@ def _check_metrics(value: object) -> tuple[list[str], list[str]]:
 
 
 def _check_table(table: object) -> tuple[Configuration | None, list[tuple[str, str]]]:
-    """Return a configuration, or what is wrong with it as (key, sentence)."""
+    """Return a configuration, or its problems as (key, sentence)."""
     if not isinstance(table, Mapping):
         return None, [("", f"is no table; write [[{CONFIGURATION_TABLE}]] above it")]
     values = dict(table)
@@ -212,7 +214,10 @@ def _check_table(table: object) -> tuple[Configuration | None, list[tuple[str, s
 
 
 def _place_of_key(path: Path, lines: list[str], key: str, table: int | None = None) -> str:
-    """Return the file and, where found, the line of a key: in the n-th table, or above all tables."""
+    """Return file and line of a key, in table number ``table`` or above all tables.
+
+    Only the file where the key is not found.
+    """
     seen, begin = -1, 0
     for number, line in enumerate(lines, 1):
         if re.match(rf"\s*\[\[\s*{CONFIGURATION_TABLE}\s*\]\]", line):

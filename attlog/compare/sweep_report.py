@@ -1,4 +1,7 @@
-"""A sweep in words, tables, JSON, CSV and as a page: the best, its uncertainty, the price of one setting for all."""
+"""Report a sweep as text, tables, JSON, CSV and page.
+
+It states the best setting, its uncertainty, and the loss of a single setting for all logs.
+"""
 
 from __future__ import annotations
 
@@ -24,16 +27,17 @@ from attlog.words.text import clean
 
 SWEEP_SCHEMA = "attlog-sweep/3"
 DEFAULT_GAINS = "default gains"
-# Logs that do not count and are named in a sentence; the table names all.
+# Unused logs listed in a sentence. The table lists all.
 MAX_NAMED_LOGS = 3
-# Cells this many times as far from perfect as the best have the darkest colour.
+# Distance from ideal, relative to the best, of the darkest cells.
 DARKEST_RATIO = 3.0
-# Values of a list lie on a logarithmic axis from this ratio on, side by side from this ratio of steps on.
+# A list of values is drawn on a logarithmic axis from this ratio of its ends on, side by side from this ratio of its
+# steps on.
 MIN_LOG_RATIO, MAX_STEP_RATIO = 10.0, 20.0
 
 
 def setting_words(setting: Setting) -> str:
-    """Return a setting for people: ``kp 0.6, ki 0.01``; without values ``default gains``."""
+    """Format a setting: ``kp 0.6, ki 0.01``; without values ``default gains``."""
     return ", ".join(f"{k} {value_text(v)}" for k, v in setting.items()) or DEFAULT_GAINS
 
 
@@ -43,14 +47,17 @@ def value_text(value: float | str) -> str:
 
 
 def sweep_sentences(s: Sweep, references: Mapping[str, int] | None = None) -> Iterator[str]:
-    """Return a sentence block for each question, and a remark on logs without truth (``references``: logs by kind)."""
+    """Yield sentences on each question, and a remark on logs without truth.
+
+    ``references``: number of logs by kind.
+    """
     for column in s.columns:
         yield " ".join(_question_sentences(s, column))
     yield from agreement_sentence(references or {}, s.filter)
 
 
 def agreement_sentence(references: Mapping[str, int], filter_name: str) -> Iterator[str]:
-    """Return the remark for logs that hold no truth."""
+    """Yield the remark on logs without truth."""
     if references.get("onboard"):
         some = f"{counted(references['onboard'], 'log')} of {sum(references.values())}"
         if filter_name.partition(":")[0] in FLOWN:
@@ -87,7 +94,7 @@ def _question_sentences(s: Sweep, c: SweepColumn) -> Iterator[str]:
     if c.differences[s.base].value is not None:
         yield f"{_base_name(s).capitalize()}: {difference_text(c.differences[s.base], unit)}."
     edges = axes_at_edge(s, c.single)
-    all_equal = {*c.near, c.single, s.base} >= set(range(len(s.settings)))  # which end is best is then chance
+    all_equal = {*c.near, c.single, s.base} >= set(range(len(s.settings)))  # the best setting is then chance
     if edges and not all_equal:
         yield f"The optimum lies at the end of the range of {listed(edges)}: a wider one may hold a better setting."
     if c.left_out:
@@ -98,12 +105,12 @@ def _question_sentences(s: Sweep, c: SweepColumn) -> Iterator[str]:
 
 
 def _base_name(s: Sweep) -> str:
-    """Return what the settings without values are: those that flew, or the default gains."""
+    """Name the settings without values: as flown, or the default gains."""
     return "as flown" if s.filter.partition(":")[0] in FLOWN else DEFAULT_GAINS
 
 
 def value_ranges(s: Sweep, numbers: Sequence[int]) -> str:
-    """Return the values of settings, parameter by parameter: ``kp 0.3 to 1.1, mag_form heading or vector``."""
+    """Summarise settings by parameter: ``kp 0.3 to 1.1, mag_form heading or vector``."""
     parts = []
     for axis in s.grid.axes:
         values = [v for v in axis.values if any(s.settings[k].get(axis.name) == v for k in numbers)]
@@ -116,7 +123,7 @@ def value_ranges(s: Sweep, numbers: Sequence[int]) -> str:
 
 
 def axes_at_edge(s: Sweep, best: int) -> list[str]:
-    """Return the parameters whose best value is the smallest or largest of three or more."""
+    """Return parameters whose best value is an end of their three or more values."""
     found = []
     for axis in s.grid.axes:
         sizes = [v for v in axis.values if isinstance(v, float)]
@@ -126,7 +133,10 @@ def axes_at_edge(s: Sweep, best: int) -> list[str]:
 
 
 def difference_text(d: Difference, unit: str) -> str:
-    """Return a setting against the best: ``27 % worse (15 to 41 %)``, ``not significant``, or the reason for none."""
+    """Describe a setting against the best: ``27 % worse (15 to 41 %)``, ``not significant``.
+
+    Where the difference is missing, return the reason.
+    """
     if d.value is None:
         return d.reason or "no value"
     if d.direction == "same":
@@ -137,7 +147,7 @@ def difference_text(d: Difference, unit: str) -> str:
 
 
 def size_and_interval(d: Difference, unit: str) -> tuple[str, str]:
-    """Return a difference with its sign, and its interval in brackets behind a blank."""
+    """Format a difference with sign, and its interval in brackets after a blank."""
     value = d.even if d.value is None else d.value
     if d.scale != "ratio":
         ends = "" if d.ci95 is None else f" ({number(d.ci95[0], unit, True)} to {number(d.ci95[1], unit, True)})"
@@ -147,7 +157,10 @@ def size_and_interval(d: Difference, unit: str) -> tuple[str, str]:
 
 
 def sweep_rows(s: Sweep) -> TableCells:
-    """Return a row for each setting, the best of the first question first, those without a value last."""
+    """Return one row per setting, best first, those without a value last.
+
+    The first question decides.
+    """
     first = s.columns[0]
     axes = [a.name for a in s.grid.axes]
     head = [*axes, *(f"{c.question.title} [{c.question.unit}]" for c in s.columns), "beside the best"]
@@ -161,7 +174,7 @@ def sweep_rows(s: Sweep) -> TableCells:
 
 
 def sweep_log_rows(s: Sweep, c: SweepColumn) -> TableCells:
-    """Return each log's own optimum and the value with the single best setting there."""
+    """Return each log's own best, and its value with the single best setting."""
     rows = []
     for j, name in enumerate(s.logs):
         best = c.own[j]
@@ -176,7 +189,7 @@ def sweep_log_rows(s: Sweep, c: SweepColumn) -> TableCells:
 
 
 def three_digits(value: float) -> str:
-    """Return a value to three digits: settings that lie close together differ in them."""
+    """Format with three digits, in which neighbouring settings differ."""
     return "none" if math.isnan(value) else f"{value:.3g}"
 
 
@@ -233,7 +246,7 @@ def _result_document(cell: SettingResult, columns: Sequence[SweepColumn]) -> dic
 
 
 def sweep_csv(s: Sweep) -> str:
-    """Return a line for each setting, log and metric."""
+    """Return one CSV line for each setting, log and metric."""
     names = [a.name for a in s.grid.axes]
     head = ["setting", *names, "log", "metric", "window", "unit", "value", "low95", "high95", "n", "status"]
     lines: list[list[object]] = [list(head)]
@@ -273,7 +286,7 @@ def _sweep_sections(s: Sweep, about: Mapping[str, Any]) -> Iterator[PageSection]
 
 
 def with_gains(filter_name: str, setting: Setting) -> str:
-    """Return a filter with gains as the command line takes it."""
+    """Format a filter with gains for the command line."""
     return f"{filter_name}{',' if ':' in filter_name else ':'}{setting_text(setting)}"
 
 
@@ -283,7 +296,10 @@ def sweep_figures(s: Sweep) -> list[PageFigure]:
 
 
 def _question_figures(s: Sweep, m: int) -> Iterator[PageFigure]:
-    """Return a curve along each parameter and a heat map of the first two; none where no setting can be judged."""
+    """Yield one curve per parameter and a heat map of the first two.
+
+    Nothing where no setting can be judged.
+    """
     free = [a for a in s.grid.axes if len(a.values) > 1]
     column = s.columns[m]
     if column.single is None:
@@ -295,7 +311,7 @@ def _question_figures(s: Sweep, m: int) -> Iterator[PageFigure]:
 
 
 def _heat_map_figure(s: Sweep, c: SweepColumn, free: list[GridAxis], name: str) -> PageFigure:
-    """Return cells of the first two parameters, each with the best of the settings that share both."""
+    """Draw the first two parameters as cells, each the best over all others."""
     down, across = free[:2]
     lowest, near = float(np.nanmin(c.score[: s.base])), set(c.near)
     cells: list[dict[str, Any]] = []
@@ -332,7 +348,7 @@ def _heat_map_figure(s: Sweep, c: SweepColumn, free: list[GridAxis], name: str) 
 
 
 def _axis_figure(s: Sweep, c: SweepColumn, axis: GridAxis, name: str, *, alone: bool) -> PageFigure:
-    """Return the values along one parameter, all others at their best: mean over the logs, and each log."""
+    """Draw values along one parameter, others at their best: mean and each log."""
     best = [_best_setting(s, c, {axis.name: v}) for v in axis.values]
     mean = [math.nan if k is None else float(c.score[k]) for k in best]
     drawn = c.used if len(s.logs) > 1 else []
@@ -368,13 +384,13 @@ def _setting_value(s: Sweep, c: SweepColumn, k: int) -> str:
 
 
 def _figure_words(s: Sweep, c: SweepColumn) -> str:
-    """Return a figure for those who do not see it: the best, and what does not differ significantly."""
+    """Describe a figure in words: the best, and settings not significantly different."""
     first = [] if c.single is None else [c.single]
     return "; ".join(_setting_value(s, c, k) for k in (*first, *(k for k in c.near if k != c.single)))
 
 
 def _figure_table(s: Sweep, c: SweepColumn) -> list[list[Any]]:
-    """Return the figure's numbers to save: every setting of the grid."""
+    """Return the figure's data for saving: every setting of the grid."""
     names, near = [a.name for a in s.grid.axes], set(c.near)
     rows: list[list[Any]] = [
         [*names, f"{c.question.metric} [{c.question.unit}]", "differs significantly from the best"]
@@ -387,14 +403,20 @@ def _figure_table(s: Sweep, c: SweepColumn) -> list[list[Any]]:
 
 
 def _best_setting(s: Sweep, c: SweepColumn, values: Setting) -> int | None:
-    """Return the setting with these values that has the smallest score, None where none has one."""
+    """Return the setting with the smallest score among those with these values.
+
+    None where none has a score.
+    """
     numbers = [k for k in range(s.base) if all(s.settings[k][name] == v for name, v in values.items())]
     known = [k for k in numbers if math.isfinite(c.score[k])]
     return min(known, key=lambda k: (float(c.score[k]), k)) if known else None
 
 
 def axis_places(axis: GridAxis) -> tuple[list[float], str]:
-    """Return places of an axis' values and their scale: ``log``, ``linear``, or ``side by side`` by number."""
+    """Return axis positions and scale: ``log``, ``linear``, or ``side by side``.
+
+    Side by side means positions by index.
+    """
     values = [v for v in axis.values if isinstance(v, float)]
     in_order = [float(i) for i in range(len(axis.values))]
     if len(values) < len(axis.values):

@@ -1,4 +1,4 @@
-"""Tables of comparisons and results: for the terminal, a page, a paper (CSV, Markdown, LaTeX)."""
+"""Tables of comparisons and results for terminal, page and paper (CSV, Markdown, LaTeX)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from attlog.words.text import clean, escape_markdown
 
 TableForm = Literal["md", "csv", "tex"]
 TableCells = tuple[Sequence[str], Sequence[Sequence[str]]]
-# Signs that LaTeX's fonts lack, after its special signs were escaped.
+# Characters missing in LaTeX's fonts, replaced after its special characters were escaped.
 LATEX_SIGNS: dict[str, str | int | None] = {
     "°": r"$^\circ$",
     "±": r"$\pm$",
@@ -38,12 +38,12 @@ LATEX_SIGNS: dict[str, str | int | None] = {
 
 
 def table_text(form: TableForm, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table in a form."""
+    """Format a table as CSV, Markdown or LaTeX."""
     return {"csv": table_csv, "md": table_markdown, "tex": table_latex}[form](head, rows)
 
 
 def table_csv(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table as CSV; cells that a spreadsheet would run are defused."""
+    """Format a table as CSV; cells that a spreadsheet would execute are escaped."""
     return files.csv_text([head, *rows])
 
 
@@ -55,7 +55,7 @@ def table_markdown(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def table_latex(head: Sequence[str], rows: Sequence[Sequence[str]], caption: str | None = None) -> str:
-    """Return a LaTeX tabular with the rules of booktabs, with a caption a table environment."""
+    """Format a LaTeX tabular with booktabs rules, in a table environment if captioned."""
     import pandas
 
     frame = pandas.DataFrame([list(map(clean, row)) for row in rows], columns=list(map(clean, head)))
@@ -68,9 +68,9 @@ BEST_MARK, UNRANKED_MARK = "*", "~"
 
 
 def analysis_rows(results: Sequence[Result], window: str = "all") -> tuple[list[str], list[list[str]]]:
-    """Return titles and rows of ``analyze``, a row for each filter of each log; of one log without its column.
+    """Return titles and rows of ``analyze``, one row per filter and log.
 
-    Cells: value, half of its 95 % interval, ``*`` best, ``~`` not ranked.
+    The log column is omitted for one log. Cells: value, half of its 95 % interval, ``*`` best, ``~`` not ranked.
     """
     tables = [(result, main_table(result, window)) for result in results]
     titles = list(dict.fromkeys(_column_title(c) for _, table in tables for c in table.columns))
@@ -96,7 +96,10 @@ SENSOR_COLUMNS = ["sensor", "question", "verdict", "value", "to set", "found"]
 
 
 def sensor_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]]:
-    """Return titles and rows of ``health``, a row for each assessment, worst first; of one log without its column."""
+    """Return titles and rows of ``health``, one row per check, worst first.
+
+    The log column is omitted for one log.
+    """
     several = len(results) > 1
     rows = []
     for result in results:
@@ -108,9 +111,10 @@ def sensor_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]]:
 
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """A change to the first configuration, its interval, its direction (None: no change, with ``reason``).
+    """Change to the first configuration, its interval and direction.
 
-    ``count``: logs with this sign of all logs with a value. ``better``: logs on which the configuration is better.
+    ``direction`` None: no change is known, with ``reason``. ``count``: logs with this sign of all logs with a value.
+    ``better``: logs on which the configuration is better.
     """
 
     change: str
@@ -128,7 +132,7 @@ class MatrixCell:
 
 @dataclass(frozen=True, slots=True)
 class MatrixRow:
-    """One question: the first configuration's value, the change to it of every other one."""
+    """One question: the first configuration's value, and the change of each other one."""
 
     question: Question
     value: str
@@ -137,9 +141,9 @@ class MatrixRow:
 
 
 def matrix(found: Comparison, line: LogLine | None = None) -> list[MatrixRow]:
-    """Return a row for each question with an answer, on one log or over all logs.
+    """Return one row per answered question, for one log or over all logs.
 
-    Over all logs the first configuration's value is its median size.
+    Over all logs the first configuration's value is the median size.
     """
     rows = []
     for question in found.questions:
@@ -176,7 +180,7 @@ def _matrix_cell(question: Question, found: Difference | None) -> MatrixCell:
 
 @dataclass(frozen=True, slots=True)
 class PooledTable:
-    """All questions over all logs as plain cells."""
+    """Changes of all questions over all logs, as text cells."""
 
     title: str
     head: tuple[str, ...]
@@ -184,11 +188,11 @@ class PooledTable:
 
 
 def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
-    """Return the changes over all logs: of one configuration with interval, of several side by side.
+    """Return the changes over all logs: with interval for one configuration, else side by side.
 
-    Side by side as many configurations share a table as ``width`` columns hold; a star marks what is significant.
+    As many configurations share a table as ``width`` columns hold; a star marks significance.
     """
-    equal = (None, "same") if found.is_what_if else (None,)  # aids that reject nothing are no news
+    equal = (None, "same") if found.is_what_if else (None,)  # omits aids that rejected nothing
     rows = [row for row in matrix(found) if any(c.direction not in equal for c in row.cells)]
     where = f"{found.first.label}, {counted(len(found.logs), 'log')}"
     others = [c.label for c in found.configurations[1:]]
@@ -224,7 +228,10 @@ def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonTable:
-    """One question for one configuration: a row per log, the last over all logs; ``reasons`` beside the rows."""
+    """One question for one configuration: a row per log, then all logs.
+
+    ``reasons``: why a row has no difference.
+    """
 
     question: Question
     title: str
@@ -263,7 +270,7 @@ def _comparison_table(found: Comparison, question: Question, name: str) -> Compa
 
 
 def _difference_cells(question: Question, found: Difference, first: str, second: str) -> tuple[str, str, str]:
-    """Return change, interval, and which one is significantly better by how much."""
+    """Return change, interval, and the significantly better configuration with its margin."""
     if found.value is None:
         return "", "", "–"
     if found.direction == "same":
@@ -297,7 +304,10 @@ def comparison_text(found: Comparison, form: TableForm) -> str:
 
 
 def comparison_csv(found: Comparison) -> str:
-    """Return a line for each question, log and configuration in full precision; ``(all)``: pooled over the logs."""
+    """Return one line per question, log and configuration, in full precision.
+
+    ``(all)``: pooled over the logs.
+    """
     lines: list[Sequence[object]] = [COMPARISON_COLUMNS]
     for q in found.questions:
         for log, cells in q.cells.items():

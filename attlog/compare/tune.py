@@ -1,4 +1,4 @@
-"""Gains found on some logs and judged on others: cross-validation of a search.
+"""Tune gains by cross-validation over logs.
 
 The logs (of one log alone blocks of time) are left out in turn. On the others the gains with the smallest cost are
 searched; on what was left out they are compared with the default gains, pair by pair. The gains given are those found
@@ -32,11 +32,11 @@ from attlog.metrics.ranking import distance
 
 Array = NDArray[np.float64]
 
-# Blocks of a single log: each long enough to hold several units of evidence.
+# Blocks of a single log: few enough to hold several units of evidence each.
 BLOCKS_PER_LOG = 4
-# More logs than this are left out in groups.
+# With more logs than this, groups of logs are left out.
 MAX_FOLDS = 5
-# Generations of 32 settings in each search.
+# Generations of 32 settings per search.
 GENERATIONS = 6
 # Short names of common objectives.
 TERM_NAMES = {
@@ -52,13 +52,13 @@ TERM_NAMES = {
     "compass": "innovation_rms.compass_field",
     "height": "innovation_rms.height",
 }
-# Cost of a setting that diverges, has no value or is not corrected by gravity: e^3, as if 20 times as far off.
+# Cost of a setting that diverges, has no value or is not corrected by gravity: ln 20, 20 times the distance from ideal.
 UNSOUND_COST = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class LogPart:
-    """A log by its number, or the time from ``t0`` to ``t1`` s of it."""
+    """Log (by index), or the time from ``t0`` to ``t1`` s of it."""
 
     log: int
     name: str
@@ -66,7 +66,7 @@ class LogPart:
     t1: float | None = None
 
     def of(self, answer: Answer) -> Answer | None:
-        """Return the answer on this part, None where none of its units begins there."""
+        """Restrict an answer to this part, None where none of its units begins there."""
         if answer.value is None or self.t0 is None or self.t1 is None:
             return None if answer.value is None else answer
         if answer.units is None:
@@ -86,7 +86,10 @@ class LogPart:
 
 
 def split_parts(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
-    """Return every log as a part; of a single log blocks of equal time from the scoring start to its end."""
+    """Return every log as a part; split a single log into blocks of equal time.
+
+    Blocks reach from the start of scoring to its end.
+    """
     if len(logs) > 1:
         return [LogPart(k, log.name) for k, log in enumerate(logs)]
     case = logs[0].case
@@ -98,14 +101,14 @@ def split_parts(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
 
 
 def make_folds(parts: Sequence[LogPart]) -> list[list[LogPart]]:
-    """Return groups of parts to leave out in turn: each alone up to MAX_FOLDS, else dealt into so many groups."""
+    """Return the folds: one part each, or MAX_FOLDS groups of parts."""
     groups = min(len(parts), MAX_FOLDS)
     return [list(parts[k::groups]) for k in range(groups)]
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectiveTerm:
-    """A question and its weight."""
+    """Question with its weight in the objective."""
 
     name: str
     question: Question
@@ -119,9 +122,9 @@ class ObjectiveTerm:
 
 
 def parse_objective(texts: Sequence[str]) -> list[ObjectiveTerm]:
-    """Return the terms of texts such as ``tilt=1``, ``tilt=1,noise=0.5``, ``lag_ms@airborne=0.2``.
+    """Parse objectives such as ``tilt=1``, ``tilt=1,noise=0.5``, ``lag_ms@airborne=0.2``.
 
-    UsageError names everything wrong in them.
+    UsageError lists every error.
     """
     found: dict[str, ObjectiveTerm] = {}
     wrong = []
@@ -152,7 +155,10 @@ def objective_cost(
     results: Mapping[int, SettingResult],
     base: Mapping[int, SettingResult],
 ) -> float:
-    """Return the cost of a setting on parts, of its ``results`` and those of the default gains (``base``) by log."""
+    """Return the cost of a setting on parts.
+
+    ``results``: of the setting, ``base``: of the default gains, both by log.
+    """
     total, weights = 0.0, 0.0
     for term in terms:
         costs = [log_ratio(term.question, part, results[part.log], base[part.log]) for part in parts]
@@ -164,7 +170,10 @@ def objective_cost(
 
 
 def log_ratio(question: Question, part: LogPart, result: SettingResult, base: SettingResult) -> float | None:
-    """Return ln of a setting's distance from perfect over the default gains', None where theirs is unknown."""
+    """Return the log ratio of distances from ideal, setting over default gains.
+
+    None where that of the default gains is unknown.
+    """
     before = part.value(base.answers[question])
     if before is None:
         return None
@@ -178,7 +187,7 @@ def log_ratio(question: Question, part: LogPart, result: SettingResult, base: Se
 
 @dataclass(frozen=True, slots=True)
 class Fold:
-    """Parts left out, the gains found without them, and the cost there."""
+    """Parts left out, the gains found without them, and their cost there."""
 
     left_out: list[LogPart]
     found: SearchResult
@@ -187,9 +196,9 @@ class Fold:
 
 @dataclass(frozen=True, slots=True)
 class HeldOutScore:
-    """One question on parts left out: the tuned filter against its default gains, pooled, and part by part.
+    """One question on left-out parts: tuned gains against default gains.
 
-    ``before``, ``after``: values by part, NaN without one. ``missing``: reason by number, for parts that do not count.
+    ``before``, ``after``: values by part, NaN for missing. ``missing``: part index -> why it does not count.
     """
 
     question: Question
@@ -219,12 +228,12 @@ class Tuning:
 
     @property
     def weighed(self) -> list[HeldOutScore]:
-        """Return the scores of the objective."""
+        """Return the scores of the objective's questions."""
         return [score for score in self.scores if score.weight > 0.0]
 
     @property
     def cost_left_out(self) -> float:
-        """Return the mean cost over parts, each with the gains found without it."""
+        """Return the mean cost over parts, each with gains found without it."""
         sizes = [len(fold.left_out) for fold in self.folds]
         return sum(n * fold.cost_left_out for n, fold in zip(sizes, self.folds, strict=True)) / sum(sizes)
 
@@ -239,10 +248,10 @@ def tune(
     generations: int,
     seed: int,
 ) -> Tuning:
-    """Search and judge. ``elsewhere``: the same logs with questions beside those of the terms.
+    """Search gains and validate them on parts left out.
 
-    UsageError where a metric cannot be split over the blocks of a single log; LogUnusable where the default gains have
-    no value of the objective.
+    ``elsewhere``: the same logs with additional questions. UsageError where a metric cannot be split over the blocks of
+    a single log; LogUnusable where the default gains have no value of the objective.
     """
     base = {k: log([{}])[0] for k, log in enumerate(logs)}
     parts = _usable_parts(split_parts(logs), terms, base)
@@ -288,7 +297,7 @@ def _usable_parts(
 def _held_out_score(
     question: Question, weight: float, logs: Sequence[SettingsOnLog], parts: Sequence[LogPart], folds: Sequence[Fold]
 ) -> HeldOutScore:
-    """Return one question of the folds' gains on the parts that they were not found on."""
+    """Score one question with each fold's gains on its left-out parts."""
     gains = {part: fold.found.setting for fold in folds for part in fold.left_out}
     first, second, lost = [], [], {}
     before, after = np.full(len(parts), np.nan), np.full(len(parts), np.nan)

@@ -1,4 +1,7 @@
-"""Tuned gains in words, tables, JSON and as a page: gain where they were not found, cost elsewhere."""
+"""Report tuned gains as text, tables, JSON and page.
+
+It states their effect on left-out parts, and on other questions.
+"""
 
 from __future__ import annotations
 
@@ -27,14 +30,17 @@ from attlog.words.numbers import between, change, change_end, counted, listed, u
 from attlog.words.text import clean
 
 TUNE_SCHEMA = "attlog-tune/2"
-# Costs above the median by this share of the spread of the better half are drawn at the upper edge.
+# Costs more than this multiple of the better half's spread above the median are drawn at the upper edge.
 MAX_SPREAD_SHOWN = 1.5
-# Share of a range from which on a gain lies at its end.
+# A gain within this share of its range from an end counts as at the end.
 EDGE_SHARE = 0.02
 
 
 def tune_sentences(t: Tuning, references: Mapping[str, int]) -> Iterator[str]:
-    """Return the recommendation, the gains, gain and cost; ``references``: number of logs by kind of reference."""
+    """Yield recommendation, gains, their benefit and cost elsewhere.
+
+    ``references``: number of logs by kind of reference.
+    """
     what = ", ".join(f"{term.name} {term.weight:g}" for term in t.terms)
     where = counted(len(t.logs), "log") if len(t.logs) > 1 else f"{len(t.parts)} blocks of time of one log"
     yield _recommendation(t)
@@ -57,7 +63,7 @@ def tune_sentences(t: Tuning, references: Mapping[str, int]) -> Iterator[str]:
 
 
 def _recommendation(t: Tuning) -> str:
-    """Return whether to take the gains, by what was left out, beside what was fitted."""
+    """Recommend the gains or not, by their effect on left-out and fitted parts."""
     fitted, left = (100.0 * (1.0 - math.exp(x)) for x in (t.found.cost, t.cost_left_out))
     sizes = (
         f"the objective {_change_words(left)} on what was left out, {_change_words(fitted)} where the gains were found"
@@ -90,7 +96,7 @@ def held_out_text(score: HeldOutScore) -> str:
 
 
 def _size_and_interval(d: Difference, unit: str) -> tuple[str, str]:
-    """Return size and interval, of significant ratios without signs: words give the side."""
+    """Return size and interval; significant ratios have no sign, because words give the side."""
     if d.scale != "ratio" or d.ci95 is None or d.interval_side == 0:
         return size_and_interval(d, unit)
     ends = [change_end(x, signed=False) for x in sorted(d.ci95, key=lambda x: abs(x - 1.0))]
@@ -98,23 +104,23 @@ def _size_and_interval(d: Difference, unit: str) -> tuple[str, str]:
 
 
 def gains_at_edge(t: Tuning) -> list[str]:
-    """Return gains at the end of their range."""
+    """Return gains at an end of their range."""
     shares = {f.name: f.share(float(t.found.setting[f.name])) for f in t.free}
     return [name for name, share in shares.items() if not EDGE_SHARE <= share <= 1.0 - EDGE_SHARE]
 
 
 def firmware_gains(t: Tuning) -> dict[str, float]:
-    """Return the gains that are the autopilot's own parameters: their names are in capital letters."""
+    """Return gains that are autopilot parameters: their names are in capital letters."""
     return {name: v for name, v in t.found.setting.items() if name.isupper() and isinstance(v, float)}
 
 
 def paste_lines(t: Tuning) -> list[str]:
-    """Return lines to paste: the filter as attlog takes it, and the autopilot's parameters."""
+    """Return lines to paste: filter for attlog, and autopilot parameters."""
     return [with_gains(t.filter, t.found.setting), *(f"{name},{v:g}" for name, v in firmware_gains(t).items())]
 
 
 def gain_rows(t: Tuning) -> TableCells:
-    """Return the gains of every fold: how much they depend on the logs they were found on."""
+    """Return the gains of every fold, which show their dependence on the logs."""
     names = [f.name + (f" [{f.unit}]" if f.unit else "") for f in t.free]
 
     def gains(setting: Mapping[str, float | str]) -> list[str]:
@@ -128,7 +134,7 @@ def gain_rows(t: Tuning) -> TableCells:
 
 
 def part_rows(t: Tuning) -> TableCells:
-    """Return the values of every part before and after, with gains that were not found on it."""
+    """Return the values of every part before and after, with gains found without it."""
     shown = [score for score in t.scores if score.difference.value is not None]
     titles = [f"{s.question.title} [{s.question.unit}] {when}" for s in shown for when in ("default", "tuned")]
     rows = []
@@ -139,7 +145,7 @@ def part_rows(t: Tuning) -> TableCells:
 
 
 def held_out_rows(t: Tuning) -> TableCells:
-    """Return every question on what was left out."""
+    """Return every question on the left-out parts."""
     rows = []
     for score in t.scores:
         d = score.difference
@@ -210,7 +216,7 @@ def tune_page(t: Tuning, about: Mapping[str, Any]) -> str:
 
 
 def _tried_figure(t: Tuning, f: FreeParameter, number: int) -> PageFigure:
-    """Return the change of the objective over one gain, a dot for each setting tried."""
+    """Draw the change of the objective over one gain, one dot per setting tried."""
     changes = [100.0 * (math.exp(cost) - 1.0) for _, cost in t.found.tried]
     low, middle = min(changes), sorted(changes)[len(changes) // 2]
     gains = json_numbers([float(setting[f.name]) for setting, _ in t.found.tried])

@@ -1,7 +1,7 @@
-"""Numbers and sentences of a comparison; table, sentences and page write a difference by these functions alone.
+"""Format numbers and sentences of a comparison for table and page.
 
-A comparison has one lead sentence for each configuration after the first, with the changes of the table, and one
-sentence for each question that differs significantly, about the better one.
+A comparison has one lead sentence per configuration after the first, with the changes of the table. It has one sentence
+per significantly different question, about the better configuration.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from attlog.words.names import AGREEMENT
 from attlog.words.numbers import MINUS, between, change, change_end, counted, decimals, listed, number, unit_sign
 from attlog.words.ranking import SELF_COMPARED
 
-# Questions named in a lead; the table has all.
+# Questions named in a lead. The table has all.
 MAX_NAMED_QUESTIONS = 4
 STATUS_WORDS = {
     "diverged": "diverged",
@@ -27,16 +27,19 @@ STATUS_WORDS = {
     "failed": "failed",
     "not_judged": "cannot be judged",
 }
-# Errors against the reference that a what-if sentence names also where they do not change.
+# Errors that a what-if sentence reports even if unchanged.
 REFERENCE_ERRORS = ("tilt_rmse_deg", "heading_rmse_deg")
-# They are called unchanged within 10 %, unless the change is significant.
+# An insignificant change within 10 % is reported as unchanged.
 UNCHANGED_LOG_RATIO = math.log(1.1)
-# Words of a direction in a table.
+# Direction words of a table.
 DIRECTION_WORDS: dict[Direction, str] = {"better": "better", "worse": "worse", "same": "equal"}
 
 
 def question_wording(question: Question) -> Wording:
-    """Return the words of a question: its metric's own with the phase of flight behind them, else from its title."""
+    """Return the wording of a question, from its metric or its title.
+
+    The phase of flight is appended.
+    """
     metric = named(definitions().values(), question.metric)
     words, place = metric.wording, PHASE_PLACES.get(question.window) if metric.asked == "phases" else None
     if words is not None:
@@ -48,24 +51,24 @@ def question_wording(question: Question) -> Wording:
 
 
 def subject_of(question: Question) -> str:
-    """Return a question as it follows "in": ``tilt error``, ``noise added in hover``."""
+    """Return a question as a noun after "in": ``tilt error``, ``noise added in hover``."""
     begin = question.title[:2]
     return question.title if begin.isupper() else begin.lower() + question.title[2:]
 
 
 def scale_unit(question: Question) -> str:
-    """Return the unit of a difference: percent of a ratio, else that of the metric."""
+    """Return the unit of a difference: percent for a ratio, else the metric's."""
     return "%" if question.scale == "ratio" else unit_sign(question.unit)
 
 
 def titled(question: Question) -> str:
-    """Return title and unit, for the head of a row."""
+    """Return title and unit, as heading of a row."""
     unit = unit_sign(question.unit)
     return f"{question.title}, {unit}" if unit else question.title
 
 
 def amount_text(x: float, question: Question) -> str:
-    """Return a size without sign: the change of a ratio, or a difference with its unit. Small sizes are ``<0.01``."""
+    """Format a size without sign, as a percentage or with unit; ``<0.01`` if small."""
     if question.scale == "ratio":
         return change(x, signed=False)
     size, unit = abs(x), question.unit
@@ -78,7 +81,7 @@ def amount_text(x: float, question: Question) -> str:
 
 
 def signed_text(x: float, question: Question) -> str:
-    """Return a size with its sign: ``−24 %``, ``+3.2 ms``."""
+    """Format a size with its sign: ``−24 %``, ``+3.2 ms``."""
     if question.scale == "ratio":
         return change(x)
     text = amount_text(x, question)
@@ -86,7 +89,7 @@ def signed_text(x: float, question: Question) -> str:
 
 
 def own_value_text(x: float | None, question: Question) -> str:
-    """Return a configuration's own value without its unit."""
+    """Format a configuration's own value without unit."""
     if x is not None and question.unit == "deg" and 0.0 < abs(x) < 0.0095:
         return f"{MINUS if x < 0.0 else ''}{abs(x):.2g}"
     if x is None or question.unit != "ms":
@@ -95,7 +98,7 @@ def own_value_text(x: float | None, question: Question) -> str:
 
 
 def interval_text(question: Question, found: Difference) -> str:
-    """Return the interval of a difference: ``−31 to −15 %``; empty without one."""
+    """Format the interval of a difference: ``−31 to −15 %``; empty without one."""
     if found.ci95 is None:
         return ""
     if question.scale == "ratio":
@@ -105,7 +108,7 @@ def interval_text(question: Question, found: Difference) -> str:
 
 
 def change_text(question: Question, found: Difference) -> str:
-    """Return change and interval: ``−24 % (−31 to −15 %)``, ``equal``."""
+    """Format change and interval: ``−24 % (−31 to −15 %)``, ``equal``."""
     if found.direction == "same" or found.value is None:
         return "equal"
     ends = interval_text(question, found)
@@ -113,7 +116,10 @@ def change_text(question: Question, found: Difference) -> str:
 
 
 def favour_text(question: Question, found: Difference, than: str = "") -> str:
-    """Return a significant difference of the better one: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``."""
+    """Format a significant difference in favour of the better configuration.
+
+    Example: ``24 % closer (15 % to 31 %, better on 8 of 9 logs)``.
+    """
     size = amount_text(found.value or 0.0, question)
     if size == "not comparable":
         return size
@@ -123,7 +129,7 @@ def favour_text(question: Question, found: Difference, than: str = "") -> str:
 
 
 def _reach(question: Question, found: Difference) -> str:
-    """Return both ends of an interval as sizes, the smaller first."""
+    """Format both ends of an interval as sizes, the smaller first."""
     if found.ci95 is None:
         return ""
     low, high = sorted(found.ci95, key=lambda x: abs(x - found.even))
@@ -163,10 +169,10 @@ def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSente
 
 
 def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Question, Difference]]) -> str:
-    """Return what a changed parameter of the filter that flew does: values as flown and changed, largest change first.
+    """Describe the effect of a changed onboard parameter, largest change first.
 
-    ``Heading error 14.2 to 4.1°, compass innovation 18 to 4.2 µT; tilt error unchanged.`` Of each aid the innovation is
-    named, else its test ratio.
+    ``Heading error 14.2 to 4.1°, compass innovation 18 to 4.2 µT; tilt error unchanged.`` Each aid is represented by
+    its innovation, else by its test ratio.
     """
     said, same, others = [], [], []
     by_aid: dict[str, tuple[float, str]] = {}
@@ -199,13 +205,13 @@ def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Questio
 
 
 def _from_to(question: Question, first: str, second: str) -> str:
-    """Return a question's values as flown and changed: ``heading error 14.2 to 4.1°``."""
+    """Format values as flown and changed: ``heading error 14.2 to 4.1°``."""
     unit = unit_sign(question.unit)
     return f"{subject_of(question)} {first} to {second}{'' if unit.startswith('°') else ' '}{unit}".rstrip()
 
 
 def _values_text(found: Comparison, question: Question, name: str) -> list[str]:
-    """Return both values without unit, over several logs their medians."""
+    """Format both values without unit; medians over several logs."""
     values = []
     for one in (found.first.name, name):
         known = [v for cells in question.cells.values() if one in cells and (v := cells[one].value) is not None]
@@ -214,14 +220,14 @@ def _values_text(found: Comparison, question: Question, name: str) -> list[str]:
 
 
 def _change_list(pairs: list[tuple[Question, Difference]]) -> str:
-    """Return questions with their changes: ``tilt error (−24 %), lag (−3.2 ms)``."""
+    """List questions with their changes: ``tilt error (−24 %), lag (−3.2 ms)``."""
     shown = [f"{subject_of(q)} ({signed_text(d.value or 0.0, q)})" for q, d in pairs[:MAX_NAMED_QUESTIONS]]
     rest = len(pairs) - MAX_NAMED_QUESTIONS
     return listed([*shown, f"{rest} more"] if rest > 0 else shown)
 
 
 def _question_sentence(question: Question, found: Difference, first: str, second: str) -> str:
-    """Return a significant difference as a sentence about the better one."""
+    """Return a sentence on the significantly better configuration."""
     if found.direction == "worse":
         first, second, found = second, first, found.inverse()
     favour = favour_text(question, found, f" than {first}")
@@ -231,14 +237,14 @@ def _question_sentence(question: Question, found: Difference, first: str, second
 
 
 def _reason_unavailable(found: Comparison, name: str) -> str:
-    """Return the commonest reason why no question has a difference."""
+    """Return the most frequent reason why no question has a difference."""
     reasons = [d.reason for q in found.questions if q.main for d in q.contrast(name).logs if d.reason]
     reasons = reasons or [line.reason for line in found.logs if line.reason]
     return commonest_reason(sorted(reasons)).rstrip(".") or "no question has an answer"
 
 
 def _dropped_sentences(found: Comparison, name: str) -> list[str]:
-    """Return on which logs one of the two drops out, and how many logs have no truth."""
+    """Report logs on which one of the two configurations drops out, and logs without truth."""
     said = []
     for one in (found.first.name, name):
         dropped: dict[tuple[str, str], list[str]] = {}
