@@ -1,1 +1,1 @@
-"""Words for people, in one place for page, terminal and index: sentences, titles, units, number formats."""
+"""Display texts of page, terminal and index: sentences, titles, units, number formats."""

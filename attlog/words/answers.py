@@ -1,7 +1,8 @@
-"""The four answers of a result: a sentence each, and notes on what was measured and which rows are not ranked.
+"""The four answers of a result: one sentence each, with notes.
 
-Sentences are made by rule from the ranking that marks the table, hence none contradicts a star. A drift or
-lag whose interval holds zero is bounded by the larger end of its interval.
+Notes describe the measurement and rows that are not ranked. Sentences are derived from the ranking of the table, so
+they cannot contradict its stars. A drift or lag whose interval includes zero is reported as below the larger end of its
+interval.
 """
 
 from __future__ import annotations
@@ -30,32 +31,32 @@ from attlog.words.ranking import (
 )
 from attlog.words.text import typeset
 
-# Questions in the order of the page, by their names.
+# Names of the questions, in the order of the page.
 QUESTIONS = {"accuracy": "accuracy", "noise": "noise", "lag": "lag", "yaw_drift": "yaw drift"}
 TILT, NOISE, LAG, DRIFT_REST = "tilt_rmse_deg", "noise_tilt_deg", "lag_ms", "drift_rest_deg_per_min"
 STEP_DEG, STEP_PCT = "step_error_deg.0.5s", "step_error_pct.0.5s"
-# Flight other than hover is the phase ``cruise``.
+# Moving flight (not hover) is the phase ``cruise``.
 PHASE_WORDS = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
-# How an answer without any value begins.
+# Start of an answer without any value.
 NO_ANSWER = "Cannot be determined: "
 NO_FILTER_RAN = "no filter was run"
 ONLY_BASELINE = "only Gyro was run, which is never ranked"
-# Share of a step from which on a filter is called short of it or beyond it, %.
+# Error of a step, %, from which a filter is called short of it or beyond it.
 WRONG_PCT = 10.0
-# Bound of a drift that excludes nothing, deg/min: an uncalibrated warm gyro, 0.25 deg/s, turns by as much.
+# Largest informative bound of a drift, deg/min: an uncalibrated warm gyro drifts as much (0.25 deg/s).
 EXCLUDES_NOTHING = 15.0
 # Delays of the IMU below this are not reported, ms.
 SHOWN_DELAY_MS = 0.5
 # Rows named in a note; more are counted.
 NAMED = 3
-# Checks of the sensors that every filter needs, and what a fault in one means.
+# Sensors that every filter needs: check -> meaning of its fault.
 SPOILING_CHECKS = {
     "gyro_bias": "the gyro is wrong",
     "accelerometer_dead": "the accelerometer is wrong",
     "accelerometer_rest": "the accelerometer is wrong",
     "accelerometer_axes": "the accelerometer is wrong",
 }
-# What a pilot can do about a code whose reason does not say it.
+# Advice to the pilot for codes whose reason contains none.
 ADVICE = {
     "no_events": "Fly some brisk steps in roll, pitch and yaw.",
     "too_few_events": "Fly some more brisk steps in roll, pitch and yaw.",
@@ -64,7 +65,10 @@ ADVICE = {
 
 @dataclass(frozen=True, slots=True)
 class AnswerLine:
-    """An answer from a column of the table; ``onboard`` and ``remark`` are sentences of their own, or empty."""
+    """Answer from a column of the table.
+
+    ``onboard`` and ``remark``: additional sentences, or empty.
+    """
 
     text: str
     column: ColumnRanking
@@ -83,7 +87,7 @@ class AnswerLine:
         return " ".join(filter(None, (self.text, self.onboard, self.remark)))
 
     def within(self, width: int) -> str:
-        """Return the answer, with the onboard value where that fits into ``width`` letters."""
+        """Return the answer, with the onboard value if it fits into ``width`` characters."""
         both = f"{self.text} {self.onboard}".strip()
         return both if len(both) <= width else self.text
 
@@ -99,7 +103,7 @@ def verdicts(result: Result) -> list[Verdict]:
 
 
 def answer_lines(result: Result) -> dict[str, AnswerLine]:
-    """Return the answers by question; a fault that spoils every filter comes first."""
+    """Return the answers by question, marked unreliable if a sensor has a fault."""
     found = {"accuracy": _accuracy(result), "noise": _noise(result), "lag": _lag(result), "yaw_drift": _drift(result)}
     check = spoiling_check(result)
     if check is None:
@@ -116,7 +120,7 @@ def answer_lines(result: Result) -> dict[str, AnswerLine]:
 def spoiling_check(result: Result) -> Check | None:
     """Return the first fault of a sensor that every filter needs.
 
-    A gyro bias that was subtracted spoils nothing where rows were judged all the same.
+    A subtracted gyro bias does not count if rows were judged all the same.
     """
     judged = all(row.status != "not_judged" for row in result.estimators)
     mended = judged and any(bias.dps is not None for bias in result.gyro_bias)
@@ -126,7 +130,7 @@ def spoiling_check(result: Result) -> Check | None:
 
 
 def _accuracy(result: Result) -> AnswerLine:
-    """Answer with the tilt error: in flight where there is any, else over the whole log."""
+    """Answer with the tilt error in flight, else over the whole log."""
     tilt = rank_column(result, TILT, AIR)
     line = _unranked(tilt, "tilt ")
     if tilt.ranked:
@@ -167,13 +171,13 @@ def _noise(result: Result) -> AnswerLine:
 
 
 def gyro_noise(found: ColumnRanking) -> str:
-    """Return the gyro's own noise where rows below it share a rank, else an empty text."""
+    """Return the gyro noise floor if a ranked row is below it, else an empty text."""
     share = max((j.answer.gyro_share for j in found.ranked), default=0.0)
     return quantity(float(f"{share:.1g}"), "deg") if any(j.value < share for j in found.ranked) else ""
 
 
 def _lag(result: Result) -> AnswerLine:
-    """Answer with the significant lags, the largest first, and the bound of all others."""
+    """Answer with the significant lags, largest first, and a bound for all others."""
     lag = rank_column(result, LAG, AIR)
     notes = (*imu_delay_notes(result, lag), *reason_notes(result, [("", lag)]))
     if not lag.ranked:
@@ -192,7 +196,7 @@ def _lag(result: Result) -> AnswerLine:
 
 
 def late_imu(result: Result) -> str:
-    """Return the sentence on an IMU that is late beyond its filters; no attitude filter can be earlier."""
+    """Report an IMU with more delay than its filters have; every attitude filter shares it."""
     for check in result.checks:
         if check.question == "imu_delay" and check.is_trouble and check.value is not None:
             if check.value > 0.0:
@@ -201,7 +205,10 @@ def late_imu(result: Result) -> str:
 
 
 def imu_delay_notes(result: Result, lag: ColumnRanking) -> list[str]:
-    """Return the delay of the logged IMU; an attitude from a file has its own clock."""
+    """Report the delay of the logged IMU.
+
+    Attitudes from a file are left out, because they have a clock of their own.
+    """
     answers = [
         row.metrics.get(lag.window, {}).get(LAG)
         for row in result.estimators
@@ -217,9 +224,9 @@ def imu_delay_notes(result: Result, lag: ColumnRanking) -> list[str]:
 
 
 def step_remark(result: Result) -> str:
-    """Return which filter misses most of a step 0.5 s after it, of several how many; empty where all follow it.
+    """Report the filter with the largest error 0.5 s after a step, or their number.
 
-    A filter whose angle is wrong may have no lag.
+    Empty where all errors are below WRONG_PCT. A filter with a wrong angle may still have no lag.
     """
     step = rank_column(result, STEP_DEG, AIR)
     percent = {j.name: _step_share(j, step.window) for j in step.filters if j.row.status == "ok"}
@@ -259,7 +266,7 @@ def _drift(result: Result) -> AnswerLine:
 
 
 def rest_notes(result: Result, rest: ColumnRanking) -> list[str]:
-    """Return every rest with its time and what of it could be used, and the earth's own turn."""
+    """Describe every rest, its usable part, and the earth's own turn."""
     rows = [j.answer for j in rest.filters] or [
         a.row.metrics[rest.window][rest.metric] for a in rest.absent if a.row.kind == "replay"
     ]
@@ -274,13 +281,13 @@ def _usable(seconds: float, reason: str | None) -> str:
 
 
 def earth_turn(place: Mapping[str, Any]) -> list[str]:
-    """Return how fast the earth turns the heading of a perfect gyro."""
+    """Report the heading drift of a perfect gyro due to the earth's rotation."""
     turn = place.get("earth_turn_deg_per_min")
     return [f"The earth itself turns by {quantity(turn, 'deg/min')} here."] if turn is not None else []
 
 
 def _compared(found: ColumnRanking) -> str:
-    """Return the rows that none is significantly better than, then all others."""
+    """List the rows that no row is significantly better than, then all others."""
     ranked, best = found.ranked, found.best
     if len(ranked) == 1:
         alone = " alone is ranked:" if found.total > 1 else ""
@@ -294,13 +301,13 @@ def _compared(found: ColumnRanking) -> str:
 
 
 def _significant(beyond: list[RankedValue], still: list[RankedValue], found: ColumnRanking) -> str:
-    """Return rows whose value is significant, and the bound of all others."""
+    """List rows with a significant value, and a bound for all others."""
     parts = [_span(beyond)] if beyond else []
     return "; ".join([*parts, f"{_who(still, found)} below {bound_text(still)}"] if still else parts)
 
 
 def _who(judged: list[RankedValue], found: ColumnRanking) -> str:
-    """Return one or two rows by name, more as a count, all that were compared as all."""
+    """Name one or two rows; count more, or write "all" for all compared rows."""
     if len(judged) > 2:
         return f"all {found.compared}" if len(judged) == len(found.ranked) else f"{len(judged)} filters"
     return listed([j.name for j in judged])
@@ -311,7 +318,7 @@ def _span(judged: list[RankedValue]) -> str:
 
 
 def _counted(judged: list[RankedValue]) -> str:
-    """Return one or two rows by name, of more their number."""
+    """Name one or two rows; count more."""
     return listed([j.name for j in judged]) if len(judged) <= 2 else f"{len(judged)} filters"
 
 
@@ -335,7 +342,7 @@ def _onboard_value(found: ColumnRanking) -> str:
 
 
 def _onboard_drift(found: ColumnRanking) -> str:
-    """Return the drift of the onboard attitude where it is significant, else its bound where that excludes anything."""
+    """Return the onboard drift if significant, else an informative bound, else nothing."""
     onboard = found.onboard
     if onboard is None or onboard.significant:
         return _onboard_value(found)
@@ -343,7 +350,7 @@ def _onboard_drift(found: ColumnRanking) -> str:
 
 
 def _unranked(found: ColumnRanking, what: str = "") -> AnswerLine:
-    """Return why filters were not compared, and their values all the same."""
+    """Return why filters were not compared, with their values."""
     sound = [j for j in found.filters if j.row.status == "ok"]
     if sound:
         why = typeset(reason_unranked(sound[0])).partition(":")[0].removesuffix(" to rank")
@@ -361,7 +368,7 @@ def _unranked(found: ColumnRanking, what: str = "") -> AnswerLine:
 
 
 def advice(result: Result, found: ColumnRanking) -> list[str]:
-    """Return what a pilot can do to get an answer from the next log."""
+    """Return advice to the pilot for an answer from the next log."""
     code, _ = commonest_reason(found.absent)
     if code in ("no_rest", "rest_too_short"):
         rest = str((result.log.get("advice") or {}).get("rest") or "").rstrip(".")
@@ -371,7 +378,10 @@ def advice(result: Result, found: ColumnRanking) -> list[str]:
 
 
 def commonest_reason(without: list[MissingValue]) -> tuple[str, str]:
-    """Return code and reason that most filters have; baseline and onboard rows count only without others."""
+    """Return the most frequent code and reason among filters.
+
+    Baseline and onboard rows count only if there are no filters.
+    """
     filters = [a for a in without if a.row.kind == "replay" and not is_baseline(a.row)]
     given = [(a.code, reason_absent(a.row, a.reason)) for a in filters or without]
     reasons = Counter((code, reason) for code, reason in given if reason and code != "not_applicable")
@@ -384,7 +394,7 @@ def commonest_reason(without: list[MissingValue]) -> tuple[str, str]:
 
 
 def reasons_unranked(found: ColumnRanking) -> str:
-    """Return which filters are not ranked and why in few words, filters with the same reason together."""
+    """List filters that are not ranked with short reasons, grouped by reason."""
     groups: dict[str, list[str]] = {}
     for judged in found.filters:
         if not judged.ranked:
@@ -399,19 +409,19 @@ def reasons_unranked(found: ColumnRanking) -> str:
 
 
 def few_or_count(names: list[str]) -> str:
-    """Return up to NAMED filters by name, more as a count."""
+    """Name up to NAMED filters; count more."""
     return listed(names) if len(names) <= NAMED else f"{len(names)} filters"
 
 
 def reason_absent(row: EstimatorRow, reason: str) -> str:
-    """Return why a row has no value: a failure of the filter comes first."""
+    """Return why a row has no value; a failure of the filter comes first."""
     return row.reason if row.status == "failed" and row.reason else reason
 
 
 def reason_notes(result: Result, columns: list[tuple[str, ColumnRanking]]) -> list[str]:
-    """Return the rows without a ranked value and why, rows with the same reason together.
+    """List rows without a ranked value, grouped by reason.
 
-    ``columns``: each with the situation that its reasons begin with. A reference has no value by definition.
+    ``columns``: (situation, column), the situation begins its reasons. The reference itself is left out.
     """
     groups: dict[str, list[str]] = {}
     for situation, found in columns:

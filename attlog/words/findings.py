@@ -1,4 +1,4 @@
-"""Findings and checks as every output shows them: a line each, with the evidence behind it."""
+"""Findings and checks for every output: one line each, with evidence."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ SEVERITY = {
 
 @dataclass(frozen=True, slots=True)
 class ShownFinding:
-    """A finding for display; ``when`` is the part of its sentence with the time (may be empty).
+    """Finding for display; ``when`` is the part of its sentence with the time, or empty.
 
-    ``t`` s, None without a time. ``why``: evidence and cause, a line each.
+    ``t`` s, None without a time. ``why``: evidence and cause, one line each.
     """
 
     label: str
@@ -57,7 +57,7 @@ class ShownFinding:
 
     @property
     def is_note(self) -> bool:
-        """Whether nothing has to be done."""
+        """Whether it requires no action."""
         return self.style == "note"
 
 
@@ -73,7 +73,7 @@ def shown_findings(found: Iterable[Finding]) -> list[ShownFinding]:
 
 
 def no_problem_text(shown: list[ShownFinding], hidden: int = 0) -> str:
-    """Return the sentence for an empty list, with the number of ``hidden`` notes."""
+    """Return the sentence for an empty list; ``hidden``: number of notes not listed."""
     if shown:
         return ""
     notes = {0: "", 1: "; 1 note with -v"}.get(hidden, f"; {hidden} notes with -v")
@@ -96,7 +96,10 @@ def _shown_finding(finding: Finding) -> ShownFinding:
 
 
 def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
-    """Split a sentence at its time; a missing time is added at the end, with ``times``, how often it happened."""
+    """Split a sentence at its time.
+
+    A missing time is appended. ``times``: number of occurrences, appended too.
+    """
     if t is None:
         return (f"{text.rstrip('.')} ({times})." if times else text), "", ""
     for written in dict.fromkeys((moment(t), f"{t:.1f} s", f"{t:.1f}", f"{t:.0f} s", f"{t:.0f}")):
@@ -107,22 +110,22 @@ def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
     return f"{text.rstrip('.')} ({times + ', ' if times else ''}{'from' if times else 'at'} ", moment(t), ")."
 
 
-# Checks of sensors and estimator as every output shows them.
+# Checks of sensors and estimator for every output.
 
 # The worst first, unknown last.
 VERDICTS = ("fault", "warning", "ok", "unknown")
 BAD_VERDICTS = ("fault", "warning")
-# An interval off its value by more than this share of its half width is written as two ends.
+# An interval more asymmetric than this share of its half width is written as two ends.
 LOPSIDED = 0.25
-# Units of whole numbers.
+# Units of counted things.
 COUNTED = ("satellites", "samples")
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterChange:
-    """A parameter to set: name, value in the log (empty where unknown) and new value.
+    """Parameter to set: name, logged value (empty if unknown) and new value.
 
-    ASCII only: values are typed or pasted from here.
+    ASCII only, because users type or paste the values.
     """
 
     name: str
@@ -136,10 +139,10 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True)
 class ShownCheck:
-    """A check for display: a row of a table on a terminal, in a file, on a page.
+    """Check for display: a row of a table on terminal, page or in a file.
 
-    ``value`` with unit and 95 % interval. ``settings``: what to set; ``advice``: what to do without any. ``why``:
-    components, evidence, extent, limit, a line each.
+    ``value`` with unit and 95 % interval. ``settings``: parameters to set; ``advice``: what to do otherwise. ``why``:
+    components, evidence, extent, limit, one line each.
     """
 
     sensor: str
@@ -169,7 +172,7 @@ def shown_checks(checks: Iterable[Check]) -> list[ShownCheck]:
 
 
 def repeat_advice_once(rows: Iterable[ShownCheck]) -> list[ShownCheck]:
-    """Replace repeated advice to one question by the name of the first sensor with it."""
+    """Replace repeated advice on a question by the name of the first sensor with it."""
     first: dict[tuple[str, str], str] = {}
     found = []
     for row in rows:
@@ -180,13 +183,13 @@ def repeat_advice_once(rows: Iterable[ShownCheck]) -> list[ShownCheck]:
 
 
 def question_titles(rows: Iterable[ShownCheck]) -> str:
-    """Return the questions of rows in one line with the number of sensors: ``vibration (3)``."""
+    """List the questions of rows, with the number of sensors: ``vibration (3)``."""
     times = Counter(row.question for row in rows)
     return ", ".join(f"{question} ({n})" if n > 1 else question for question, n in times.items())
 
 
 def reasons_unknown(rows: Iterable[ShownCheck]) -> list[tuple[str, str]]:
-    """Return unknown questions and their reason, questions with the same reason together."""
+    """Return unknown questions with their reasons, grouped by reason."""
     asked: dict[str, list[str]] = {}
     for row in rows:
         why = row.text if row.advice in row.text else f"{row.text} {row.advice}"
@@ -219,13 +222,13 @@ def value_text(check: Check) -> str:
 
 
 def parameter_change(setting: Setting) -> ParameterChange:
-    """Return a parameter to set for display."""
+    """Format a parameter to set."""
     old = "" if setting.old is None else setting_number(setting.old)
     return ParameterChange(clean(setting.name), old, setting_number(setting.new))
 
 
 def parameter_changes(settings: Sequence[Setting], most: int) -> str:
-    """Return parameters to set in one line, at most ``most`` by name."""
+    """List parameters to set in one line, at most ``most`` by name."""
     rest = len(settings) - most
     named = ", ".join(str(parameter_change(setting)) for setting in settings[:most])
     return f"{named} and {rest} more" if rest > 0 else named
@@ -254,7 +257,7 @@ def _shown_check(one: Check) -> ShownCheck:
 
 
 def _axes(one: Check) -> list[str]:
-    """Return the components along the body's axes in one line: ``x 12.0 ± 2.0, y ... µT.``"""
+    """Format the components in body axes: ``x 12.0 ± 2.0, y ... µT.``"""
     numbers = [*one.vector, *one.vector_ci95]
     if not one.vector or len(one.vector) != len(one.vector_ci95) or not all(map(math.isfinite, numbers)):
         return []
@@ -263,21 +266,24 @@ def _axes(one: Check) -> list[str]:
 
 
 def _with_half(value: float, half: float, unit: str) -> str:
-    """Return a value and half its interval with the same decimals, of which the latter fills one."""
+    """Format a value and half its interval with equal decimals.
+
+    The half interval has one significant decimal.
+    """
     places = decimals(max(abs(value), half), unit)
     if half > 0.0:
         places = max(places, min(-math.floor(math.log10(half)), 6))
     return f"{value + 0.0:.{places}f} ± {half:.{places}f}".replace("-", MINUS)
 
 
-# What a result offers to set, as the file of its ground station.
+# Settings of a result as a parameter file of its ground station.
 
 # PX4's own MAVLink id, which QGroundControl compares with the connected vehicle.
 MAVLINK_ID_PARAMETER = "MAV_SYS_ID"
 
 
 def parameter_file(result: model_Result) -> str:
-    """Return the text of the ``.param`` file, empty without anything to set."""
+    """Return the text of the ``.param`` file, empty without settings."""
     firmware = str((result.log.get("firmware") or {}).get("name") or "")
     vehicle = (result.log.get("params") or {}).get(MAVLINK_ID_PARAMETER) or 1
     return param_file(firmware, str(result.log.get("name") or "log"), agreed_settings(result.checks), int(vehicle))

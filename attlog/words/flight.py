@@ -1,4 +1,4 @@
-"""The flight in words: title line, tone, gyro bias, messages and events."""
+"""Display texts of a flight: title line, tone, gyro bias, messages and events."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def subtitle(result: Result) -> list[str]:
 
 
 def what_happened(result: Result) -> str:
-    """Return the headline without the vehicle, which the line below the title names."""
+    """Return the headline without the vehicle, which the subtitle contains."""
     who, colon, what = result.headline.partition(": ")
     return what[:1].upper() + what[1:] if colon else who
 
 
 def flight_tone(result: Result) -> str:
-    """Return ``bad``, ``warn``, ``good``, or an empty text without a flight."""
+    """Return ``bad``, ``warn`` or ``good``, or an empty text without a flight."""
     if any(event.is_crash for event in result.events):
         return "bad"
     found = {finding.severity for finding in result.findings}
@@ -49,7 +49,7 @@ def flight_tone(result: Result) -> str:
 
 
 def flight_length(result: Result) -> str:
-    """Return the length of the log and of its flights."""
+    """Return the duration of the log and of its flights."""
     flown = (result.log.get("seconds") or {}).get("airborne")
     whole = duration(result.log.get("duration_s"))
     return f"{whole}, {duration(flown)} in flight" if flown else whole
@@ -72,11 +72,11 @@ def firmware(result: Result) -> str:
     return f"{name} on {said['board']}" if name and said.get("board") else name
 
 
-# What was subtracted from the gyro for every filter alike, in a sentence.
+# Gyro bias subtracted for every filter, as a sentence.
 
 
 def gyro_bias_text(result: Result) -> list[str]:
-    """Return a sentence for each replayed IMU on the bias subtracted from its gyro."""
+    """Return one sentence per replayed IMU on the bias subtracted from its gyro."""
     several = len(result.gyro_bias) > 1
     return [(f"{bias.imu}: " if several else "") + bias_sentence(bias) for bias in result.gyro_bias]
 
@@ -101,23 +101,26 @@ def bias_sentence(bias: CommonBias) -> str:
 
 
 def rates_text(dps: list[float]) -> str:
-    """Return three rates about the body axes."""
+    """Format three rates about the body axes."""
     x, y, z = (f"{0.0 if abs(v) < 0.0005 else v:+.3f}" for v in dps)
     return f"{x}, {y}, {z} deg/s about x, y, z"
 
 
-# How closely the filter that flew is followed when it is run again, in a sentence.
+# Deviation of a re-run onboard filter from the flown attitude, as a sentence.
 
 
 def rerun_sentences(result: Result) -> list[str]:
-    """Return how closely each re-run follows what flew, else why the filter was not run again."""
+    """Describe how closely each re-run follows the flown attitude.
+
+    Without a re-run return the reason.
+    """
     rows = result.estimators
     found = [reproduction_text(row.estimator, row.reproduction) for row in rows if row.reproduction is not None]
     return found or [typeset(result.not_rerun)] * bool(result.not_rerun)
 
 
 def reproduction_text(estimator: str, found: Reproduction) -> str:
-    """Return how closely an estimator such as ``px4_ekf2`` follows what flew."""
+    """Describe how closely an estimator such as ``px4_ekf2`` follows the flown attitude."""
     where = "in the air" if found.airborne else "over the whole log"
     size = f"{_upper_bound(found.tilt_median_deg)} tilt and {_upper_bound(found.heading_median_deg)} heading"
     if found.follows:
@@ -132,9 +135,9 @@ def _upper_bound(deg: float) -> str:
     return f"{max(math.ceil(deg * scale), 1) / scale:g}°"
 
 
-# What the autopilot said, and which of it a pilot looks for first.
+# Autopilot messages, and alarms among them.
 
-# Texts of alarms whatever their level.
+# Texts that are alarms at any level.
 ALARM = re.compile(r"fail[- ]?safe|crash|emergency|lost|terminat|\bland(ing)? now\b|parachute", re.IGNORECASE)
 
 LEVELS = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
@@ -157,7 +160,7 @@ def level_name(level: int) -> str:
     return LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
 
 
-# What happened in a flight, as it is listed: time, words, how bad, and the evidence.
+# Events of a flight for display: time, sentence, severity, evidence.
 
 EVENT_STYLES = {"serious": "bad", "warning": "warn"}
 # Label of an event by its kind.
@@ -186,7 +189,7 @@ EVENT_LABELS = {
     "battery": "battery",
     "message": "message",
 }
-# Kinds in the folded list.
+# Event kinds in the collapsed list.
 MINOR_EVENTS = ("power_up", "reset")
 
 
@@ -201,7 +204,7 @@ class ShownEvent:
 
 
 def shown_events(result: Result) -> tuple[list[ShownEvent], list[ShownEvent]]:
-    """Return events in time order, and those of minor kinds."""
+    """Return events in time order, and events of minor kinds."""
     listed: list[ShownEvent] = []
     details: list[ShownEvent] = []
     for event in result.events:

@@ -7,15 +7,15 @@ import re
 from attlog.result import Duplicates, EstimatorRow, Result
 from attlog.words.numbers import listed, quantity
 
-# Words in capitals.
+# Words written in capitals.
 ABBREVIATIONS = frozenset({"ahrs", "ap", "dcm", "ekf", "eskf", "gnss", "gsf", "imu", "marg", "mekf", "px4", "q"})
 
-# Origins of a parameter from the user: an option, or a ground station's file.
+# Origins of a parameter set by the user: an option, or a ground station's file.
 SET_BY_HAND = ("option", "file")
 
 
 def row_name(row: EstimatorRow) -> str:
-    """Return the name of a row by rule from its id: ``Mahony, Xu 0.6``, ``Onboard (ATT)``."""
+    """Return a row's name, derived from its id: ``Mahony, Xu 0.6``, ``Onboard (ATT)``."""
     return _named(row, ", ")
 
 
@@ -25,12 +25,12 @@ def name_in_sentence(row: EstimatorRow) -> str:
 
 
 def flown_name(estimator: str) -> str:
-    """Return the firmware's name of a filter that is run again: ``EKF2`` of ``px4_ekf2``."""
+    """Return the firmware's name of a re-run filter: ``EKF2`` for ``px4_ekf2``."""
     return estimator.partition(":")[0].rpartition("_")[2].upper()
 
 
 def row_names(result: Result) -> dict[str, str]:
-    """Return the name of every row by id; equal names get their id."""
+    """Return the name of every row by id; the id is appended to equal names."""
     names = {row.name: row_name(row) for row in result.estimators}
     called = list(names.values())
     return {key: name if called.count(name) == 1 else f"{name} [{key}]" for key, name in names.items()}
@@ -57,7 +57,7 @@ def _named(row: EstimatorRow, comma: str) -> str:
 
 
 def _spelled(words: list[str], title: str) -> str:
-    """Spell the words of an id as the title does, abbreviations in capitals."""
+    """Spell the words of an id as in the title, abbreviations in capitals."""
     spelled = {w.lower(): w for w in re.findall(r"\w+", title)}
     written = []
     for word in words:
@@ -72,7 +72,7 @@ def _parameter_text(value: float | str) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-# A heading reference in a column heading, and after "against".
+# Heading reference: as column heading, and after "against".
 HEADING_REFERENCE = {
     "rest": ("rest", "standing still"),
     "truth": ("truth", "the truth"),
@@ -84,21 +84,21 @@ HEADING_REFERENCE = {
     "course": ("GNSS course", "the GNSS course"),
 }
 
-# Reference of errors that are differences from the autopilot's own attitude.
+# Reference name of differences from the autopilot's own attitude.
 AGREEMENT = "onboard (agreement, not truth)"
 
 
 def heading_reference_short(reference: str) -> str:
-    """Return a heading reference for a column heading."""
+    """Return a heading reference as column heading."""
     return HEADING_REFERENCE.get(reference, (reference, ""))[0]
 
 
 def heading_reference_name(reference: str) -> str:
-    """Return a heading reference after "against"."""
+    """Return a heading reference as it follows "against"."""
     return HEADING_REFERENCE.get(reference, ("", reference))[1]
 
 
-# Checks that put a heading reference in doubt.
+# Checks whose failure casts doubt on a heading reference.
 DOUBTS = {
     "onboard": {
         "heading_by_gnss": "GNSS contradicts it",
@@ -115,18 +115,18 @@ DOUBTS = {
 
 
 def truth_name(result: Result) -> str:
-    """Return whether the truth is the log's or the user's."""
+    """Return "the logged truth" or "your truth"."""
     return "the logged truth" if result.reference is None or result.reference.fit is None else "your truth"
 
 
 def against_heading(result: Result, reference: str) -> str:
-    """Return a heading reference after "against", with a warning where it is no truth or in doubt."""
+    """Return a heading reference after "against", with a warning if it is no truth."""
     name = truth_name(result) if reference == "truth" else heading_reference_name(reference)
     return f"{name} ({heading_warning(result, reference)})" if reference in DOUBTS else name
 
 
 def heading_warning(result: Result, reference: str) -> str:
-    """Return the warning on a heading that is no truth, or its doubt where it failed a check."""
+    """Return the warning on a heading reference: a failed check, else "agreement, not truth"."""
     least = ("fault",) if reference == "onboard" else ("fault", "warning")
     failed = {check.question for check in result.checks if check.verdict in least and check.in_use}
     doubt = next((words for name, words in DOUBTS[reference].items() if name in failed), "")
@@ -134,7 +134,10 @@ def heading_warning(result: Result, reference: str) -> str:
 
 
 def against_whom(result: Result, *, sigma: bool = False) -> str:
-    """Return the reference with a warning where it is no truth; ``sigma``: with its own tilt sigma."""
+    """Return the reference, with a warning if it is no truth.
+
+    ``sigma``: append its own tilt sigma.
+    """
     reference = result.reference
     choice = reference.choice if reference else ""
     whom = {"truth": truth_name(result), "smoother": "the smoother"}.get(choice, AGREEMENT)
@@ -142,7 +145,7 @@ def against_whom(result: Result, *, sigma: bool = False) -> str:
     return f"{whom} (sigma {quantity(own, 'deg', signed=False)})" if own else whom
 
 
-# Word in a cell without a value by code, and the same in at most 9 letters.
+# Cell text of a missing value by code, and its form in at most 9 letters.
 CODES = {
     "no_rest": ("no rest", "no rest"),
     "rest_too_short": ("rest too short", "short"),
@@ -168,7 +171,7 @@ CODES = {
     "part_failed": ("failed", "bug"),
 }
 
-# Codes and states in brackets after names.
+# Codes and states as remarks in brackets after names.
 NOT_JUDGED = {
     "not_a_pure_delay": "wrong angle in the step",
     "lag_at_edge": "wrong angle in the step",
@@ -182,11 +185,14 @@ NOT_JUDGED = {
 }
 
 
-# Rows that are one filter twice, in a sentence.
+# Rows of the same filter, as a sentence.
 
 
 def duplicate_rows_text(result: Result, equations: bool = True) -> list[str]:
-    """Return a sentence for each group of rows with one equation (unless left out) or equal attitudes."""
+    """Return one sentence per group of rows with one equation or equal attitudes.
+
+    ``equations`` False: only groups with equal attitudes.
+    """
     names = {row.name: name_in_sentence(row) for row in result.estimators}
     return [
         duplicate_sentence(group, [names.get(row, row) for row in group.rows])

@@ -26,24 +26,24 @@ UNITS = {
     "ratio": "×",
 }
 
-# Times from here on are written as h:mm:ss.
+# Times above this are written as h:mm:ss.
 CLOCK_FROM_S = 600.0
 
-# Units whose sign matters: direction of a drift, lag or lead.
+# Units whose sign has a meaning: direction of a drift, lag or lead.
 SIGNED = ("deg/min", "ms")
 
 
-# Ratios from the first on are factors; beyond the second two values are not comparable.
+# Above the first, ratios are written as factors; above the second, two values are not comparable.
 FACTOR, NOT_COMPARABLE = 10.0, 100.0
 
 
 def unit_sign(unit: str) -> str:
-    """Return the sign of a unit: ``deg/min`` is °/min."""
+    """Return the symbol of a unit: ``deg/min`` is °/min."""
     return UNITS.get(unit, unit)
 
 
 def number(value: float | None, unit: str = "", signed: bool | None = None) -> str:
-    """Return a value without its unit; an empty text for None and what is not finite."""
+    """Format a value without its unit; empty for None and non-finite values."""
     if value is None or not math.isfinite(value):
         return ""
     size = abs(value)
@@ -75,7 +75,7 @@ def decimals(size: float, unit: str) -> int:
 
 
 def quantity(value: float | None, unit: str = "", signed: bool | None = None) -> str:
-    """Return a value with its unit: ``0.012°``, ``+12 ms``, ``−1.2°/min``."""
+    """Format a value with its unit: ``0.012°``, ``+12 ms``, ``−1.2°/min``."""
     text = number(value, unit, signed)
     sign = unit_sign(unit)
     if not text or not sign:
@@ -84,7 +84,10 @@ def quantity(value: float | None, unit: str = "", signed: bool | None = None) ->
 
 
 def change(ratio: float, *, signed: bool = True) -> str:
-    """Return a ratio as a change: ``−24 %``, from ten on a factor, beyond 100 not comparable."""
+    """Format a ratio as a change: ``−24 %``.
+
+    From ten on a factor, beyond 100 "not comparable".
+    """
     if not 1.0 / NOT_COMPARABLE <= ratio <= NOT_COMPARABLE:
         return "not comparable"
     if ratio >= FACTOR:
@@ -97,13 +100,13 @@ def change(ratio: float, *, signed: bool = True) -> str:
 
 
 def change_end(ratio: float, *, signed: bool = True) -> str:
-    """Return the end of an interval of a ratio: ``over 100 times`` beyond 100."""
+    """Format the end of a ratio's interval: ``over 100 times`` beyond 100."""
     text = change(ratio, signed=signed)
     return text if text != "not comparable" else "over 100 times" if ratio > 1.0 else f"{MINUS * signed}99 %"
 
 
 def between(low: str, high: str) -> str:
-    """Return two quantities as a range with the unit once: ``0.4 to 1.2°``, ``up to 3 ms``."""
+    """Format a range of two quantities: ``0.4 to 1.2°``, ``up to 3 ms``."""
     if low == high:
         return high
     if low.startswith("<"):
@@ -113,14 +116,14 @@ def between(low: str, high: str) -> str:
 
 
 def below(value: float, unit: str = "") -> str:
-    """Return an upper bound with its unit, rounded up."""
+    """Format an upper bound with its unit, rounded up."""
     size = abs(value)
     scale = 10.0 ** decimals(size, unit)
     return quantity(math.ceil(size * scale - 1e-9) / scale, unit, signed=False)
 
 
 def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
-    """Return an interval, ``−6.7 to −2.7``; empty without one."""
+    """Format an interval, ``−6.7 to −2.7``; empty without one."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
         return ""
     low, high = ci95
@@ -128,21 +131,21 @@ def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> 
 
 
 def bracketed(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
-    """Return an interval for a table, ``[−6.7, −2.7]``; empty without one."""
+    """Format an interval for a table, ``[−6.7, −2.7]``; empty without one."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
         return ""
     return f"[{number(ci95[0], unit)}, {number(ci95[1], unit)}]"
 
 
 def half_width(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
-    """Return half of an interval, ``±2.0``; empty without one."""
+    """Format half of an interval, ``±2.0``; empty without one."""
     if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
         return ""
     return f"±{number(0.5 * (ci95[1] - ci95[0]), unit, False)}"
 
 
 def moment(t: float, places: int = 1) -> str:
-    """Return a time on the log's clock: ``103.4 s``, from ten minutes on ``0:17:23``."""
+    """Format a time on the log's clock: ``103.4 s``, from ten minutes on ``0:17:23``."""
     if abs(t) >= CLOCK_FROM_S:
         whole = round(abs(t))
         return f"{MINUS if t < 0 else ''}{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
@@ -151,12 +154,12 @@ def moment(t: float, places: int = 1) -> str:
 
 
 def counted(n: int, thing: str) -> str:
-    """Return a number with its noun: ``1 step``, ``28 steps``."""
+    """Format a number with its noun: ``1 step``, ``28 steps``."""
     return f"{n:,} {thing}{'' if n == 1 else 's'}"
 
 
 def duration(seconds: float | None) -> str:
-    """Return a length of time: ``36 s``, ``4.0 min``, ``2 h 05 min``."""
+    """Format a duration: ``36 s``, ``4.0 min``, ``2 h 05 min``."""
     if seconds is None or not math.isfinite(seconds):
         return ""
     if seconds < 9.95:
@@ -170,5 +173,5 @@ def duration(seconds: float | None) -> str:
 
 
 def listed(names: list[str]) -> str:
-    """Return names in a list: ``a``, ``a and b``, ``a, b and c``."""
+    """Join names: ``a``, ``a and b``, ``a, b and c``."""
     return " and ".join(x for x in (", ".join(names[:-1]), names[-1]) if x) if names else ""

@@ -1,4 +1,4 @@
-"""Rows and their answers: windows of a question, order of rows, ranking of a column."""
+"""Order of rows, windows of a question, ranking of a column."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from attlog.words.numbers import SIGNED, interval, quantity
 
 REST = ("rest", "rest.long", "all")
 AIR = ("airborne", "all", "armed")
-# Windows of a question; the first in which a filter has an answer counts for all rows.
+# Windows of a question. The first in which a filter has an answer applies to all rows.
 ALL = ("all", "airborne", "rest")
 
-# Phases of noise, never pooled; the first with an answer leads.
+# Phases of noise, never pooled. The first with an answer is reported first.
 PHASES = ("rest", "hover", "cruise", "idle")
 
-# The estimator without corrections: it is drawn beside the others and never ranked.
+# Estimator without corrections: drawn for comparison, never ranked.
 BASELINE = "gyro"
 
 
@@ -40,7 +40,7 @@ def _all_rows(result: Result) -> list[EstimatorRow]:
 
 
 def find_answer(row: EstimatorRow, metric: str, windows: tuple[str, ...]) -> Answer | None:
-    """Return the row's answer in the first of the windows, one with a value preferred."""
+    """Return the row's answer in the first window with a value, else any answer."""
     answers = [row.metrics[w][metric] for w in windows if metric in row.metrics.get(w, {})]
     return next((a for a in answers if a.value is not None), answers[0] if answers else None)
 
@@ -71,12 +71,12 @@ def is_best(result: Result, row: EstimatorRow, metric: str, window: str) -> bool
 
 
 def count_best(result: Result, name: str) -> int:
-    """Return how often a row is marked best, over all windows and metrics."""
+    """Return how often a row is marked best over all windows and metrics."""
     return sum(name in rows for metrics in result.best.values() for rows in metrics.values())
 
 
 def rows_in_order(result: Result) -> list[EstimatorRow]:
-    """Sort rows: onboard, its filter run again, the filters, the baseline, other onboard rows."""
+    """Sort rows: onboard, its re-run, filters, the baseline, other onboard rows."""
 
     def place(row: EstimatorRow) -> int:
         if row.is_reference or row.name == "onboard":
@@ -88,7 +88,7 @@ def rows_in_order(result: Result) -> list[EstimatorRow]:
     return sorted(result.estimators, key=place)
 
 
-# Who has a value in a column, who was compared, who is best, who is worst: once for table, sentences and bars.
+# Ranking of a column, shared by table, sentences and bars.
 
 BASELINE_REMARK = "the gyro alone, shown for comparison"
 # Columns that need no reference.
@@ -98,7 +98,7 @@ NOT_COMPARED = "too little data in common"
 
 @dataclass(slots=True)
 class RankedValue:
-    """A row with a value. ``ranked``: it was compared with others."""
+    """Row with a value. ``ranked``: it was compared with others."""
 
     row: EstimatorRow
     answer: Answer
@@ -116,7 +116,7 @@ class RankedValue:
 
     @property
     def size(self) -> float:
-        """Distance from zero: drift and lag without their sign."""
+        """Distance from zero, without the sign of drift and lag."""
         return abs(self.value)
 
     @property
@@ -126,7 +126,7 @@ class RankedValue:
 
     @property
     def shown(self) -> bool:
-        """Whether it has a bar: filters, the onboard attitude, its filter run again."""
+        """Whether it has a bar: filters, the onboard attitude, its re-run."""
         return self.row.kind != "onboard" or self.row.name == "onboard"
 
     @property
@@ -136,13 +136,13 @@ class RankedValue:
 
     @property
     def interval(self) -> str:
-        """The interval in brackets after a blank; empty without one."""
+        """The interval in brackets after a space; empty without one."""
         text = interval(self.answer.ci95, self.answer.unit)
         return f" ({text})" if text else ""
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The interval, else the value twice."""
+        """Ends of the interval; without one the value twice."""
         low, high = self.answer.ci95 if self.answer.ci95 is not None else (self.value, self.value)
         return low, high
 
@@ -163,10 +163,10 @@ class MissingValue:
 
 @dataclass(slots=True)
 class ColumnRanking:
-    """One metric in one window: rows with a value, the least first, and rows without.
+    """One metric in one window: rows with a value, smallest first, and rows without.
 
-    ``best``: rows that no row is significantly better than, empty where that is all of them. ``worst``: the
-    significantly worst row. The baseline and the onboard attitude are among ``judged`` and never in these. ``total``:
+    ``best``: rows that no row is significantly better than, empty if that is all of them. ``worst``: the significantly
+    worst row. The baseline and the onboard attitude are in ``judged``, never in ``best`` or ``worst``. ``total``:
     number of filters without the baseline.
     """
 
@@ -190,22 +190,22 @@ class ColumnRanking:
 
     @property
     def compared(self) -> str:
-        """Number of compared rows: ``7 filters``, ``5 ranked filters`` of more."""
+        """Number of compared rows: ``7 filters``, or ``5 ranked filters`` if there are more."""
         return f"{len(self.ranked)} {'filters' if self.total == len(self.ranked) else 'ranked filters'}"
 
     @property
     def onboard(self) -> RankedValue | None:
-        """The onboard attitude, unless this column compares all rows with it."""
+        """The onboard attitude, unless it is the reference of this column."""
         by_itself = self.metric.startswith(SELF_COMPARED)
         return next((j for j in self.judged if j.row.name == "onboard" and (by_itself or not j.row.is_reference)), None)
 
     def of(self, row: EstimatorRow) -> RankedValue | None:
-        """Return the value of a row, None without."""
+        """Return the value of a row, None without one."""
         return next((j for j in self.judged if j.row.name == row.name), None)
 
 
 def rank_column(result: Result, metric: str, windows: tuple[str, ...]) -> ColumnRanking:
-    """Return the column of a metric in the first window in which a filter has a value."""
+    """Rank a metric in the first window in which a filter has a value."""
     window = window_of(result, metric, windows)
     every = sum(row.kind == "replay" and not is_baseline(row) for row in result.estimators)
     found = ColumnRanking(metric, window, every)
@@ -220,7 +220,7 @@ def rank_column(result: Result, metric: str, windows: tuple[str, ...]) -> Column
     found.judged.sort(key=lambda j: j.size if j.answer.unit in SIGNED else j.value)
     found.best = [j for j in found.ranked if is_best(result, j.row, metric, window)]
     worst = result.worst.get(window, {}).get(metric, ())
-    # ranked pair by pair on the time that both share: a row that is worse there may have a smaller value over all
+    # rows are ranked pairwise on shared time, so a worse row may have a smaller value overall
     largest = max((j.size for j in found.ranked), default=0.0)
     found.worst = next((j for j in found.ranked if j.row.name in worst and j.size == largest), None)
     return found
@@ -235,23 +235,23 @@ def reason_unranked(judged: RankedValue) -> str:
     return judged.answer.reason or NOT_COMPARED
 
 
-# Which heading reference the drift in the air is quoted against.
+# Heading reference for which drift in the air is reported.
 
 DRIFT_AIR = "drift_air_deg_per_min"
 
 
-# Code of an answer whose interval excludes nothing.
+# Code of an answer whose interval is too wide to exclude any value.
 CODE_TOO_UNCERTAIN = "too_uncertain"
-# Code of a heading reference that is shorter than a drift takes.
+# Code of a heading reference too short for a drift.
 CODE_TOO_SHORT = "record_too_short"
-# Order in which heading references are quoted.
+# Heading references, preferred ones first.
 HEADING_REFERENCE_ORDER = ("truth", "smoother", "gnss_yaw", "onboard", "mag", "yaw_estimator", "course")
 
 
 def quoted_heading_reference(result: Result) -> str:
-    """Return the heading reference that drift in the air is quoted against, whatever it ranks.
+    """Return the heading reference of the reported drift in the air.
 
-    The first of HEADING_REFERENCE_ORDER with a value of a replayed row; truth also where it is too uncertain.
+    The first of HEADING_REFERENCE_ORDER with a value of a replayed row; truth even if it is too uncertain.
     """
     replayed = [row for row in result.estimators if row.kind == "replay"]
     unsure = short = ""

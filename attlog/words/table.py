@@ -1,4 +1,4 @@
-"""The table of filters for page and terminal: columns in the order of the questions, cells."""
+"""Table of filters for page and terminal: columns by question, cells."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from attlog.words.text import typeset
 
 @dataclass(frozen=True, slots=True)
 class TableColumn:
-    """A column: ``metric`` in the first of ``windows`` in which a filter has a value.
+    """Table column: ``metric`` in the first of ``windows`` in which a filter has a value.
 
-    ``contest`` is False for columns that are never marked best. ``spare``: how soon a narrow terminal leaves it out, 0
-    never, the largest first. ``short``: title where a question has one column, empty for none.
+    ``contest`` False: never marked best. ``spare``: order in which a narrow terminal drops columns, largest first, 0
+    never. ``short``: title if its question has a single column, or empty.
     """
 
     title: str
@@ -76,7 +76,7 @@ AXIS_COLUMNS = tuple(
 def table_columns(result: Result) -> list[TableColumn]:
     """Return the columns of the comparison: errors, noise by phase, steps, drift, cost.
 
-    Noise has a column for each phase with a value, drift in the air one for the quoted heading reference.
+    Noise has one column per phase with a value, drift in the air one for the reported heading reference.
     """
     phases = [phase for phase in PHASES if _has_noise(result, phase)]
     noise = [
@@ -93,17 +93,17 @@ def _has_noise(result: Result, phase: str) -> bool:
     return any(has_value(row.metrics.get(phase, {}).get(NOISE)) for row in rows)
 
 
-# One answer as a cell: its number and interval, or a word for what is missing; best, or shown but not ranked.
+# Answer as a cell: number and interval, or a word for a missing value; marked best or not ranked.
 
 FULL_COVERAGE_PCT = 95.0
 
 
 @dataclass(slots=True)
 class TableCell:
-    """A value for display.
+    """Table cell for display.
 
     ``small``: lines below the number (interval, share of the time). ``half``: half of the interval for one line.
-    ``brief``: the text where there is little room. ``sort`` is None without a value.
+    ``brief``: short text for narrow columns. ``sort`` is None without a value.
     """
 
     text: str
@@ -141,7 +141,10 @@ def table_cell(result: Result, row: EstimatorRow, column: TableColumn, window: s
 
 
 def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
-    """Return the cell of a missing answer: a word and the reason; a failed filter comes first."""
+    """Return the cell of a missing answer: a word and the reason.
+
+    A failure of the filter comes first.
+    """
     if row.kind != "onboard" and row.status == "failed":
         return TableCell("failed", brief="failed", missing=True, reason=row.reason)
     itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")
@@ -150,24 +153,24 @@ def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
 
 
 def coverage_text(answer: Answer) -> str:
-    """Return the share of the time that was compared, ``of 62 %``; empty for (nearly) all of it."""
+    """Return the share of the time that was compared, ``of 62 %``; empty if nearly all."""
     coverage = answer.coverage_pct
     return f"of {coverage:.0f} %" if coverage is not None and coverage < FULL_COVERAGE_PCT else ""
 
 
 def sort_key(result: Result, metric: str, answer: Answer) -> float:
-    """Return the distance of a value from the best possible one."""
+    """Return the distance of a value from its ideal, for sorting."""
     better = result.definitions.get(metric, {}).get("better") or ("zero" if answer.unit in SIGNED else "low")
     value = value_of(answer)
     return {"zero": abs(value), "one": abs(value - 1.0)}.get(better, value)
 
 
-# The comparison as rows and cells: what the page and the terminal lay out.
+# Comparison as rows and cells for page and terminal.
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnHeading:
-    """A heading: title, unit, metric, window, how soon it is left out, short title."""
+    """Column heading: title, unit, metric, window, ``spare``, short title."""
 
     title: str
     unit: str
@@ -179,7 +182,7 @@ class ColumnHeading:
 
 @dataclass(slots=True)
 class FilterTable:
-    """Headings, and (row, cells) for every row."""
+    """Headings, and (row, cells) of every row."""
 
     columns: list[ColumnHeading] = field(default_factory=list)
     rows: list[tuple[EstimatorRow, list[TableCell]]] = field(default_factory=list)
@@ -193,7 +196,7 @@ class FilterTable:
 def main_table(result: Result, window: str = "all") -> FilterTable:
     """Return the comparison of all rows: every column with a value.
 
-    With ``window`` other than ``all`` columns are looked up there only.
+    With ``window`` other than ``all`` only that window is used.
     """
     chosen = table_columns(result)
     if window != "all":
@@ -208,7 +211,7 @@ def axis_table(result: Result) -> FilterTable:
 
 
 def window_tables(result: Result) -> dict[str, FilterTable]:
-    """Return every metric of every window."""
+    """Return a table of all metrics for each window."""
     windows = dict.fromkeys(w for r in result.estimators for w in r.metrics)
     out = {}
     for window in windows:
@@ -221,7 +224,7 @@ def window_tables(result: Result) -> dict[str, FilterTable]:
 
 
 def fill_table(result: Result, wanted: Iterable[TableColumn]) -> FilterTable:
-    """Return those columns that have a value, for all rows, each in one window."""
+    """Return the columns with a value, for all rows, each in one window."""
     rows = rows_in_order(result)
     table, chosen = FilterTable(), []
     for column in wanted:

@@ -1,4 +1,4 @@
-"""Texts for display: texts of logs cleaned, signs for narrow encodings, typeset sentences, Markdown."""
+"""Clean and format texts: untrusted texts, narrow encodings, sentences, Markdown."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ ASCII_SIGNS = {
 
 
 def encodable(text: str, encoding: str) -> str:
-    """Return a text with stand-ins for signs that ``encoding`` lacks."""
+    """Replace characters that ``encoding`` lacks."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
@@ -50,7 +50,7 @@ def encodable(text: str, encoding: str) -> str:
 
 
 def on_encode_error(error: UnicodeError) -> tuple[str, int]:
-    """Replace signs that an encoding lacks; an error handler of :func:`codecs.register_error`."""
+    """Replace characters that an encoding lacks, as :func:`codecs.register_error` needs it."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object
@@ -65,7 +65,7 @@ def _encodable_sign(char: str, before: str, encoding: str) -> str:
         pass
     else:
         return char
-    if "\udc80" <= char <= "\udcff":  # a byte of a file name that is not UTF-8, as Python keeps it
+    if "\udc80" <= char <= "\udcff":  # Python's surrogate for a non-UTF-8 byte of a file name
         return f"\\x{ord(char) - 0xDC00:02x}"
     if char == "°" and before.isdigit():
         return " deg"
@@ -73,7 +73,7 @@ def _encodable_sign(char: str, before: str, encoding: str) -> str:
     return ASCII_SIGNS.get(char) or plain or char.encode("ascii", "backslashreplace").decode("ascii")
 
 
-# Texts of strangers made fit to be shown, sentences of other rooms typeset, values of unknown type as text.
+# Clean untrusted texts, typeset sentences, format values of unknown type.
 
 CONTROL = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
@@ -82,13 +82,13 @@ CONTROL = re.compile(
 
 
 def clean(text: str) -> str:
-    """Replace control and direction characters of a text from a log by a visible mark."""
+    """Replace control and direction characters of a log's text by a visible mark."""
     text = str(text)
     return text if text.isascii() and text.isprintable() else CONTROL.sub("\ufffd", text)
 
 
 def for_terminal(text: str) -> str:
-    """Return a text without terminal commands, bytes that are not UTF-8 as escapes."""
+    """Remove terminal commands from a text; escape bytes that are not UTF-8."""
     return clean(encodable(text, "utf-8"))
 
 
@@ -100,7 +100,7 @@ def json_for_terminal(text: str) -> str:
 
 
 def cleaned(value: Any) -> Any:
-    """Clean every text inside a JSON value; numbers that JSON cannot hold become null."""
+    """Clean every text in a JSON value; numbers that JSON lacks become null."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if value is None or isinstance(value, int):
@@ -127,9 +127,9 @@ UNITS_IN_TEXT = (
 INSTANT = re.compile(r"\b(at|from|until) (\d{3,}(?:\.\d+)?) s\b")
 
 
-@lru_cache(maxsize=1024)  # the same reason stands in a hundred cells
+@lru_cache(maxsize=1024)  # the same reason appears in hundreds of cells
 def typeset(text: str) -> str:
-    """Write units, signs and times of a sentence as everywhere: ``±6.0°/min``, ``at 0:17:23``."""
+    """Typeset units, signs and times of a sentence: ``±6.0°/min``, ``at 0:17:23``."""
     text = INSTANT.sub(
         lambda m: f"{m[1]} {moment(float(m[2])) if float(m[2]) >= CLOCK_FROM_S else m[2] + ' s'}", clean(text)
     )
@@ -139,7 +139,7 @@ def typeset(text: str) -> str:
 
 
 def plain_value(value: Any, unit: str = "") -> str:
-    """Return a value of unknown type as text."""
+    """Format a value of unknown type."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -151,13 +151,13 @@ def plain_value(value: Any, unit: str = "") -> str:
     return f"{value} {unit_sign(unit)}".rstrip()
 
 
-# Texts of strangers as Markdown that shows them: nothing in them is taken for markup, HTML or another cell.
+# Untrusted texts in Markdown: nothing is read as markup, HTML or another cell.
 
 MARKDOWN_SIGNS = re.compile(r"([\\`*_\[\]~|#])")
 LINE_BREAKS = re.compile("[\t\r\n]+")
 
 
 def escape_markdown(text: str) -> str:
-    """Escape a text for Markdown, on one line, also in a cell of a table."""
+    """Escape a text for Markdown, on one line, also in a table cell."""
     plain = CONTROL.sub(" ", LINE_BREAKS.sub(" ", text)).replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
     return MARKDOWN_SIGNS.sub(r"\\\1", plain)
