@@ -1,4 +1,7 @@
-"""A result as one self-contained HTML page. Nothing is computed here that is not drawing."""
+"""Write a result as one self-contained HTML page.
+
+This package only draws; all results are computed elsewhere.
+"""
 
 from attlog.report.bundle import bundle_notice
 from attlog.report.page import write_report

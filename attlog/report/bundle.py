@@ -1,7 +1,7 @@
-"""The plotly.js of a page, and its arrays packed.
+"""The plotly.js bundle of a page, and its packed arrays.
 
-The small bundle (scatter, bar, pie) is put into ``bundle/`` by the build hook and draws every figure here. The full one
-comes with the Python package plotly, is four times as large and starts about ten times slower.
+The small bundle (scatter, bar, pie) is copied into ``bundle/`` by the build hook and draws every figure here. The full
+one comes with the Python package plotly, is four times as large and starts about ten times slower.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from numpy.typing import NDArray
 FOLDER = Path(__file__).parent / "bundle"
 SMALL = "plotly-basic.min.js.gz"
 
-# plotly makes an empty ``<style>`` and fills it through the CSSOM.
+# Hash of the empty ``<style>`` that plotly creates and fills through the CSSOM.
 EMPTY_STYLE = "sha256-47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU="
 
-# The map code of the full bundle (4.1.1) adds this style element as text.
+# Style element that the map code of the full bundle (4.1.1) adds as text.
 FULL_STYLE = "sha256-ji27qzEtxXZW+7dun6UwjHXJ18e6WAin1VvNtkzIE/o="
 
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """A bundle with its script, name and the style hashes that it needs."""
+    """plotly.js bundle: script, name and hashes of the styles that it adds."""
 
     name: str
     script: bytes
@@ -43,17 +43,17 @@ class Bundle:
 
     @property
     def hash(self) -> str:
-        """Hash of the script for the policy and for ``integrity``."""
+        """Hash of the script, for the content-security policy and ``integrity``."""
         return source_hash(self.script)
 
 
 def source_hash(text: bytes) -> str:
-    """Return the sha256 of a script or style in the form of a content-security policy."""
+    """Return the sha256 of a script or style as a content-security policy states it."""
     return "sha256-" + base64.b64encode(hashlib.sha256(text).digest()).decode()
 
 
 def bundle(folder: Path = FOLDER) -> Bundle:
-    """Return the small bundle of this installation, else the full one of the Python package."""
+    """Return the small bundle of this installation, else the full one of plotly."""
     return _unpacked(folder)
 
 
@@ -75,7 +75,7 @@ def _unpacked(folder: Path) -> Bundle:
 
 
 def bundle_notice(folder: Path = FOLDER) -> str | None:
-    """Return the notice that reports carry the full bundle, None with the small one."""
+    """Return the notice that reports carry the full bundle; None with the small one."""
     if bundle(folder).small:
         return None
     source = source_folder()
@@ -92,12 +92,12 @@ def bundle_notice(folder: Path = FOLDER) -> str | None:
 
 
 def source_folder() -> Path | None:
-    """Return the folder that this attlog was installed from, None where it is unknown or gone."""
+    """Return the folder that this attlog was installed from; None if unknown or gone."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
         url = json.loads(distribution("attlog").read_text("direct_url.json") or "{}").get("url", "")
-    except (PackageNotFoundError, ValueError):  # run without an installation, or one that tells something else
+    except (PackageNotFoundError, ValueError):  # run without an installation, or its metadata has another form
         url = ""
     folders = [Path(__file__).parents[2]]
     if url.startswith("file:"):
@@ -107,31 +107,28 @@ def source_folder() -> Path | None:
     return next((folder for folder in folders if (folder / "hatch_build.py").is_file()), None)
 
 
-# Arrays small enough to travel: quantised, compressed.
-#
-# An array is quantised to int16 and stored as differences (with wrap-around, so that
-# the sum gives the same int16 back), low bytes first and then high bytes, which gzip
-# shrinks best.
+# Compact encoding of arrays: quantised to int16 and stored as differences with wrap-around, whose sum restores the
+# integers. Low bytes come first, then high bytes, which gzip compresses best.
 
 Array = NDArray[np.float64]
 
-# The int16 for NaN.
+# The int16 code of NaN.
 NAN_CODE = -32768
 
 MAX_CODE = 32766
-# Step of stored times; coarser only for logs beyond two days.
+# Quantisation step of times; coarser only for logs beyond two days.
 TIME_STEP_S = 1e-4
 
-# Level 5 costs half as long again on a page (44 against 27 ms) and saves 1.4 %, 9 thirty times for 4 %.
+# gzip level: level 5 takes 44 instead of 27 ms for a page and saves 1.4 %; level 9 takes thirty times as long and saves
+# 4 %.
 GZIP_LEVEL = 4
 
 
 class ArrayPacker:
-    """Collect arrays for the page; equal arrays, as the times of all filters, are kept once.
+    """Collect arrays for the page; equal arrays, such as times of filters, are stored once.
 
-    The places that ``values`` and ``times`` return go into the JSON header: ``s`` step, ``o`` first byte, ``n`` length,
-    ``w`` bytes of an integer. An array is quantised and stored as differences (with wrap-around: their sum gives the
-    same integers back), low bytes first, which gzip shrinks best.
+    ``values`` and ``times`` return the place of an array for the JSON header: ``s`` step, ``o`` first byte, ``n``
+    length, ``w`` bytes of an integer. For the encoding see above.
     """
 
     def __init__(self) -> None:
@@ -140,7 +137,10 @@ class ArrayPacker:
         self._times: dict[bytes, dict[str, Any]] = {}
 
     def values(self, y: Array, step: float = 1e-9) -> dict[str, Any]:
-        """Pack values as int16 steps of ``step``, coarser where the range needs it; NaN survives."""
+        """Pack values as int16 multiples of ``step``; NaN is kept.
+
+        The step is coarser where the range requires it.
+        """
         finite = np.isfinite(y)
         largest = float(np.max(np.abs(y[finite]))) if finite.any() else 0.0
         step = _round_step(max(step, largest / MAX_CODE))
@@ -161,7 +161,7 @@ class ArrayPacker:
         return self._put(np.diff(np.round(t / step).astype(np.int32), prepend=np.int32(0)), step)
 
     def pack(self, header: Any) -> str:
-        """Return header (JSON, its length ahead as 4 bytes) and arrays, gzipped and in base64."""
+        """Return JSON header, with its length in 4 bytes before it, and arrays, gzipped as base64."""
         text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8", "replace")
         return packed(len(text).to_bytes(4, "little") + text + bytes(self._bytes))
 
@@ -175,11 +175,11 @@ class ArrayPacker:
 
 
 def packed(raw: bytes) -> str:
-    """Return bytes gzipped (same bytes, same result) and in base64, for ``<script type="application/gzip">``."""
+    """Gzip reproducibly and encode as base64, for ``<script type="application/gzip">``."""
     return base64.b64encode(gzip.compress(raw, GZIP_LEVEL, mtime=0)).decode()
 
 
 def _round_step(step: float) -> float:
-    """Round a step up to few digits: the range still fits."""
+    """Round a step up to few digits, so that the range still fits."""
     digits = 3 - int(np.floor(np.log10(step)))
     return float(np.ceil(step * 10.0**digits) / 10.0**digits)

@@ -1,6 +1,6 @@
-"""The first screen of a report: the flight as a strip, and the four questions as columns of dots.
+"""First screen of a report: flight strip, and the four questions as columns of dots.
 
-Places are percentages of the width, so that both fit any screen.
+Positions are percentages of the width, so that both fit any screen.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from attlog.words.ranking import ColumnRanking, RankedValue, is_baseline, reason
 
 Span = tuple[float, float]
 
-# Values beyond so many times the median lie at the edge.
+# Values beyond this multiple of the median are drawn at the edge.
 FAR_FACTOR = 4.0
-# Percent of the width between two ticks: labels do not touch in a narrow column.
+# Smallest distance between ticks, % of the width: labels do not touch in a narrow column.
 MIN_TICK_DISTANCE_PCT = 22.0
-# Ends of intervals may lie so many times further out than values.
+# Interval ends may extend the scale by this factor beyond values.
 MAX_END_FACTOR = 2.5
-# Free width at both ends, %.
+# Margin at both ends, % of the width.
 MARGIN_PCT = 3.0
-# Smallest range of a scale about zero: half a millisecond looks small.
+# Smallest range of a scale about zero, so that half a millisecond looks small.
 MIN_RANGE = {"ms": 10.0, "deg/min": 1.0}
 TICK_STEPS = (1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
 class DotScale:
-    """A scale from ``low`` to ``high``, logarithmic for sizes, about zero for values with a sign."""
+    """Scale from ``low`` to ``high``, logarithmic for sizes, about zero for signed values."""
 
     low: float
     high: float
     log: bool
 
     def place(self, value: float) -> float:
-        """Return the place of a value, % of the width; values beyond the scale lie at its edge."""
+        """Return the position of a value, % of the width, clipped to the scale."""
         low, high = (math.log10(self.low), math.log10(self.high)) if self.log else (self.low, self.high)
         if self.log:
             value = math.log10(value) if value > 0.0 else low
@@ -58,7 +58,7 @@ class DotScale:
 
     @property
     def ticks(self) -> list[float]:
-        """Two to four round values: 1, 2 or 5 times a power of ten."""
+        """Two to four round ticks: 1, 2 or 5 times a power of ten."""
         found: list[float] = []
         for tick in _decades(self.low, self.high) if self.log else _steps(self.low, self.high):
             if not found or self.place(tick) - self.place(found[-1]) >= MIN_TICK_DISTANCE_PCT:
@@ -67,18 +67,18 @@ class DotScale:
 
 
 def log_scale(values: Sequence[float], spans: Sequence[Span]) -> DotScale:
-    """Return a logarithmic scale for sizes and their intervals; an interval from zero on is cut."""
+    """Return a logarithmic scale for sizes and intervals; an interval from zero is cut."""
     good = [v for v in values if v > 0.0] or [1.0]
     ends = [x for span in spans for x in span if x > 0.0]
     low, high = min(good), max(good)
     low, high = max(min([low, *ends]), 0.2 * low), min(max([high, *ends]), 5.0 * high)
-    while high < 2.0 * low:  # values that hardly differ do not fill the column
+    while high < 2.0 * low:  # nearly equal values must not fill the column
         low, high = low / 1.2, high * 1.2
     return DotScale(low, high, True)
 
 
 def zero_scale(values: Sequence[float], spans: Sequence[Span], unit: str) -> DotScale:
-    """Return a linear scale with zero for values with a sign; values far off set no end."""
+    """Return a linear scale with zero for signed values; outliers do not extend it."""
     ends = [x for span in spans for x in span]
     most = max(MIN_RANGE.get(unit, 0.0) / 2.0, FAR_FACTOR * median([abs(x) for x in ends or values]))
     near = [x for x in [*values, 0.0] if abs(x) <= most] + [x for x in ends if abs(x) <= MAX_END_FACTOR * most]
@@ -105,7 +105,7 @@ def _steps(low: float, high: float) -> list[float]:
     return [i * step for i in range(first, math.floor(high / step) + 1)]
 
 
-# The four questions as one figure: a row for each filter, a column of dots with intervals for each question.
+# Figure of the four questions: one row per filter, one column of dots with intervals per question.
 
 # Title of a column, and the part of the page with its figures.
 TITLES = {
@@ -124,7 +124,10 @@ NOISE_PLACES = {
 
 @dataclass(frozen=True, slots=True)
 class Dot:
-    """A row in a column, places in % of the width. Without a value (no ``x``) ``text`` is a word."""
+    """Dot of a row in a column, positions in % of the width.
+
+    Without a value (no ``x``) ``text`` is a word.
+    """
 
     text: str
     hint: str
@@ -137,7 +140,10 @@ class Dot:
 
 @dataclass(frozen=True, slots=True)
 class QuestionColumn:
-    """A column. ``empty``: no filter has an answer, ``sentence`` gives the reason. ``ticks``: place and label."""
+    """Column of a question.
+
+    ``empty``: no filter has an answer, ``sentence`` gives the reason. ``ticks``: position and label.
+    """
 
     id: str
     title: str
@@ -153,7 +159,10 @@ class QuestionColumn:
 
 @dataclass(frozen=True, slots=True)
 class FourQuestions:
-    """The rows (ids from top to bottom) and the four questions; ``nothing``: why none has an answer."""
+    """Row ids from top to bottom, and the four questions.
+
+    ``nothing``: why no question has an answer.
+    """
 
     rows: list[str]
     questions: list[QuestionColumn]
@@ -161,7 +170,7 @@ class FourQuestions:
 
 
 def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestions:
-    """Return the columns of a result."""
+    """Return the columns of dots of a result."""
     answers = answer_lines(result)
     rows = filters_in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
@@ -174,7 +183,7 @@ def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestio
 
 
 def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
-    """Replace the reason of an empty column by the title of an earlier one with the same reason."""
+    """Replace a repeated reason of an empty column by the earlier column's title."""
     first: dict[str, str] = {}
     out = []
     for one in found:
@@ -185,7 +194,7 @@ def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
 
 
 def filters_in_order(result: Result, accuracy: ColumnRanking) -> list[EstimatorRow]:
-    """Sort rows: onboard and its re-run, filters by their accuracy, filters without one, the gyro alone."""
+    """Sort rows: onboard and its re-run, filters by accuracy, filters without one, gyro."""
     place = {j.row.name: i for i, j in enumerate(accuracy.judged)}
 
     def key(row: EstimatorRow) -> tuple[int, int]:
@@ -232,7 +241,7 @@ def unit_text(key: str, column: ColumnRanking) -> str:
 
 
 def scale_of(column: ColumnRanking) -> DotScale:
-    """Return a scale for the sound rows of a column, for all rows where none is sound."""
+    """Return a scale for the sound rows of a column, for all if no row is sound."""
     sound = [j for j in column.judged if j.row.status == "ok" and j.shown and (j.ranked or not j.replay)]
     sound = ([j for j in sound if j.replay] and sound) or [j for j in column.judged if j.shown]
     values, spans = [j.value for j in sound], [j.ends for j in sound]
@@ -243,8 +252,8 @@ def scale_of(column: ColumnRanking) -> DotScale:
 def filter_dot(row: EstimatorRow, column: ColumnRanking, scale: DotScale) -> Dot:
     """Return the dot of a row, or the word for its missing value.
 
-    ``best`` also requires that no significantly worse row has a smaller value: rows are ranked on the time that they
-    share, values cover all of it.
+    ``best`` also requires that no significantly worse row has a smaller value: rows are ranked on shared time, values
+    cover all time.
     """
     judged = column.of(row)
     if judged is None:
@@ -266,12 +275,12 @@ def filter_dot(row: EstimatorRow, column: ColumnRanking, scale: DotScale) -> Dot
 
 
 def judged_number(judged: RankedValue) -> str:
-    """Return a value without its unit, as in the table."""
+    """Format a value without its unit, as in the table."""
     return number(judged.value, judged.answer.unit)
 
 
 def dot_hint(judged: RankedValue) -> str:
-    """Return value, interval, evidence, and the reason for no rank."""
+    """Return value, interval, evidence, and why it is not ranked."""
     answer = judged.answer
     text = f"{judged.name}: {quantity(judged.value, answer.unit)}"
     bounds = interval(answer.ci95, answer.unit)
@@ -281,27 +290,30 @@ def dot_hint(judged: RankedValue) -> str:
     return text + (f". Not ranked: {reason_unranked(judged)}" if judged.replay and not judged.ranked else "")
 
 
-# The flight in one strip: height, in flight, flight modes, and what happened as marks that lead to the figures.
+# Flight strip: height, airborne time, flight modes, and events as marks that link to the figures.
 #
 
 
-# Height of the curve in its own units.
+# Height of the curve, in its own units.
 STRIP_HEIGHT = 60
 MIN_HEIGHT_M = 1.0
-# Heights from here on are rounded to whole metres.
+# Heights above this are rounded to whole metres.
 WHOLE_METRES_FROM_M = 2.0
-# Labels are placed for a screen of this width; a phone shows those of serious events.
+# Labels are placed for a screen of this width; a phone shows only those of serious events.
 STRIP_WIDTH_PX, LETTER_PX, GAP_PX = 830.0, 6.6, 8.0
 LABEL_LEVELS = 3
 MAX_MARKS = 40
-# Kinds that get a mark though nothing is wrong.
+# Event kinds with a mark although they are no problem.
 ROUTINE = ("armed", "liftoff", "landing")
 GRADES = {"serious": 2, "warning": 1}
 
 
 @dataclass(slots=True)
 class StripMark:
-    """An event at ``x`` % with style, sentence, label and level of the label; ``left``: the label ends at ``x``."""
+    """Event at ``x`` % with style, sentence, label and level of the label.
+
+    ``left``: the label ends at ``x``.
+    """
 
     t: float
     x: float
@@ -314,7 +326,10 @@ class StripMark:
 
 @dataclass(slots=True)
 class FlightStrip:
-    """The strip: ``curve`` is the path of the height, empty where unknown; ``modes`` and ``air`` are spans."""
+    """Strip of a flight.
+
+    ``curve``: path of the height, empty where unknown. ``modes``, ``air``: spans.
+    """
 
     curve: str
     top: str
@@ -351,10 +366,10 @@ def flight_strip(result: Result) -> FlightStrip:
 
 
 def height_curve(result: Result, start: float, end: float) -> tuple[str, str, float]:
-    """Return the path of the height, its largest in flight as text, and when that was, s.
+    """Return the path of the height, the largest height in flight as text, and its time, s.
 
     Texts are empty where the height is unknown: a barometer that never flew shows the weather. The largest height is
-    rounded as in the headline, and missing where the log holds no ground.
+    rounded as in the headline, and missing if the log has no ground level.
     """
     trace = next((t for t in result.traces if t.figure == "height"), None)
     flights = (result.log.get("timeline") or {}).get("airborne") or []
@@ -376,7 +391,10 @@ def height_curve(result: Result, start: float, end: float) -> tuple[str, str, fl
 
 
 def marked_events(events: list[Event]) -> list[Event]:
-    """Return serious events, warnings and the routine of a flight, at most MAX_MARKS, the worst first."""
+    """Return the events to mark, the worst first, at most MAX_MARKS.
+
+    These are serious events, warnings, and ROUTINE.
+    """
     shown = [e for e in events if e.severity in GRADES or e.kind in ROUTINE]
     worst = sorted(shown, key=lambda e: -GRADES.get(e.severity, 0))[:MAX_MARKS]
     return sorted(worst, key=lambda e: e.t)
@@ -388,9 +406,9 @@ def mark_style(event: Event) -> str:
 
 
 def place_labels(marks: list[StripMark], peak: float | None = None) -> list[StripMark]:
-    """Place labels, serious ones first; a mark whose label has no room keeps only its sentence.
+    """Place labels, serious ones first; a mark without room keeps only its sentence.
 
-    ``peak``: the place in % where the second level holds the largest height.
+    ``peak``: position in % of the label of the largest height, at the second level.
     """
     taken: list[list[tuple[float, float]]] = [[] for _ in range(LABEL_LEVELS)]
     if peak is not None:
@@ -416,10 +434,10 @@ def label_span(at: float, wide: float, left: bool) -> tuple[float, float]:
 
 
 def is_free(taken: list[tuple[float, float]], a: float, b: float) -> bool:
-    """Whether the strip is empty between a and b."""
+    """Return whether the strip is empty between a and b."""
     return a >= 0.0 and b <= STRIP_WIDTH_PX and all(b <= low or a >= high for low, high in taken)
 
 
 def fitting_name(name: str, share: float) -> str:
-    """Return the name of a mode where it fits into its part of the strip, else an empty text."""
+    """Return the name of a mode if it fits its part of the strip, else an empty text."""
     return name if LETTER_PX * len(name) + GAP_PX <= share * STRIP_WIDTH_PX / 100.0 else ""

@@ -1,6 +1,6 @@
-"""Results of gates in a report that is written already.
+"""Write gate results into an existing report.
 
-Gates run after the analysis, and again without one: the page keeps a place for them that can be filled again.
+Gates run after the analysis, and again without one: the page has a placeholder that can be filled repeatedly.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ Said = tuple[Literal["passed", "failed", "skipped"], str, str]
 
 
 def show(report: Path, said: Sequence[Said]) -> bool:
-    """Put gates, worst first, into a report file (atomically). False where the page has no place for them.
+    """Insert gates, worst first, into a report file (atomically).
 
-    OutputError if it cannot be written.
+    False if the page has no placeholder. OutputError if it cannot be written.
     """
     page = report.read_text(encoding="utf-8")
     filled = with_gates(page, said)
@@ -34,14 +34,14 @@ def show(report: Path, said: Sequence[Said]) -> bool:
 
 
 def with_gates(page: str, said: Sequence[Said]) -> str | None:
-    """Return the page with the results of gates; None where it has no place for them."""
+    """Return the page with gate results; None if it has no placeholder."""
     before, begin, rest = page.partition(BEGIN)
     _, end, after = rest.partition(END)
     return f"{before}{BEGIN}{block(said)}{END}{after}" if begin and end else None
 
 
 def block(said: Sequence[Said]) -> str:
-    """Return gates as HTML; empty without any."""
+    """Format gates as HTML; empty without any."""
     if not said:
         return ""
     failed = [sentence for status, _, sentence in said if status == "failed"]

@@ -1,4 +1,4 @@
-"""The report of one log as a page."""
+"""Report page of one log."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from attlog.words.numbers import counted, duration, moment, number, quantity, un
 from attlog.words.table import axis_table, main_table, window_tables
 from attlog.words.text import plain_value, typeset
 
-# Functions of the template.
+# Functions available in the template.
 FILTERS: dict[str, Callable[..., Any]] = {
     "unit": unit_sign,
     "duration": duration,
@@ -59,10 +59,10 @@ FILTERS: dict[str, Callable[..., Any]] = {
 def write_report(
     result: Result, path: str | Path, *, deterministic: bool = False, document: dict[str, Any] | None = None
 ) -> None:
-    """Write the report of a result to ``path`` (atomically). OutputError if it cannot be written.
+    """Write the report of a result to ``path`` (atomically). OutputError on failure.
 
-    ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: its ``to_dict``, where
-    the caller has it.
+    ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: output of
+    ``Result.to_dict``, if already computed.
     """
     write_atomic(Path(path), render(result, deterministic=deterministic, document=document))
 
@@ -70,7 +70,7 @@ def write_report(
 def render(
     result: Result, plot: Bundle | None = None, *, deterministic: bool = False, document: dict[str, Any] | None = None
 ) -> str:
-    """Return the report as text: template, style and script of this package, data packed."""
+    """Return the report as text: template, style and script of this package, packed data."""
     whole = result.to_dict(deterministic) if document is None else document
     result = without_times(result) if deterministic else result
     source = FigureSource.of(result)
@@ -115,13 +115,16 @@ def render(
 
 
 def file_stem(result: Result) -> str:
-    """Return the log's name without suffix in letters that every file system takes: saved files begin with it."""
+    """Return the log's name without suffix, safe for every file system.
+
+    Names of saved files begin with it.
+    """
     stem = Path(str(result.log.get("name") or "")).stem
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem)[:80].strip("._-") or "attlog"
 
 
 def without_times(result: Result) -> Result:
-    """Return the result without what differs between two runs of the same log."""
+    """Return the result without fields that differ between runs of the same log."""
 
     def left(found: dict[str, Any]) -> dict[str, Any]:
         return {name: value for name, value in found.items() if name not in MEASURED_TIMES}
@@ -142,14 +145,14 @@ def without_times(result: Result) -> Result:
 
 
 def toml(config: dict[str, Any]) -> str:
-    """Return the resolved configuration as a file for ``--config``, without options that are not set."""
+    """Format the resolved configuration as a file for ``--config``, without unset options."""
     import tomli_w
 
     return tomli_w.dumps(without_none(config))
 
 
 def without_none(value: Any) -> Any:
-    """Return a value without None, which TOML cannot hold."""
+    """Remove None values, which TOML lacks."""
     if isinstance(value, dict):
         return {str(k): without_none(v) for k, v in value.items() if v is not None}
     return [without_none(v) for v in value if v is not None] if isinstance(value, (list, tuple)) else value

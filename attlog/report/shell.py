@@ -1,4 +1,4 @@
-"""The machinery of a page with figures: style, script, packed data, content-security policy."""
+"""Frame of a page with figures: style, script, packed data, content-security policy."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from attlog.words.numbers import counted, duration
 from attlog.words.text import clean, cleaned, typeset
 
 WEB = Path(__file__).parent / "web"
-# Joined in this order into the one script of the page; scripts of its own come before the last.
+# Scripts of the page, joined in this order; a page's own scripts are inserted before the last.
 SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "spreadsheet.js", "export.js", "page.js")
-# Marks on the time axis; pages of several flights have none.
+# Empty marks of the time axis, for pages of several flights.
 NO_MARKS: dict[str, Any] = {"range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": []} | {
     "impact": [],
     "gaps": [],
@@ -43,8 +43,8 @@ def render(
 ) -> str:
     """Return the page as text.
 
-    ``template``, ``scripts`` and ``styles`` lie in ``folder``, else in this package. ``document``: plain values, the
-    JSON that can be saved from the page. ``log`` begins the names of saved files. ``words``: names of the template.
+    ``template``, ``scripts`` and ``styles`` are in ``folder``, else in this package. ``document``: plain values, the
+    JSON that can be saved from the page. ``log`` begins the names of saved files. ``words``: variables of the template.
     """
     from attlog.report.templates import template as load
 
@@ -79,13 +79,13 @@ def json_text(document: Any) -> str:
 
 
 def row_header(row: RowStyle) -> dict[str, Any]:
-    """Return how the script draws a row."""
+    """Return the style of a row for the script."""
     named = {"name": clean(row.name), "slot": row.slot, "dash": row.dash}
     return named | {"shown": row.shown, "onboard": row.onboard, "lost": row.lost}
 
 
 def policy(plot: Bundle, style: str, script: str) -> str:
-    """Return the content-security policy: own script, style and bundle by hash, nothing else, no request."""
+    """Return the content-security policy: own script, style and bundle by hash, no requests."""
     scripts = [plot.hash, source_hash(script.encode("utf-8"))]
     styles = [source_hash(style.encode("utf-8")), *plot.styles]
     quoted = [" ".join(f"'{h}'" for h in hashes) for hashes in (scripts, styles)]

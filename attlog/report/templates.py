@@ -1,4 +1,7 @@
-"""Templates of pages. Imports jinja2: import this module where a page is made."""
+"""Templates of pages.
+
+This module imports jinja2, so import it only where a page is made.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,10 @@ WEB = Path(__file__).parent / "web"
 
 
 def template(name: str, filters: Mapping[str, Callable[..., Any]], folder: Path | None = None) -> Template:
-    """Load a template of this package, or of ``folder``, which may include those of this package.
+    """Load a template of this package, or of ``folder``.
 
-    Compiled templates stay in a folder of the user: compiling takes 0.13 CPU s of a page.
+    Templates of ``folder`` may include those of this package. Compiled templates are cached in a folder of the user,
+    because compiling takes 0.13 CPU s per page.
     """
     version = f"attlog-{__version__}-{sys.implementation.cache_tag}-jinja-{installed_version('jinja2')}"
     kept = private_folder("templates", version)
@@ -38,12 +42,12 @@ def template(name: str, filters: Mapping[str, Callable[..., Any]], folder: Path 
 
 
 def shown(value: Any) -> Any:
-    """Clean texts before jinja escapes them; leave own markup as it is."""
+    """Clean texts before jinja escapes them; leave attlog's own markup unchanged."""
     return value if hasattr(value, "__html__") or not isinstance(value, str) else clean(value)
 
 
 class TemplateCache(FileSystemBytecodeCache):
-    """jinja's cache of compiled templates; a folder that cannot be written is no error."""
+    """Cache of compiled templates; an unwritable folder is no error."""
 
     def dump_bytecode(self, bucket: Bucket) -> None:
         with suppress(OSError):

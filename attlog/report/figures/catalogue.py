@@ -1,6 +1,6 @@
-"""Which figures a result can fill: by section for the page, by name as plotly figures.
+"""Catalogue of figures: by section for the page, by name for plotly.
 
-A figure is one builder and its line in SECTIONS. A builder returns None where there is nothing to draw.
+A figure is one builder, listed in SECTIONS. A builder returns None where there is nothing to draw.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SECTIONS: dict[str, tuple[Builder, ...]] = {
         sensors.bias,
     ),
 }
-# The strip has no title on the page.
+# Name of the strip, which has no title on the page.
 UNTITLED = "Flight modes, armed and airborne time, messages"
 
 
@@ -50,7 +50,7 @@ def sections(source: FigureSource) -> dict[str, list[PageFigure]]:
 
 
 def widen_last(part: list[PageFigure]) -> None:
-    """Make a half-width figure wide where no other stands beside it."""
+    """Make the last half-width figure of a section wide if it has no partner."""
     beside = 0
     for i, figure in enumerate(part):
         beside = 0 if figure.wide else beside + 1
@@ -60,14 +60,14 @@ def widen_last(part: list[PageFigure]) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Album:
-    """The figures that a result can fill, by name in the order of the page."""
+    """Figures of a result by name, in the order of the page."""
 
     source: FigureSource
     found: dict[str, PageFigure]
 
     @classmethod
     def of(cls, result: Result) -> Album:
-        """Build all figures, the comparison of the first screen ahead."""
+        """Build all figures; the comparison of the first screen comes first."""
         from attlog.report.figures.comparison import comparison
 
         source = FigureSource.of(result)
@@ -117,7 +117,10 @@ def _missing(result: Result, name: str, found: dict[str, PageFigure]) -> str:
 
 
 def _shown(source: FigureSource, rows: Sequence[str] | None) -> set[int]:
-    """Return positions of the rows to draw: those asked for, by id or name, else those that the page shows at first."""
+    """Return the positions of the rows to draw.
+
+    ``rows``: ids or names; without them the rows that the page shows at first.
+    """
     if rows is None:
         return {i for i, style in enumerate(source.rows) if style.shown}
     asked = [rows] if isinstance(rows, str) else list(rows)
@@ -129,7 +132,7 @@ def _shown(source: FigureSource, rows: Sequence[str] | None) -> set[int]:
 
 
 def _view(figure: PageFigure, view: str | int) -> dict[str, Any]:
-    """Return a view of a figure, by its place or its name on the page."""
+    """Return a view of a figure by its number or its name on the page."""
     views = figure.data["views"]
     if isinstance(view, int) and -len(views) <= view < len(views):
         return dict(views[view])

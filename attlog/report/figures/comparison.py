@@ -1,4 +1,4 @@
-"""Figure of the four questions beside each other: of every filter a dot with its interval, as on the first screen."""
+"""Figure of the four questions: one dot with interval per filter, as on the first screen."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from attlog.words.answers import answer_lines
 from attlog.words.numbers import MINUS
 from attlog.words.ranking import ColumnRanking, RankedValue
 
-# Pixels of a row, and between panels above each other.
+# Heights in pixels of a row, and of the gap between panels one above the other.
 ROW_PX, BETWEEN_PX = 14.0, 56.0
-# Share of the width between panels, and of a panel that is free at both ends.
+# Shares of the width: gap between panels, and margin at both ends of a panel.
 APART, MARGIN = 0.04, 0.04
 
 
 def comparison(source: FigureSource) -> PageFigure | None:
-    """Draw two panels beside each other, two rows of them. Hollow: not ranked; dashes: the onboard attitude."""
+    """Draw four panels, two per row.
+
+    Hollow dots are not ranked; dashed lines mark the onboard attitude.
+    """
     answers = answer_lines(source.result)
     rows = [r for r in filters_in_order(source.result, answers["accuracy"].column) if r.name in source.styles]
     found = [(key, answers[key].column) for key in TITLES if answers[key].column.filters]
@@ -57,7 +60,7 @@ def comparison(source: FigureSource) -> PageFigure | None:
 
 
 def _dot(view: View, number: str, r: int, judged: RankedValue, scale: DotScale) -> None:
-    """Add a value with its interval, cut at the ends of the scale; beyond them an arrow."""
+    """Add a value with its interval, clipped to the scale; arrows mark values beyond it."""
     style, value = view.rows[r], judged.value
     colour = f"e{style.slot}"
     x, low, high = (min(max(v, scale.low), scale.high) for v in (value, *judged.ends))
@@ -79,14 +82,14 @@ def _dot(view: View, number: str, r: int, judged: RankedValue, scale: DotScale) 
 
 
 def _onboard(view: View, number: str, column: ColumnRanking, scale: DotScale) -> None:
-    """Mark the value of the onboard attitude, where it lies on the scale."""
+    """Mark the onboard value if it lies on the scale."""
     onboard = next((j for j in column.judged if j.row.name == "onboard"), None)
     if onboard is not None and scale.holds(onboard.value):
         _upright(view, number, onboard.value, "mu", "dash")
 
 
 def _upright(view: View, number: str, x: float, colour: str, dash: str = "solid") -> None:
-    """Draw a line from the panel's bottom to its top."""
+    """Draw a line over the full height of a panel."""
     place = {"xref": f"x{number}", "yref": f"y{number} domain", "x0": x, "x1": x, "y0": 0, "y1": 1}
     line = {"color": colour, "width": 1, "dash": dash}
     view.shapes.append({"type": "line", "layer": "below", "line": line} | place)

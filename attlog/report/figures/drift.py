@@ -1,4 +1,4 @@
-"""Figures of heading drift, and values with intervals, a line for each row: lag and drift."""
+"""Figures of heading drift and lag: fitted lines, and values with intervals by row."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from attlog.words.names import heading_reference_name
 from attlog.words.numbers import interval, quantity
 from attlog.words.ranking import AIR, find_answer
 
-# Where a drift was found: sign in the caption, symbol in the figure, whether it is filled.
+# Marker of a drift by its origin: sign in the caption, plotly symbol, filled or not.
 DRIFT_PLACES = {
     "at rest": ("●", "circle", True),
     "against truth": ("◆", "diamond", True),
@@ -27,13 +27,13 @@ DRIFT_PLACES = {
     "against course": ("▽", "triangle-down", False),
 }
 VIEW_ORDER = ("rest", *(where.removeprefix("against ") for where in DRIFT_PLACES if where != "at rest"))
-# Values beyond so many times the largest ranked value lie outside the figure.
+# Values beyond this multiple of the largest ranked value are outside the figure.
 FAR_DOT_FACTOR = 4.0
 BOUNDED = ["filter", "quantity", "value", "lower", "upper", "n", "unit"]
 
 
 def drift(source: FigureSource) -> PageFigure | None:
-    """Draw the heading error with its fitted line, one heading reference at a time."""
+    """Draw the heading error with its fitted line, one heading reference per view."""
     found = source.traces("drift")
     if not found:
         return None
@@ -62,14 +62,17 @@ def drift(source: FigureSource) -> PageFigure | None:
 
 
 def overlapping(traces: list[Trace]) -> list[Trace]:
-    """Return those that share time with the longest: a row may have its longest rest elsewhere."""
+    """Keep the traces that overlap the longest one in time.
+
+    A row may have its longest rest elsewhere.
+    """
     longest = max(traces, key=lambda t: float(t.t[-1] - t.t[0]))
     return [t for t in traces if t.t[0] <= longest.t[-1] and t.t[-1] >= longest.t[0]]
 
 
 @dataclass(frozen=True, slots=True)
 class AnswerDot:
-    """A value of row ``r`` with its interval, where it was found, and the single values behind it."""
+    """Value of row ``r`` with interval, origin, and the single values behind it."""
 
     r: int
     value: float
@@ -81,12 +84,12 @@ class AnswerDot:
 
     @classmethod
     def of(cls, r: int, answer: Answer, **more: Any) -> AnswerDot:
-        """Take value and interval of an answer."""
+        """Return the dot of an answer with value and interval."""
         return cls(r, float(answer.value or 0.0), interval_of(answer), answer.ranked, answer.n, **more)
 
 
 def drifts(source: FigureSource) -> PageFigure | None:
-    """Draw every drift of every row with its interval, a symbol for each place where it was found."""
+    """Draw every drift of every row with its interval, one symbol per origin."""
     dots = drift_dots(source)
     if not dots:
         return None
@@ -99,7 +102,7 @@ def drifts(source: FigureSource) -> PageFigure | None:
 
 
 def drift_dots(source: FigureSource) -> list[AnswerDot]:
-    """Collect every drift once, also where several windows hold it."""
+    """Collect every drift once, even if several windows have it."""
     dots: list[AnswerDot] = []
     for row in source.result.estimators:
         for window in row.metrics.values():
@@ -119,13 +122,13 @@ def drift_dots(source: FigureSource) -> list[AnswerDot]:
 
 
 def place_text(where: str) -> str:
-    """Return in words where a drift was found."""
+    """Describe the origin of a drift in words."""
     word, _, reference = where.partition(" ")
     return f"against {heading_reference_name(reference)}" if word == "against" else where
 
 
 def lag(source: FigureSource) -> PageFigure | None:
-    """Draw the lag of each row with its interval and its single steps."""
+    """Draw the lag of each row with its interval and single steps."""
     dots = []
     for row in source.result.estimators:
         found = find_answer(row, "lag_ms", AIR)
@@ -156,7 +159,10 @@ def _dots_figure(
 
 
 def dot_view(source: FigureSource, dots: Sequence[AnswerDot], what: str, unit: str) -> View:
-    """Draw a line for each row; dots of a row stand one above the other. Hollow: not ranked, or against no truth."""
+    """Draw one line per row, with its dots one above the other.
+
+    Hollow dots are not ranked, or measured against a reference that is no truth.
+    """
     view = source.view()
     low, high = dot_range(source, dots)
     rows = list(dict.fromkeys(d.r for d in dots))
@@ -175,7 +181,7 @@ def dot_view(source: FigureSource, dots: Sequence[AnswerDot], what: str, unit: s
 
 
 def _dot(view: View, d: AnswerDot, offset: float, ends: tuple[float, float], what: str, unit: str) -> None:
-    """Add a value with its interval; an arrow where it lies beyond the figure."""
+    """Add a value with its interval; an arrow if it lies outside the figure."""
     style = view.rows[d.r]
     colour = f"e{style.slot}"
     _, symbol, full = DRIFT_PLACES.get(d.where, ("○", "circle", not d.where))
@@ -214,7 +220,10 @@ def _singles(view: View, d: AnswerDot, values: list[float], unit: str) -> None:
 
 
 def dot_range(source: FigureSource, dots: Sequence[AnswerDot]) -> tuple[float, float]:
-    """Fit a range to what is ranked: values far beyond it and intervals far wider leave the figure."""
+    """Return the axis range, set by ranked values.
+
+    Values and intervals far beyond them leave the figure.
+    """
     sound = [d for d in dots if d.ranked is not False and not source.rows[d.r].lost]
     core = sorted(abs(d.value) for d in sound or dots)
     most = max(1e-3, core[-1] if sound else core[len(core) // 2])
@@ -225,7 +234,7 @@ def dot_range(source: FigureSource, dots: Sequence[AnswerDot]) -> tuple[float, f
 
 
 def dots_words(dots: Sequence[AnswerDot], source: FigureSource, unit: str) -> str:
-    """Return dots in words: row, where it was found, value and interval."""
+    """Describe dots in words: row, origin, value and interval."""
     parts = []
     for d in dots:
         bounds = f" ({interval(d.ci95, unit)})" if d.ci95 else ""

@@ -1,9 +1,9 @@
-"""Figures as data: plotly traces and axes with colours by name, shared by the page and the printed picture.
+"""Figure data shared by page and print: plotly traces and axes with named colours.
 
-A builder makes a :class:`PageFigure` from a :class:`FigureSource`. Its views hold traces, axes, shapes and notes as
-plotly takes them, with three differences: arrays are numpy, colours are names of the style sheet (``e1``, ``bad/0.2``),
-and own keys stand in ``meta`` of a trace (META_KEYS) and in ``fit`` of an axis (FIT_KEYS). The page's script and
-:mod:`attlog.report.figures.paper` read these keys; neither knows a figure by its name.
+A builder makes a :class:`PageFigure` from a :class:`FigureSource`. Its views have traces, axes, shapes and notes in
+plotly's form, with three differences: arrays are numpy, colours are names of the style sheet (``e1``, ``bad/0.2``), and
+additional keys are in ``meta`` of a trace (META_KEYS) and in ``fit`` of an axis (FIT_KEYS). The page's script and
+:mod:`attlog.report.figures.paper` read these keys; no code of theirs depends on a single figure.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from attlog.words.numbers import quantity, unit_sign
 
 Array = NDArray[np.float64]
 
-# Messages drawn on the time axis; the list in the page holds all of them.
+# Messages drawn on the time axis. The page's list has all.
 MAX_MESSAGES = 2000
-# Seconds after a crash that figures show until the full time is chosen.
+# Time after a crash (s) that figures show at first.
 AFTER_CRASH_S = 5.0
-# Shorter arrays stand in the page as numbers.
+# Shorter arrays are written into the page as numbers.
 MIN_PACKED = 32
 # Gap between stacked panels as a share of the figure.
 PANEL_GAP = 0.035
@@ -81,11 +81,11 @@ FIT_KEYS = {
 
 @dataclass(slots=True)
 class PageFigure:
-    """A place in the page and what is drawn in it.
+    """Figure of the page.
 
-    ``kind`` is ``plot`` for figures of views, else the drawing function of another page's script. ``data`` holds
-    ``views``, each laid over the rest of ``data``; ``views`` are their names. ``bands``: rows whose band can be chosen,
-    by position and name. ``words``: the figure's content for screen readers.
+    ``kind``: ``plot`` for figures of views, else the drawing function in another page's script. ``data`` has ``views``,
+    each overriding the rest of ``data``; ``views`` are their names. ``bands``: rows with a selectable band, by position
+    and name. ``words``: the figure's content for screen readers.
     """
 
     id: str
@@ -102,7 +102,7 @@ class PageFigure:
 
 @dataclass(frozen=True, slots=True)
 class FigureSource:
-    """A result with its traces by kind and the style of each row, in the order of the page."""
+    """Result with traces by kind and style of each row, in the order of the page."""
 
     result: Result
     styles: dict[str, RowStyle]
@@ -121,7 +121,7 @@ class FigureSource:
 
     @property
     def rows(self) -> list[RowStyle]:
-        """Styles in the order of the page."""
+        """Styles of rows, in the order of the page."""
         return list(self.styles.values())
 
     def traces(self, kind: str) -> list[Trace]:
@@ -133,7 +133,7 @@ class FigureSource:
         return list(self.styles).index(row)
 
     def by_depth(self, traces: Iterable[Trace]) -> list[tuple[int, Trace]]:
-        """Sort traces for drawing: the gyro alone at the bottom, then onboard and reference, then filters."""
+        """Sort traces for drawing: gyro at the bottom, onboard and reference, filters on top."""
         found = [(self.index(trace.row), trace) for trace in traces]
         return sorted(found, key=lambda one: self.rows[one[0]].depth)
 
@@ -144,9 +144,9 @@ class FigureSource:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One column of the traces with its axis: title, narrowest range, whether a full turn breaks the line.
+    """Panel for one column of the traces: title, smallest range, line break at a full turn.
 
-    ``cut``: where the circle of headings is cut open, deg.
+    ``cut``: angle at which the circle of headings is cut, deg.
     """
 
     key: str
@@ -158,7 +158,7 @@ class Panel:
 
 
 class View:
-    """Traces, axes, shapes and notes of one choice of a figure."""
+    """View of a figure: traces, axes, shapes and notes."""
 
     def __init__(self, rows: Sequence[RowStyle], name: str = "") -> None:
         self.rows, self.name = rows, name
@@ -180,7 +180,7 @@ class View:
         meta: dict[str, Any] | None = None,
         **more: Any,
     ) -> dict[str, Any]:
-        """Add a line that belongs to no row; ``meta``: see META_KEYS."""
+        """Add a line without a row; ``meta``: see META_KEYS."""
         line = {"color": colour, "width": width} | ({} if dash == "solid" else {"dash": dash})
         own = {"unit": unit, "say": unit_suffix(unit)} | (meta or {})
         trace = {"mode": "lines", "x": x, "y": y, "name": safe(name), "line": line, "meta": own} | more
@@ -188,14 +188,14 @@ class View:
         return trace
 
     def row(self, r: int, x: Any, y: Any, *, meta: dict[str, Any] | None = None, **more: Any) -> dict[str, Any]:
-        """Add a line of a row in its colour and dash."""
+        """Add a line of a row, with its colour and dash."""
         style = self.rows[r]
         width = ONBOARD_WIDTH if style.onboard else ROW_WIDTH
         more = {"width": width, "dash": style.dash, **more}
         return self.line(style.name, f"e{style.slot}", x, y, meta={"row": r} | (meta or {}), **more)
 
     def band(self, name: str, colour: str, x: Any, low: Any, high: Any, *, opacity: float = 0.2, **more: Any) -> None:
-        """Add a band between two lines that are not drawn."""
+        """Add a band between two invisible lines."""
         meta = {"silent": True} | more.pop("meta", {})
         self.line(name, colour, x, low, width=0, meta=meta, **more)
         fill = {"fill": "tonexty", "fillcolor": f"{colour}/{opacity}"}
@@ -211,7 +211,7 @@ class View:
         return trace
 
     def axis(self, key: str, title: str, **more: Any) -> None:
-        """Set an axis: ``x``, ``y``, ``y2``."""
+        """Configure the axis ``x``, ``y`` or ``y2``."""
         self.axes[f"{key[0]}axis{key[1:]}"] = {"title": title} | more
 
     def span(self, low: float, high: float, fill: str, **more: Any) -> None:
@@ -220,31 +220,34 @@ class View:
         self.shapes.append({"type": "rect", "layer": "below", "fillcolor": fill, "line": {"width": 0}} | place | more)
 
     def upright(self, x: float, colour: str, dash: str = "solid", width: float = 1.2) -> None:
-        """Draw a line from bottom to top."""
+        """Draw a vertical line over the full height."""
         place = {"xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
         line = {"color": colour, "width": width, "dash": dash}
         self.shapes.append({"type": "line", "layer": "below", "line": line} | place)
 
     def level(self, y: float, colour: str, text: str, *, dash: str = "dash", right: bool = False) -> None:
-        """Draw a line across the figure with its text at one end."""
+        """Draw a horizontal line across the figure, with its text at one end."""
         place = {"xref": "paper", "yref": "y", "x0": 0, "x1": 1, "y0": y, "y1": y}
         self.shapes.append({"type": "line", "line": {"color": colour, "width": LINE_WIDTH, "dash": dash}} | place)
         side = {"x": 1, "xanchor": "right"} if right else {"x": 0, "xanchor": "left"}
         self.note(text, colour=colour, xref="paper", yref="y", y=y, **side)
 
     def level_line(self, name: str, y: float, colour: str, ends: Sequence[float]) -> None:
-        """Draw a dashed line across flight time with an entry of the legend."""
+        """Draw a dashed line over flight time, with a legend entry."""
         self.line(name, colour, np.array(ends), np.array([y, y]), dash="dash", meta={"time": True, "silent": True})
 
     def note(self, text: str, *, colour: str = "mu", **place: Any) -> None:
-        """Write words into the figure, above it unless ``y`` is given."""
+        """Add a text to the figure, above the plot unless ``y`` is given."""
         above = {"y": 1, "xref": "x", "yref": "paper", "yanchor": "bottom"}
         self.notes.append(above | place | {"text": safe(text), "font": {"color": colour}})
 
     def panels(
         self, series: Sequence[tuple[int, Trace]], columns: Sequence[Panel], *, unit: str = "deg", **fit: Any
     ) -> None:
-        """Stack panels that share flight time, with the line of every row in each; ``fit``: see FIT_KEYS."""
+        """Stack panels on a shared time axis, each with the lines of all rows.
+
+        ``fit``: see FIT_KEYS.
+        """
         meta = {k: fit.pop(k) for k in ("step", "digits") if k in fit}
         time = fit.pop("time", True)
         for i, panel in enumerate(columns):
@@ -265,7 +268,7 @@ class View:
         self.axis("x", "time, s", anchor=axis_key(len(columns) - 1))
 
     def as_data(self) -> dict[str, Any]:
-        """Return the view as plain data that still holds arrays."""
+        """Return the view as a dictionary that still has numpy arrays."""
         return {"traces": self.traces, "axes": self.axes, "shapes": self.shapes, "notes": self.notes}
 
 
@@ -275,20 +278,20 @@ def axis_key(i: int) -> str:
 
 
 def panel_domain(i: int, count: int) -> list[float]:
-    """Return the vertical place of panel ``i`` of ``count``, from the top down."""
+    """Return the vertical range of panel ``i`` of ``count``, from the top."""
     height = (1.0 - PANEL_GAP * (count - 1)) / count
     top = 1.0 - i * (height + PANEL_GAP)
     return [max(top - height, 0.0), top]
 
 
 def panel_values(panel: Panel, trace: Trace) -> Array:
-    """Return the column of a panel, headings cut open where the panel asks for it."""
+    """Return the column of a panel; headings are cut if the panel requires it."""
     y = np.asarray(trace.columns[panel.key], np.float64)
     return y if panel.cut is None else y - 360.0 * np.floor((y - panel.cut) / 360.0)
 
 
 def panel_meta(panel: Panel) -> dict[str, Any]:
-    """Return the own keys of a trace in a panel."""
+    """Return the additional keys (META_KEYS) of a trace in a panel."""
     return ({"wraps": True} if panel.wraps else {}) | ({} if panel.cut is None else {"cut": panel.cut})
 
 
@@ -299,7 +302,7 @@ def unit_suffix(unit: str) -> str:
 
 
 def figure_data(data: dict[str, Any], packer: ArrayPacker) -> dict[str, Any]:
-    """Return figure data as JSON, with the arrays of its traces in the packer."""
+    """Return figure data as JSON; arrays of its traces go to the packer."""
     found = dict(data)
     if "traces" in data:
         found["traces"] = [_packed_trace(trace, packer) for trace in data["traces"]]
@@ -309,7 +312,10 @@ def figure_data(data: dict[str, Any], packer: ArrayPacker) -> dict[str, Any]:
 
 
 def _packed_trace(trace: dict[str, Any], packer: ArrayPacker) -> dict[str, Any]:
-    """Pack the arrays of a trace: times exactly, values as 16-bit steps, those of logarithmic axes as numbers."""
+    """Pack the arrays of a trace.
+
+    Times are exact, values 16-bit steps, values of logarithmic axes numbers.
+    """
     meta = dict(trace["meta"])
     step, log, time = meta.pop("step", 1e-9), meta.pop("log", False), meta.get("time", False)
 
@@ -330,12 +336,15 @@ def _packed_trace(trace: dict[str, Any], packer: ArrayPacker) -> dict[str, Any]:
 
 
 def json_numbers(y: Any) -> list[float | None]:
-    """Return a short array as JSON numbers of five digits, null for what is not finite."""
+    """Return a short array as JSON numbers of five digits, null for non-finite values."""
     return [float(f"{v:.5g}") if math.isfinite(v) else None for v in np.asarray(y, np.float64).tolist()]
 
 
 def time_marks(result: Result) -> dict[str, Any]:
-    """Collect what the time axes show: spans as [t0, t1, why], instants as [t, why], modes and texts."""
+    """Collect marks of the time axes.
+
+    Spans are [t0, t1, reason], instants [t, reason], then modes and texts.
+    """
     line = result.log.get("timeline") or {}
     first, last = time_range(result)
     crash = crash_time(result)
@@ -355,12 +364,12 @@ def time_marks(result: Result) -> dict[str, Any]:
 
 
 def segment_spans(result: Result, kind: str) -> list[list[Any]]:
-    """Return segments of a kind (``rest``: long and short) as [t0, t1, why]."""
+    """Return segments of a kind as [t0, t1, reason]; ``rest``: long and short."""
     return [[s.t0, s.t1, s.why] for s in result.segments if s.kind.partition(".")[0] == kind]
 
 
 def attitude_jumps(result: Result) -> list[list[Any]]:
-    """Return the jumps of the onboard attitude from the list of events as [t, text]."""
+    """Return jumps of the onboard attitude among the events as [t, text]."""
     return [[e.t, e.text] for e in result.events if e.kind == "reset"]
 
 
@@ -372,14 +381,17 @@ def time_range(result: Result) -> list[float]:
 
 
 def crash_time(result: Result) -> float:
-    """Return when the last flight crashed, s; infinite without a crash."""
+    """Return the time of the last flight's crash, s; infinite without a crash."""
     flights = [float(a) for a, _ in (result.log.get("timeline") or {}).get("airborne") or []]
     last = max(flights, default=-math.inf)
     return min((e.t for e in result.events if e.is_crash and e.t >= last), default=math.inf)
 
 
 def marked_messages(found: list[tuple[float, int, str]]) -> list[list[Any]]:
-    """Return the worst MAX_MESSAGES messages as [t, severity, text]; severity 2: alarm, 1: warning, 0: other."""
+    """Return the most severe MAX_MESSAGES messages as [t, severity, text].
+
+    Severity 2: alarm, 1: warning, 0: other.
+    """
     graded: list[list[Any]] = [
         [t, 2 if alarming(level, text) else 1 if level <= WARNING else 0, text[:200]] for t, level, text in found
     ]
@@ -390,7 +402,7 @@ def marked_messages(found: list[tuple[float, int, str]]) -> list[list[Any]]:
 
 
 def sampling_text(traces: Sequence[Trace]) -> str:
-    """Return the sentence about samples that were left out."""
+    """Return the sentence about omitted samples."""
     whole, kept = sum(len(t.t) * t.ratio for t in traces), sum(len(t.t) for t in traces)
     ratio = whole / kept if kept else 1.0
     if ratio <= 1.005:
@@ -399,7 +411,7 @@ def sampling_text(traces: Sequence[Trace]) -> str:
 
 
 def range_words(traces: Iterable[Trace], source: FigureSource, unit: str = "deg") -> str:
-    """Return lines in words: the smallest and largest value of each row and column."""
+    """Describe lines in words: smallest and largest value of each row and column."""
     rows: dict[str, list[str]] = {}
     for trace in traces:
         for column, y in trace.columns.items():
@@ -411,13 +423,13 @@ def range_words(traces: Iterable[Trace], source: FigureSource, unit: str = "deg"
 
 
 def quantile(values: Array, p: float) -> float:
-    """Return the value below which a share ``p`` of all lies."""
+    """Return the quantile of values at share ``p``."""
     ordered = np.sort(values[np.isfinite(values)])
     return float(ordered[min(int(p * len(ordered)), len(ordered) - 1)]) if len(ordered) else 0.0
 
 
 def decades(values: Array, most: int = 8) -> dict[str, Any]:
-    """Return 1, 2, 5 of every decade as ticks of a logarithmic axis."""
+    """Return ticks of a logarithmic axis: 1, 2 and 5 of every decade."""
     good = values[np.isfinite(values) & (values > 0)]
     if not len(good):
         return {}
@@ -434,5 +446,5 @@ def is_number(x: Any) -> bool:
 
 
 def interval_of(answer: Answer) -> list[float] | None:
-    """Return the 95 % interval where both ends are finite."""
+    """Return the 95 % interval; None if missing or infinite."""
     return [float(x) for x in answer.ci95] if answer.ci95 and all(map(is_number, answer.ci95)) else None

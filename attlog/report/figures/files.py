@@ -1,6 +1,6 @@
-"""Figures as files: SVG for papers, PNG for slides, drawn by an installed Chrome or Chromium.
+"""Figure files drawn by an installed Chrome or Chromium: SVG for papers, PNG for slides.
 
-plotly needs a browser for an SVG; its own exporter (kaleido) starts one too. The page makes no request.
+plotly needs a browser for an SVG; its own exporter (kaleido) starts one too. The page makes no network request.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ BROWSER_NAMES = (
     *("chromium", "chromium-browser", "google-chrome-stable", "google-chrome", "chrome"),
     *("msedge", "microsoft-edge", "microsoft-edge-stable", "brave", "brave-browser"),
 )
-# Browsers on systems that have them on no path.
+# Browsers outside the search path of some systems.
 BROWSER_PATHS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
     "/Applications/Chromium.app/Contents/MacOS/Chromium",
@@ -49,7 +49,7 @@ BROWSER_OPTIONS = (
     *("--host-resolver-rules=MAP * ~NOTFOUND", "--virtual-time-budget=600000", "--dump-dom"),
 )
 DRAWING_TIMEOUT_S = 180.0
-# Smallest resolution that journals take; lines are sharper in the SVG.
+# Lowest resolution that journals accept. Lines are sharper in the SVG.
 PNG_DPI = 300
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 ANSWER = re.compile(rb'<pre id="pictures">([A-Za-z0-9+/=]*)</pre>')
@@ -57,14 +57,14 @@ ANSWER = re.compile(rb'<pre id="pictures">([A-Za-z0-9+/=]*)</pre>')
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A figure as SVG text and as the bytes of a PNG."""
+    """Figure as SVG text and PNG bytes."""
 
     svg: str
     png: bytes
 
 
 def find_browser() -> str:
-    """Return the browser of ``BROWSER_PATH``, else an installed one. OutputError without any."""
+    """Find the browser of ``BROWSER_PATH``, else an installed one. OutputError without any."""
     asked = os.environ.get("BROWSER_PATH")
     found = (
         shutil.which(asked) if asked else next(filter(None, map(shutil.which, (*BROWSER_NAMES, *BROWSER_PATHS))), None)
@@ -76,9 +76,9 @@ def find_browser() -> str:
 
 
 def draw_pictures(figures: Mapping[str, dict[str, Any]], scratch: Path) -> dict[str, Picture]:
-    """Draw figures (``data`` and ``layout``, plain JSON) by their names, all at once.
+    """Draw figures (``data`` and ``layout``, plain JSON) by name, in one browser run.
 
-    ``scratch`` holds the page while it is drawn: some browsers read only folders of the user. OutputError where the
+    ``scratch``: folder for the page while it is drawn. Some browsers read only folders of the user. OutputError if the
     browser fails.
     """
     program = find_browser()
@@ -95,7 +95,7 @@ def draw_pictures(figures: Mapping[str, dict[str, Any]], scratch: Path) -> dict[
 
 
 def _page(figures: list[dict[str, Any]]) -> str:
-    """Return the page that draws figures and then holds nothing but pictures."""
+    """Return a page that draws the figures, then replaces itself by their pictures."""
     data = json.dumps({"figures": figures, "scale": PNG_DPI / 96.0}, allow_nan=False).replace("<", "\\u003c")
     scripts = [bundle().script.decode("utf-8"), DRIVER.read_text(encoding="utf-8")]
     head = f'<meta charset="utf-8"><meta http-equiv="Content-Security-Policy" content="{POLICY}">'
@@ -107,7 +107,7 @@ def _drawn(program: str, page: Path) -> list[list[str]]:
     """Return the pictures of the finished page."""
     command = [program, *BROWSER_OPTIONS, f"--user-data-dir={page.parent / 'profile'}", page.resolve().as_uri()]
     if hasattr(os, "geteuid") and os.geteuid() == 0:
-        command.insert(1, "--no-sandbox")  # for root it starts without only; the page is attlog's own
+        command.insert(1, "--no-sandbox")  # root can run it only like this; the page is attlog's own
     try:
         process = subprocess.Popen(
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
@@ -133,7 +133,7 @@ def _drawn(program: str, page: Path) -> list[list[str]]:
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a browser with its children, also on an interrupt."""
+    """Terminate a browser with its children, also on an interrupt."""
     if process.poll() is None:
         with suppress(OSError):
             os.killpg(process.pid, signal.SIGKILL) if sys.platform != "win32" else process.kill()
@@ -141,7 +141,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _in_millimetres(svg: str) -> str:
-    """Give the size in millimetres: programs disagree on how large a pixel is."""
+    """Write the size in millimetres: programs disagree on the size of a pixel."""
     return re.sub(
         r'width="([\d.]+)" height="([\d.]+)"', lambda m: f'width="{_mm(m[1])}mm" height="{_mm(m[2])}mm"', svg, count=1
     )
@@ -152,24 +152,24 @@ def _mm(pixels: str) -> str:
 
 
 def _named(svg: str, name: str) -> str:
-    """Replace plotly's random name: the same figure gives the same text."""
+    """Replace plotly's random id, so that the same figure gives the same text."""
     chance = re.search(r'id="defs-(\w+)"', svg)
     return re.sub(rf'((?:id="|#)[\w-]*?){chance[1]}', rf"\g<1>{name}-", svg) if chance else svg
 
 
-# Every figure of a result as files: SVG for papers, PNG for slides.
+# Files of every figure of a result: SVG for papers, PNG for slides.
 
 
 def write_figures(result: Result, start: Path) -> list[Path]:
-    """Write ``START_NAME.svg`` and ``.png`` for every figure and return the files. All appear, or none does.
+    """Write ``START_NAME.svg`` and ``.png`` for every figure, all or none.
 
-    OutputError where no browser is found, where it fails, or where a file cannot be written.
+    Returns the files. OutputError if no browser is found, if it fails, or if a file cannot be written.
     """
     album = Album.of(result)
     drawn = {name: plain(album.drawn(name)) for name in album.found}
     for figure in drawn.values():
         for i, trace in enumerate(figure["data"]):
-            trace["uid"] = str(i)  # else plotly names it by chance, and no two files are equal
+            trace["uid"] = str(i)  # otherwise plotly assigns random ids, and no two files are equal
     with staging_folder(start.parent) as stage:
         for name, picture in draw_pictures(drawn, stage.parent).items():
             path = stage / f"{start.name}_{name}"
@@ -179,7 +179,7 @@ def write_figures(result: Result, start: Path) -> list[Path]:
 
 
 def plain(value: Any) -> Any:
-    """Return a figure as JSON: lists for arrays, null for what is not finite."""
+    """Convert a figure to JSON values: lists for arrays, null for non-finite numbers."""
     if isinstance(value, np.ndarray):
         return [x if math.isfinite(x) else None for x in value.tolist()]
     if isinstance(value, dict):

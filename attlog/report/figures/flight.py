@@ -27,14 +27,14 @@ from attlog.words.flight import alarming, messages
 from attlog.words.names import truth_name
 from attlog.words.numbers import duration, moment, quantity
 
-# Degrees per stored step of whole-flight figures; a screen shows a tenth at best.
+# Quantisation of whole-flight figures, deg; a screen resolves ten times as much at best.
 ANGLE_STEP = 0.01
 ANGLES = ("roll", "pitch", "heading")
 SEGMENT_WORDS = {"impact": "Red: impact and what followed.", "gap": "Grey between two lines: gap in the log."}
 MESSAGE_GRADES = (("message", "circle", 6, "mu"), ("warning", "triangle-up", 9, "warn"), ("alarm", "x", 9, "bad"))
 FILTERED = ["time_s", "filter", "quantity", "value", "unit"]
 SENSED = ["time_s", "quantity", "value", "unit"]
-# Pixels of an arrow of the ground track, and the smallest extent of the track, m.
+# Length of an arrow of the ground track (pixels), smallest extent of the track (m).
 ARROW_PX, MIN_EXTENT_M = 26, 4.0
 
 
@@ -68,7 +68,7 @@ def strip(source: FigureSource) -> PageFigure:
 
 
 def _lane(view: View, y: int, what: str, spans: Sequence[Sequence[Any]], fill: Any) -> None:
-    """Add a lane of bars of time; an armed span shows no name."""
+    """Add a lane of bars over time; an armed span has no label."""
     if not spans:
         return
     said = [safe(f"{name}, {moment(a)} to {moment(b)}") for a, b, name in spans]
@@ -97,7 +97,10 @@ def _lane(view: View, y: int, what: str, spans: Sequence[Sequence[Any]], fill: A
 
 
 def attitude(source: FigureSource) -> PageFigure | None:
-    """Draw the angles over the flight: first onboard, set-point and reference, with the filters by choice."""
+    """Draw the angles over the flight.
+
+    Onboard attitude, set-point and reference are shown first, filters by choice.
+    """
     found = _comparable(source, "attitude")
     if not found:
         return None
@@ -109,7 +112,7 @@ def attitude(source: FigureSource) -> PageFigure | None:
         Panel("heading", "heading, °", 10.0, True, cut, {"heading": True, "zeroline": False}),
     ]
     view.panels(source.by_depth(found), panels, step=ANGLE_STEP)
-    for trace in demand:  # sets no range: in a crash nothing follows it
+    for trace in demand:  # does not extend the range: in a crash nothing follows it
         for i, panel in enumerate(panels):
             meta = {"time": True, "step": ANGLE_STEP, "quantity": panel.key, "free": True} | panel_meta(panel)
             y = panel_values(panel, trace)
@@ -169,7 +172,7 @@ def difference(source: FigureSource) -> PageFigure | None:
 
 
 def track(source: FigureSource) -> PageFigure | None:
-    """Draw the path over ground, north up, with arrows of heading and course."""
+    """Draw the ground track, north up, with arrows of heading and course."""
     if not source.traces("track"):
         return None
     trace = source.traces("track")[0]
@@ -207,7 +210,7 @@ def track(source: FigureSource) -> PageFigure | None:
 
 
 def _comparable(source: FigureSource, kind: str) -> list[Trace]:
-    """Return traces without the heading of a reference that has none, and without differences from it."""
+    """Drop differences from a reference without heading, and its heading itself."""
     found, reference = source.traces(kind), source.result.reference
     if reference is None or reference.heading_by != "nobody":
         return found
@@ -220,13 +223,13 @@ def _comparable(source: FigureSource, kind: str) -> list[Trace]:
 
 
 def before_crash(source: FigureSource, start: float | None = None) -> dict[str, Any]:
-    """Return from when to when values set ranges."""
+    """Return the time span that sets axis ranges: from ``start`` to the crash."""
     crash = source.marks["crash"]
     return ({} if start is None else {"from": start}) | ({} if crash is None else {"to": float(crash)})
 
 
 def course_text(trace: Trace) -> str:
-    """Return in words how far heading and course differ."""
+    """Describe the difference of heading and course."""
     v = trace.values
     if "difference" not in v:
         return f"Too little time above {v['least']:.0f} m/s to compare heading and course."
@@ -237,7 +240,7 @@ def course_text(trace: Trace) -> str:
 
 
 def mark_words(result: Result) -> list[str]:
-    """Explain the marks on the time axis that this flight has."""
+    """Explain the marks on this flight's time axis."""
     kinds = {s.kind for s in result.segments}
     found = [text for kind, text in SEGMENT_WORDS.items() if kind in kinds]
     if attitude_jumps(result):
@@ -249,7 +252,10 @@ def mark_words(result: Result) -> list[str]:
 
 
 def heading_cut(traces: list[Trace]) -> float:
-    """Return where to cut the circle of headings open, deg: the middle of the widest unused arc."""
+    """Return the angle at which to cut the circle of headings, deg.
+
+    It is the middle of the widest unused arc.
+    """
     heading = np.concatenate(
         [np.asarray(t.columns["heading"], np.float64) for t in traces if "heading" in t.columns] or [np.zeros(1)]
     )

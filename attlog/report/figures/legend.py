@@ -1,4 +1,4 @@
-"""The legend above a printed figure: samples and names one after the other, in as few rows as fit.
+"""Legend above a printed figure: entries flow into as few rows as fit.
 
 plotly's own legend has columns as wide as the longest name: as high as the figure in one column of a journal.
 """
@@ -12,16 +12,16 @@ from typing import Any
 
 Layout = dict[str, Any]
 
-# Pixels (96 to the inch) in a point; 88 mm, one column of a page with two; 8 pt.
+# Pixels (96 per inch) in a point; width of one column of a two-column page, 88 mm; text of 8 pt.
 PT, WIDTH = 96.0 / 72.0, 332
 TEXT = 8.0 * PT
 INK = "#000000"
 PLACED = {"xref": "paper", "yref": "paper"}
-# Legend: pixels of a line's sample, of a symbol's, behind it, between entries, at the left edge, below it.
+# Legend in pixels: sample of a line, of a symbol, gap behind it, gap between entries, left margin, gap below.
 SAMPLE, POINT, BEHIND, BETWEEN, EDGE, GAP = 18.0, 8.0, 1.0, 9.0, 4.0, 3.0
 ROW = 1.25 * TEXT
 NARROW, WIDE = set("fijlrtI.,:;'|!()[] -·°"), set("mwMW@%")
-# Symbols by how many corners they have and where the first one is, deg.
+# Polygon of a symbol: number of corners, direction of the first one in deg.
 CORNERS = {
     "diamond": (4, 90),
     "square": (4, 45),
@@ -33,7 +33,7 @@ CORNERS = {
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """An entry of the legend: a line with its dash, a band (``fill``), or a ``symbol``, filled or hollow."""
+    """Legend entry: dashed line, band (``fill``), or ``symbol``, filled or hollow."""
 
     name: str
     colour: str
@@ -45,19 +45,19 @@ class Key:
 
 
 def text_width(text: str) -> float:
-    """Return about how many pixels a text is wide in Arial."""
+    """Estimate the width of a text in Arial, pixels."""
     return TEXT * sum(0.3 if c in NARROW else 0.86 if c in WIDE else 0.7 if c.isupper() else 0.55 for c in text)
 
 
 def shortened(name: str, most: int = 26) -> str:
-    """Return a name cut to so many letters."""
+    """Shorten a name to ``most`` characters."""
     return name if len(name) <= most else name[: most - 1] + "…"
 
 
 def legend(keys: Iterable[Key], left: float, above: float) -> tuple[list[Layout], list[Layout], float]:
-    """Return shapes, texts and height of a legend above the figure, in as few rows as fit; all pixels.
+    """Return shapes, texts and height of a legend above the figure, in pixels.
 
-    plotly's own legend has columns as wide as the longest name: as high as the figure in one column of a journal.
+    Entries flow into as few rows as fit.
     """
     places, x, row = [], EDGE, 0
     for key in keys:
@@ -80,7 +80,7 @@ def legend(keys: Iterable[Key], left: float, above: float) -> tuple[list[Layout]
 
 
 def _legend_sample(key: Key, x: float, y: float) -> Layout:
-    """Return the shape of an entry whose left middle is at x, y."""
+    """Return the shape of an entry with its left middle at x, y."""
     place: Layout = PLACED | {"xanchor": 0, "yanchor": 1, "xsizemode": "pixel", "ysizemode": "pixel"}
     line = {"color": key.colour, "width": key.width, "dash": key.dash}
     if key.fill:

@@ -1,4 +1,4 @@
-"""Finish a view for print: one column of a journal, 8 pt, black axes, light colours, long lines thinned, a legend.
+"""Convert a view for print: journal column, 8 pt, black axes, thinned lines, legend.
 
 The page's script does the same for the screen (``web/plots.js``), again at every zoom.
 """
@@ -19,21 +19,21 @@ from attlog.report.figures.style import PRINT_DASHES, RowStyle, palette, print_d
 Array = NDArray[np.float64]
 Layout = dict[str, Any]
 
-# Fonts that journals take, and one with the same widths that is free.
+# Fonts that journals accept, and a free one with the same widths.
 FONT = "Arial, Helvetica, Liberation Sans, sans-serif"
-# Thinnest line that printers keep.
+# Thinnest line that prints reliably.
 AXIS_LINE = 0.5 * PT
 DASHES = {"dash": "4px,2px", "dot": "1.2px,1.8px"}
-# Print sizes as shares of those on the page: heights, line widths, markers.
+# Ratio of print to page: heights, line widths, markers.
 HEIGHT_SHARE, LINE_SHARE, MARKER_SHARE = 0.46, 0.67, 0.6
 LEFT, RIGHT, BOTTOM = 54.0, 11.0, 34.0
-# Of a line: two to a pixel of the column.
+# Buckets of a thinned line: two per pixel of the column.
 BUCKETS = 600
-# In a calm figure a row that moves so many times as far as the middle one may leave it.
+# In a calm figure a row may leave the axis if its range exceeds the median one by this factor.
 CALM = 8.0
-# A row more of whose values leave the figure is drawn pale.
+# A row with a larger share of its values outside the figure is drawn pale.
 MOSTLY = 0.05
-# More marks of a kind than these cannot be seen singly and are not drawn.
+# Above these numbers marks of a kind are indistinguishable and omitted.
 MANY_MARKS, MAX_ALARMS, MAX_ARROWS = 80, 60, 60
 
 
@@ -45,12 +45,15 @@ def finish(
     marks: Layout,
     span: tuple[float, float],
 ) -> Layout:
-    """Return ``data`` and ``layout`` of a view as plotly takes them; ``shown``: positions of the drawn rows."""
+    """Return ``data`` and ``layout`` of a view for plotly.
+
+    ``shown``: positions of the drawn rows.
+    """
     return PrintedFigure(figure, view, rows, shown, marks, span).finished()
 
 
 class PrintedFigure:
-    """A view while it is finished for print."""
+    """View under conversion for print."""
 
     def __init__(
         self,
@@ -80,7 +83,7 @@ class PrintedFigure:
         return WIDTH - self.left - self.right
 
     def finished(self) -> Layout:
-        """Put the parts together."""
+        """Assemble traces and layout."""
         self.place_rows()
         if "yaxis2" in self.axes and self.axes["yaxis2"].get("side") == "right":
             self.right = 44.0
@@ -110,12 +113,12 @@ class PrintedFigure:
         return self.layout()
 
     def is_shown(self, meta: Layout) -> bool:
-        """Whether a trace belongs to a row that is drawn, and a band to the chosen row."""
+        """Return whether a trace is drawn: its row is, or its band is the chosen one."""
         row = meta.get("row", meta.get("band"))
         return (row is None or row in self.shown) and meta.get("band", self.data.get("band")) == self.data.get("band")
 
     def trace(self, found: Layout) -> Layout:
-        """Return a trace in print sizes and colours, long lines thinned."""
+        """Convert a trace to print sizes and colours, with long lines thinned."""
         meta = found["meta"]
         trace: Layout = {"type": "scatter"} | coloured(found) | {"meta": meta}
         if "line" in trace:
@@ -156,7 +159,10 @@ class PrintedFigure:
         return trace
 
     def tell_apart(self) -> None:
-        """Give solid lines of no row that share an axis dashes of their own: they differ in grey print too."""
+        """Give lines without a row that share an axis different dashes.
+
+        They then differ in grey print too.
+        """
         seen: dict[str, int] = {}
         for trace in self.traces:
             line = trace.get("line", {})
@@ -166,7 +172,7 @@ class PrintedFigure:
                 line["dash"] = PRINT_DASHES[k % len(PRINT_DASHES)]
 
     def clipped(self, trace: Layout) -> Layout:
-        """Cut bars of time to the span; keep those names that fit."""
+        """Clip bars of time to the span; keep names that fit."""
         low, high = self.span
         fills = trace["marker"]["color"]
         kept = []
@@ -184,7 +190,7 @@ class PrintedFigure:
         )
 
     def place_rows(self) -> None:
-        """Give each row that is drawn its line, from the top down."""
+        """Give each drawn row its line, from the top."""
         for name, axis in self.axes.items():
             rows = [r for r in axis.pop("rows", ()) if r in self.shown]
             if not rows:
@@ -204,7 +210,10 @@ class PrintedFigure:
                 self.height = 16.0 * max(len(rows), 3) * (1.4 if several else 1.0)
 
     def fitted(self, key: str, fit: Layout) -> list[float]:
-        """Return the range of an axis: diverged rows do not set it, nor values outside ``from`` and ``to``."""
+        """Return the range of an axis.
+
+        Diverged rows, and values outside ``from`` and ``to``, do not extend it.
+        """
         own = [t for t in self.traces if t.get("yaxis", "y") == key and not t["meta"].get("free")]
         lines = [(t["meta"].get("row"), as_array(t["x"]), as_array(t["y"])) for t in own]
         sound = [line for line in lines if line[0] is None or not self.rows[line[0]].lost] or lines
@@ -221,7 +230,7 @@ class PrintedFigure:
         return padded([*values, *fit.get("include", ())], fit)
 
     def equal_scales(self, least: float) -> None:
-        """Give a metre the same length on both axes."""
+        """Scale a metre equally on both axes."""
         lines = [t for t in self.traces if not t["meta"].get("free")]
         sides = []
         for key in ("x", "y"):
@@ -236,7 +245,7 @@ class PrintedFigure:
             self.axes[axis]["range"] = [middle - 0.5 * scale * p, middle + 0.5 * scale * p]
 
     def leaving(self) -> None:
-        """Mark with an arrow where a line leaves the figure; one that mostly does is pale."""
+        """Mark with an arrow where a line leaves the figure; draw rows mostly outside pale."""
         low, high = self.axes["xaxis"].get("range", (-math.inf, math.inf))
         log = self.axes["xaxis"].get("type") == "log"
         for t in list(self.traces):
@@ -292,7 +301,7 @@ class PrintedFigure:
         self.shapes.append({"type": "rect", "layer": "below", "fillcolor": fill, "line": {"width": 0}} | place)
 
     def upright(self, x: float, dash: str) -> None:
-        """Draw a red line from bottom to top."""
+        """Draw a red vertical line over the full height."""
         line = {"color": "bad", "width": AXIS_LINE / LINE_SHARE, "dash": dash}
         place = {"xref": "x", "yref": "paper", "x0": x, "x1": x, "y0": 0, "y1": 1}
         self.shapes.append({"type": "line", "layer": "below", "line": line} | place)
@@ -321,7 +330,7 @@ class PrintedFigure:
         self.phase_names()
 
     def phase_names(self) -> None:
-        """Write the names of phases above their places where there is room."""
+        """Write the names of phases above them where there is room."""
         low, high = self.span
         taken: list[tuple[float, float]] = []
         words = [(a, a, "impact") for a, *_ in self.marks["impact"] if low <= a <= high]
@@ -348,11 +357,11 @@ class PrintedFigure:
             self.key(Key("failsafe, critical message", "bad", DASHES["dash"]))
 
     def key(self, key: Key) -> None:
-        """Add an entry of the legend; the first of a name stays."""
+        """Add a legend entry; the first entry of a name is kept."""
         self.keys.setdefault(key.name, key)
 
     def key_of(self, trace: Layout) -> None:
-        """Add the entry of a trace with a name."""
+        """Add the legend entry of a named trace."""
         meta, name = trace["meta"], trace.get("name")
         if not name or trace["type"] == "bar" or meta.get("keyless"):
             return
@@ -380,7 +389,7 @@ class PrintedFigure:
             self.above = 1.2 * TEXT
         keys = [_light(key) for key in self.keys.values()]
         if len(keys) == 1 and not (keys[0].fill or keys[0].symbol):
-            keys = []  # one line alone: the axis names it
+            keys = []  # a single line needs no legend: the axis names it
         shapes, texts, high = legend(keys, self.left, self.above)
         top = 6.0 + high + self.above
         several = "domain" in self.axes["yaxis"]
@@ -407,7 +416,10 @@ def _light(key: Key) -> Key:
 
 
 def light(colour: str) -> str:
-    """Return the light colour of a name with its opacity (``e1``, ``bad/0.2``); other texts as they are."""
+    """Return the light-theme colour of a name with opacity (``e1``, ``bad/0.2``).
+
+    Other texts are returned unchanged.
+    """
     name, slash, share = colour.partition("/")
     found = palette().get(name)
     if found is None:
@@ -416,7 +428,7 @@ def light(colour: str) -> str:
 
 
 def coloured(value: Layout) -> Layout:
-    """Return traces or layout with light colours for their names."""
+    """Replace colour names in traces or layout by light-theme colours."""
 
     def one(key: str, own: Any) -> Any:
         if isinstance(own, dict):
@@ -429,10 +441,10 @@ def coloured(value: Layout) -> Layout:
 
 
 def print_axis(name: str, axis: Layout, several: bool) -> Layout:
-    """Return a black axis with outward ticks and its title."""
+    """Convert an axis for print: black, outward ticks, title."""
     title: Layout = {"text": axis.get("title", ""), "font": {"size": TEXT, "color": INK}}
     if name.startswith("x") or not several:
-        title["standoff"] = 3  # of several panels the titles stand in line instead
+        title["standoff"] = 3  # with several panels the titles are aligned instead
     own = {
         "showline": True,
         "linecolor": INK,
@@ -456,7 +468,7 @@ def print_axis(name: str, axis: Layout, several: bool) -> Layout:
 
 
 def print_shape(shape: Layout) -> Layout:
-    """Return a shape in print widths and colours."""
+    """Convert a shape to print widths and colours."""
     found = coloured(shape)
     line = found["line"]
     dash = line.get("dash", "solid")
@@ -464,7 +476,7 @@ def print_shape(shape: Layout) -> Layout:
 
 
 def print_note(note: Layout) -> Layout:
-    """Return words of the figure in print size."""
+    """Convert a text of the figure to print size."""
     font = {"size": TEXT, "color": light(note["font"]["color"])}
     return note | {"showarrow": False, "font": font}
 
@@ -475,7 +487,7 @@ def as_array(values: Any) -> Array:
 
 
 def padded(values: Sequence[float], fit: Layout) -> list[float]:
-    """Return the range around values by the keys of ``fit``: pad, least, least_pad, floor, most."""
+    """Return the range around values, by the keys pad, least, least_pad, floor, most of ``fit``."""
     least = fit.get("least", 0.0)
     if not values:
         return [-least or -1.0, least or 1.0]
@@ -487,14 +499,17 @@ def padded(values: Sequence[float], fit: Layout) -> list[float]:
 
 
 def heading_ticks(low: float, high: float) -> Layout:
-    """Return ticks of a heading axis: numbers of the compass."""
+    """Return ticks of a heading axis in compass degrees."""
     step = next((s for s in (1, 2, 5, 10, 20, 45) if (high - low) / s < 5), 90)
     ticks = np.arange(np.ceil(low / step) * step, high + 1e-9, step)
     return {"tickvals": ticks.tolist(), "ticktext": [str(int(v) % 360) for v in ticks]}
 
 
 def thinned(t: Array, y: Array, span: tuple[float, float] | None = None, wraps: bool = False) -> tuple[Array, Array]:
-    """Keep the smallest and largest value (and a gap) of each bucket of a line (n,); a full turn breaks it."""
+    """Reduce a line (n,) to the smallest and largest value, and gaps, of each bucket.
+
+    ``wraps``: break the line at a full turn.
+    """
     t, y = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if span is not None:
         a, b = np.searchsorted(t, span[0], "left"), np.searchsorted(t, span[1], "right")
@@ -509,9 +524,9 @@ def thinned(t: Array, y: Array, span: tuple[float, float] | None = None, wraps: 
 
 
 def _extremes(y: Array, edges: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return where the smallest, the largest and the first missing value of each bucket are, in order."""
+    """Return the sorted indices of minimum, maximum and first gap of each bucket."""
     buckets = np.repeat(np.arange(len(edges) - 1), np.diff(edges))
-    by_size = np.lexsort((y, buckets))  # what is missing comes last in its bucket
+    by_size = np.lexsort((y, buckets))  # missing values are last in their bucket
     known = np.bincount(buckets[np.isfinite(y)], minlength=len(edges) - 1)
     some = known > 0
     low, high = by_size[edges[:-1][some]], by_size[(edges[:-1] + known - 1)[some]]
@@ -520,7 +535,7 @@ def _extremes(y: Array, edges: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def spaced(east: Array, north: Array, at: NDArray[np.int64], apart: float) -> NDArray[np.int64]:
-    """Return those places that are so many metres apart along the path, at most MAX_ARROWS."""
+    """Select places at least ``apart`` metres apart along the path, at most MAX_ARROWS."""
     if not len(at):
         return at
     flown = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(east[at]), np.diff(north[at])))])

@@ -1,4 +1,4 @@
-"""Figure of the onboard filter run again, beside what it logged in flight."""
+"""Figure of a re-run onboard filter beside the states logged in flight."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from attlog.result import Trace
 from attlog.words.flight import rerun_sentences
 from attlog.words.numbers import unit_sign
 
-# Colour, line width and name of what flew and of the re-run.
+# Colour, line width and name of the flown filter and of the re-run.
 LOGGED, RERUN = ("edge", 2.6, "logged"), ("ac", 1.3, "run again")
-# Views by their name: key of the traces, unit, panels as column and title.
+# Views by name: key of the traces, unit, panels as column and title.
 TILT_AND_HEADING = (("tilt", "tilt"), ("heading", "heading"))
 GYRO_AXES = (("x", "x"), ("y", "y"), ("z", "z"))
 TESTS = tuple((aid, aid) for aid in ("compass", "velocity", "position", "height", "airspeed"))
@@ -29,12 +29,12 @@ VIEWS = (
     ("Innovations: velocity", "innovation", "m/s", VELOCITY),
     ("Innovations: position", "innovation", "m", POSITION),
 )
-# Share of the values that may leave the figure at each end: innovations jump at a reset.
+# Share of values outside the figure at each end, because innovations jump at a reset.
 FAR_SHARE = 0.002
 
 
 def rerun(source: FigureSource) -> PageFigure | None:
-    """Draw attitude difference, test ratios, gyro bias, sigmas and innovations, one at a time."""
+    """Draw attitude difference, test ratios, gyro bias, sigmas and innovations as views."""
     found = source.traces("rerun")
     first = next((t.row for t in found if t.row != "onboard"), None)
     if first is None:
@@ -62,7 +62,7 @@ def rerun(source: FigureSource) -> PageFigure | None:
 
 
 def _stack(view: View, traces: Iterable[Trace], panels: Sequence[tuple[str, str]], unit: str, gate: bool) -> None:
-    """Draw a panel for each column, what was logged below the re-run."""
+    """Draw one panel per column, with the logged line below the re-run."""
     ordered = sorted(traces, key=lambda t: t.row != "onboard")
     for i, (column, title) in enumerate(panels):
         for trace in ordered:

@@ -1,4 +1,4 @@
-"""Figures of the rest: close-up, histogram of the angles, Allan deviation."""
+"""Figures of the rest before and after flight: close-up, histogram, Allan deviation."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from attlog.report.figures.figure import FigureSource, PageFigure, Panel, decade
 from attlog.words.numbers import duration, moment
 
 ANGLES = ("roll", "pitch", "heading")
-# Degrees that a panel at rest shows at least.
+# Smallest range of a panel at rest, deg.
 MIN_REST_RANGE_DEG = 0.002
 
 
 def close_up(source: FigureSource) -> PageFigure | None:
-    """Draw roll, pitch and heading at rest, each minus its straight line."""
+    """Draw roll, pitch and heading at rest, each minus its fitted line."""
     found = source.traces("rest")
     if not found:
         return None
@@ -33,7 +33,7 @@ def close_up(source: FigureSource) -> PageFigure | None:
 
 
 def spread(source: FigureSource) -> PageFigure | None:
-    """Draw the share of the samples in each bin of the angle."""
+    """Draw the histogram of angles at rest, as share of the samples."""
     if not source.traces("spread"):
         return None
     view = source.view()
@@ -50,7 +50,7 @@ def spread(source: FigureSource) -> PageFigure | None:
 
 
 def allan(source: FigureSource) -> PageFigure | None:
-    """Draw the Allan deviation of one angle at a time with its 95 % interval."""
+    """Draw the Allan deviation with its 95 % interval, one angle per view."""
     found = source.traces("allan")
     if not found:
         return None

@@ -1,4 +1,4 @@
-"""Figures of the sensors: compass, interference, sizes of gravity and field, test ratios, gyro bias."""
+"""Figures of sensors: compass, motor interference, gravity and field strength, test ratios, gyro bias."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from attlog.words.names import truth_name
 from attlog.words.numbers import MINUS, duration, number, quantity, unit_sign
 
 AXES = ("x", "y", "z")
-# uT and test ratio per stored step.
+# Quantisation of fields (uT) and test ratios.
 FIELD_STEP, RATIO_STEP = 0.01, 0.001
 FIELD_PARTS = (
     ("", "measured", "solid", 1.5),
@@ -32,9 +32,9 @@ FIELD_PARTS = (
     ("corrected_", "corrected", "dot", 1.8),
 )
 DRIVES = {"current": ("current, A", "A", "the current"), "throttle": ("throttle, %", "%", "the throttle")}
-# Each aid has its colour; others share the rest of the palette.
+# Colours of aids; others share the rest of the palette.
 AIDS = ("compass", "velocity", "position", "height", "airspeed")
-# Share of the values that set a range: a bump on landing leaves the figure.
+# Share of the values that sets a range: a bump on landing leaves the figure.
 FAR = 0.985
 HIGHEST_RATIO = 4.0
 SIZE_WORDS = {
@@ -56,7 +56,7 @@ SIZE_WORDS = {
 
 
 def compass(source: FigureSource) -> PageFigure | None:
-    """Draw measured, expected and corrected field in body axes and its size, a compass at a time."""
+    """Draw measured, expected and corrected field in body axes, one compass per view."""
     found = source.traces("compass")
     if not found:
         return None
@@ -97,27 +97,27 @@ def compass(source: FigureSource) -> PageFigure | None:
 
 
 def field_column(trace: Trace, prefix: str, axis: str) -> NDArray[np.float64]:
-    """Return one axis of a field, or its size."""
+    """Return one axis of a field, or its strength."""
     if axis != "size":
         return np.asarray(trace.columns[prefix + axis], np.float64)
     return np.asarray(np.sqrt(sum(np.asarray(trace.columns[prefix + a], np.float64) ** 2 for a in AXES)))
 
 
 def attitude_words(result: Result) -> str:
-    """Return in words whose attitude turned the earth's field."""
+    """Name the attitude that rotated the earth's field into body axes."""
     choice = result.reference.choice if result.reference else "onboard"
     return {"truth": truth_name(result), "smoother": "the smoother"}.get(choice, "the onboard attitude")
 
 
 def median_residual(trace: Trace, axis: str) -> float:
-    """Return the median of measured less expected field, uT."""
+    """Return the median of measured minus expected field, uT."""
     off = np.asarray(trace.columns[axis] - trace.columns[f"expected_{axis}"], np.float64)
     off = off[np.isfinite(off)]
     return float(np.median(off)) if len(off) else math.nan
 
 
 def interference(source: FigureSource) -> PageFigure | None:
-    """Draw the field's size less the earth's against the drive of the motors, with the fitted line."""
+    """Draw the excess of field strength over motor drive, with the fitted line."""
     if not source.traces("interference"):
         return None
     trace = source.traces("interference")[0]
@@ -145,17 +145,17 @@ def interference(source: FigureSource) -> PageFigure | None:
 
 
 def gravity(source: FigureSource) -> PageFigure | None:
-    """Draw the size of the acceleration."""
+    """Draw the magnitude of the acceleration."""
     return _size(source, "gravity")
 
 
 def field(source: FigureSource) -> PageFigure | None:
-    """Draw the size of the magnetic field where its axes cannot be drawn."""
+    """Draw the magnitude of the magnetic field where its axes cannot be drawn."""
     return None if source.traces("compass") else _size(source, "field")
 
 
 def _size(source: FigureSource, kind: str) -> PageFigure | None:
-    """Draw smallest, mean and largest size over time, the expected value, and the throttle."""
+    """Draw smallest, mean and largest magnitude over time, expected value, throttle."""
     if not source.traces(kind):
         return None
     trace, view = source.traces(kind)[0], source.view()
@@ -211,7 +211,7 @@ def ratios(source: FigureSource) -> PageFigure | None:
 
 
 def bias(source: FigureSource) -> PageFigure | None:
-    """Draw the gyro bias that the filters estimate, beside the gyro's mean at rest."""
+    """Draw the gyro bias estimated by filters, beside the gyro's mean at rest."""
     found, rests = source.traces("bias"), source.traces("rest_bias")
     if not found and not rests:
         return None

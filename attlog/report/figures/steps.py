@@ -1,4 +1,4 @@
-"""Figures of steps: one step, all steps together, response to the set-point."""
+"""Figures of attitude steps: one step, all steps, response to the set-point."""
 
 from __future__ import annotations
 
@@ -9,16 +9,19 @@ from attlog.result import Trace
 from attlog.words.numbers import counted, moment
 from attlog.words.ranking import AIR, count_best
 
-# Degrees per stored step of a single step.
+# Quantisation of a single step, deg.
 MOVED_STEP = 0.002
-# Samples of a reference that are marked one by one.
+# Largest number of reference samples with individual markers.
 MARKED_SAMPLES = 90
 SINCE = "time from the start of the step, ms"
 DASHES = {"roll": "solid", "pitch": "dash", "yaw": "dot"}
 
 
 def one_step(source: FigureSource) -> PageFigure | None:
-    """Draw what set-point, reference and filters turned in one step; below: filter minus reference."""
+    """Draw the turn of set-point, reference and filters in one step.
+
+    Below it is the difference filter minus reference.
+    """
     found = source.traces("step")
     if not found:
         return None
@@ -53,7 +56,10 @@ def one_step(source: FigureSource) -> PageFigure | None:
 
 
 def all_steps(source: FigureSource) -> PageFigure | None:
-    """Draw the median of every filter over all steps and the middle 80 % of one, an axis at a time."""
+    """Draw each filter's median over all steps, and the middle 80 % of one filter.
+
+    There is one view per axis.
+    """
     found = source.traces("steps")
     if not found:
         return None
@@ -86,7 +92,10 @@ def all_steps(source: FigureSource) -> PageFigure | None:
 
 
 def first_band(traces: list[Trace], source: FigureSource) -> str:
-    """Return the row whose band is drawn first: of the best in lag, else of all, the one with most best values."""
+    """Return the row whose band is drawn first.
+
+    Among the rows best in lag, else among all, it is the one most often marked best.
+    """
     result = source.result
     best = next((w["lag_ms"] for w in (result.best.get(name, {}) for name in AIR) if w.get("lag_ms")), [])
     drawn = list(dict.fromkeys(t.row for t in traces))
@@ -94,7 +103,7 @@ def first_band(traces: list[Trace], source: FigureSource) -> str:
 
 
 def setpoint(source: FigureSource) -> PageFigure | None:
-    """Draw how the vehicle follows a step of its set-point."""
+    """Draw the response of the vehicle to a step of its set-point."""
     found = source.traces("setpoint")
     if not found:
         return None

@@ -1,4 +1,4 @@
-"""Colours and lines of rows, the same in every figure, table and log."""
+"""Colours and lines of rows, equal in every figure, table and log."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from attlog.result import EstimatorRow, Result
 from attlog.words.names import row_names
 from attlog.words.ranking import count_best, is_baseline, rows_in_order
 
-# Filter colours of the palette in ``style.css``; slot 0 is black.
+# Number of filter colours of the palette in ``style.css``; slot 0 is black.
 COLOURS = 8
 
-# Slot of the gyro alone, which is shown for comparison.
+# Slot of the gyro alone, drawn for comparison.
 GREY = 9
 
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 
-# Slot and dash that are the same in every log. Filters of one family share a colour.
+# Fixed slot and dash, equal in every log. Filters of one family share a colour.
 FIXED_LINES = {
     "onboard": (0, "solid"),
     "rerun": (0, "dash"),
@@ -46,10 +46,10 @@ FIXED_LINES = {
     "accel_mag": (8, "dash"),
 }
 
-# Filters without memory: their angle follows every shake and sets no range.
+# Filters without memory: their angle follows every vibration, so it does not set axis ranges.
 UNFILTERED = ("accel_mag",)
 
-# From so many replayed rows on only FEW_ROWS of them are shown at first.
+# From this number of replayed rows on only FEW_ROWS of them are shown at first.
 MANY_ROWS = 9
 
 FEW_ROWS = 6
@@ -57,7 +57,7 @@ FEW_ROWS = 6
 
 @dataclass(frozen=True, slots=True)
 class RowStyle:
-    """How a row is drawn: name, ``slot`` of the palette, ``dash``, whether it is ``shown`` at first.
+    """Style of a row: name, palette ``slot``, ``dash``, and whether it is ``shown`` at first.
 
     A ``lost`` row (diverged, or of a filter without memory) does not set the range of an axis.
     """
@@ -71,12 +71,15 @@ class RowStyle:
 
     @property
     def depth(self) -> int:
-        """Order of drawing: the gyro alone at the bottom, then onboard and reference, then filters."""
+        """Drawing order: gyro at the bottom, onboard and reference, filters on top."""
         return 0 if self.slot == GREY else 1 if self.onboard else 2
 
 
 def row_styles(result: Result) -> dict[str, RowStyle]:
-    """Return the style of every row by id: reference and onboard, re-runs, the filters, other onboard rows."""
+    """Return the style of every row by id.
+
+    The order is: reference and onboard, re-runs, filters, other onboard rows.
+    """
     rows = rows_in_order(result)
     reruns = [r.name for r in rows if r.kind == "rerun"]
     replays = [r.name for r in rows if r.kind == "replay"]
@@ -100,7 +103,10 @@ def row_styles(result: Result) -> dict[str, RowStyle]:
 
 
 def line_key(name: str, rows: Iterable[EstimatorRow]) -> str:
-    """Return the key of a row in FIXED_LINES: estimator, ``onboard``, ``rerun``, or the name of a reference."""
+    """Return the key of a row in FIXED_LINES.
+
+    Keys are estimator, ``onboard``, ``rerun``, or the name of a reference.
+    """
     row = next((r for r in rows if r.name == name), None)
     if row is None:
         return name
@@ -110,10 +116,10 @@ def line_key(name: str, rows: Iterable[EstimatorRow]) -> str:
 
 
 def assign_lines(filters: Iterable[str]) -> list[tuple[int, str]]:
-    """Assign slot and dash to lines by their keys, in the order of the page.
+    """Assign slot and dash to lines by key, in the order of the page.
 
-    Keys of FIXED_LINES look the same everywhere. Further lines of one filter share its colour with another dash. An
-    unknown filter takes the first free colour.
+    Keys of FIXED_LINES have a fixed style. Further lines of one filter share its colour with another dash. An unknown
+    filter takes the first free colour.
     """
     filters = list(filters)
     known = [FIXED_LINES[f] for f in dict.fromkeys(filters) if f in FIXED_LINES]
@@ -142,19 +148,19 @@ def assign_colours(names: Sequence[str]) -> list[int]:
 STYLE_SHEET = Path(__file__).parents[1] / "web" / "style.css"
 COLOUR = re.compile(r"--(\w+):(#[0-9a-fA-F]{3,6})\b")
 INK = "#000000"
-# Dashes in print, for each colour of the palette its own: filters differ in grey print too. plotly's are too long here.
+# Print dashes by palette colour, so that filters differ in grey print too. plotly's own are too long here.
 DASH, DOT = "4px,2px", "1.2px,1.8px"
 PRINT_DASHES = (
     *("solid", DASH, DOT, "5px,1.6px,1.2px,1.6px", "8px,2px", "8px,1.6px,1.2px,1.6px,1.2px,1.6px"),
     *("2.4px,2.4px", "6px,1.6px,2.4px,1.6px", "10px,1.6px,4px,1.6px"),
 )
-# plotly reads tags, entities and formulas in texts: nothing that looks like one may reach it.
+# Sequences that plotly interprets as tags, entities or formulas; untrusted texts must not contain them.
 SIGNS = str.maketrans({"&": "＆", "<": "‹", ">": "›", "$": "＄"})
 
 
 @cache
 def palette() -> dict[str, str]:
-    """Return the page's colours in light theme by their names in its style sheet: ``e1``, ``ax``, ``bad``."""
+    """Return light-theme colours by their names in the style sheet: ``e1``, ``ax``, ``bad``."""
     light = re.search(r"^:root\{([^}]*)\}", STYLE_SHEET.read_text(encoding="utf-8"), re.MULTILINE)
     assert light is not None
     found = {name: "#" + "".join(2 * c for c in h[1:]) if len(h) == 4 else h for name, h in COLOUR.findall(light[1])}
@@ -162,12 +168,12 @@ def palette() -> dict[str, str]:
 
 
 def print_dash(style: RowStyle) -> str:
-    """Return the dash of a row in print by its colour and the page's dash."""
+    """Return the print dash of a row, by its colour and the page's dash."""
     shift = DASHES.index(style.dash)
     return PRINT_DASHES[shift if style.slot == 0 else (style.slot - 1 + 3 * shift) % len(PRINT_DASHES)]
 
 
 def safe(text: Any, most: int = 60) -> str:
-    """Return text of a log as plotly may have it, cut where it is long."""
+    """Make a log's text safe for plotly, and shorten it."""
     whole = str(text)
     return (whole if len(whole) <= most else whole[: most - 1] + "…").translate(SIGNS).replace("%{", "%(")

@@ -1,4 +1,4 @@
-"""Figures of vibration: its level over the flight with the firmware's limits, and its spectrum."""
+"""Figures of vibration: level over the flight with firmware limits, and spectrum."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from attlog.words.numbers import counted, duration, number, quantity
 AXES = ("x", "y", "z")
 DENSITY = {"gyro": "°/s/√Hz", "accelerometer": "m/s²/√Hz"}
 DENSITY_UNIT = {"gyro": "deg/s/sqrt(Hz)", "accelerometer": "m/s^2/sqrt(Hz)"}
-# Rotors of multirotors turn at 40 to 300 times a second; shaking so fast folds back to rate - 300 Hz and above.
+# Highest rotor rate. Rotors of multirotors turn at 40 to 300 Hz; such vibration aliases to rate - 300 Hz and above.
 FASTEST_HZ = 300.0
-# Decades below the highest line that a spectrum shows.
+# Decades shown below the highest line of a spectrum.
 MAX_DECADES = 5.0
-# A limit beyond so many times the highest level is not shown.
+# Limits beyond this multiple of the highest level are not shown.
 MAX_LIMIT_FACTOR = 6.0
 
 
 def vibration(source: FigureSource) -> PageFigure | None:
-    """Draw the autopilot's own level of each unit with limits, then the deviation of the logged accelerometer."""
+    """Draw the autopilot's vibration level of each IMU with limits, and logged deviations."""
     levels, deviations, clipping = (source.traces(k) for k in ("levels", "vibration", "clipping"))
     if not levels and not deviations:
         return None
@@ -59,7 +59,7 @@ def vibration(source: FigureSource) -> PageFigure | None:
 
 
 def level_view(source: FigureSource, trace: Trace) -> View:
-    """Draw the firmware's level with those percentiles and limits that are in sight."""
+    """Draw the firmware's level with the percentiles and limits that are in range."""
     view, y = source.view(), np.asarray(trace.columns["level"], np.float64)
     most = max(0.1, float(np.max(y[np.isfinite(y)], initial=0.0)))
     limits = level_limits(trace)
@@ -81,7 +81,7 @@ def level_view(source: FigureSource, trace: Trace) -> View:
 
 
 def deviation_view(source: FigureSource, trace: Trace) -> View:
-    """Draw the standard deviation of the logged accelerometer, an axis each."""
+    """Draw the standard deviation of the logged accelerometer by axis."""
     view = source.view()
     for a in AXES:
         meta = {"time": True, "quantity": f"standard deviation of {a}"}
@@ -97,7 +97,7 @@ def level_limits(trace: Trace) -> list[float]:
 
 
 def level_text(trace: Trace) -> str:
-    """Return percentiles of a level and its limits."""
+    """Describe percentiles of a level and its limits."""
     v = trace.values
     text = f"p50 {number(v['p50'])}, p80 {number(v['p80'])}, worst second {quantity(v['worst'], 'm/s^2')}"
     limits = level_limits(trace)
@@ -105,7 +105,7 @@ def level_text(trace: Trace) -> str:
 
 
 def deviation_text(trace: Trace) -> str:
-    """Return the largest deviation of each axis."""
+    """Describe the largest deviation of each axis."""
     return "; ".join(f"{a} up to {quantity(float(trace.columns[a].max()), 'm/s^2')}" for a in AXES)
 
 
@@ -115,13 +115,13 @@ def clipping_marks(trace: Trace, column: str) -> list[tuple[float, int]]:
 
 
 def clipping_text(trace: Trace) -> str:
-    """Return how many samples of the accelerometer were clipped."""
+    """Describe how many accelerometer samples were clipped."""
     clipped = int(trace.values.get("samples", 0.0))
     return f"▼ {counted(clipped, 'sample')} at the end of its range." if clipped else "No sample was clipped."
 
 
 def spectrum(source: FigureSource) -> PageFigure | None:
-    """Draw the amplitude density of the three axes, with rotors, notches and folded frequencies."""
+    """Draw the amplitude density of three axes with rotors, notches and aliased frequencies."""
     own = {t.key: t for t in source.traces("spectrum")}
     keys = [key for key in DENSITY if key in own]
     if not keys:
@@ -180,7 +180,7 @@ def spectrum_view(source: FigureSource, trace: Trace, rotor: list[Trace], notche
 
 
 def folded_from(nyquist: float) -> float:
-    """Return the frequency from which faster shaking folds back, Hz."""
+    """Return the lowest frequency to which faster vibration aliases, Hz."""
     return max(2.0 * nyquist - FASTEST_HZ, 0.0)
 
 
@@ -193,12 +193,12 @@ def frequency_bands(trace: Trace) -> list[tuple[float, float, float]]:
 
 
 def notch_text(trace: Trace) -> str:
-    """Return the notches that are set, or proposed, in words."""
+    """Describe the notches that are set, or proposed."""
     middles = ", ".join(number(float(f), "Hz") for f in trace.t)
     return f"{'Green: notch proposed' if trace.key == 'proposed' else 'Blue: notch set'} at {middles} Hz"
 
 
 def peak_words(trace: Trace) -> str:
-    """Return where the axis with the highest line has it."""
+    """Describe the peak of the axis with the highest line."""
     axis = max(AXES, key=lambda a: float(trace.columns[a].max()))
     return f"{quantity(float(trace.t[int(trace.columns[axis].argmax())]), 'Hz')} ({axis})"
