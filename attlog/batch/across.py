@@ -153,7 +153,7 @@ def near(word: str, known: Iterable[str]) -> str:
 
 
 def references(found: LogTable) -> dict[str, int]:
-    """Count the logs by reference if a column is an error against the reference."""
+    """Count logs by reference if a column depends on the reference."""
     if not any(c.metric.startswith(AGAINST_REFERENCE) for c in found.columns):
         return {}
     return {str(k): int(n) for k, n in found.logs["reference"].fillna("none").value_counts().items()}

@@ -1,4 +1,7 @@
-"""Gates over the logs of a run, for CI: JUnit XML, GitHub annotations and a Markdown summary."""
+"""Gates over the logs of a run, reported to CI.
+
+The reports are JUnit XML, GitHub annotations and a Markdown summary.
+"""
 
 from __future__ import annotations
 
@@ -379,7 +382,7 @@ def publish_refusal(
 
 
 def _annotate(lines: Iterable[str], environment: Mapping[str, str], err: TextIO | None) -> None:
-    """Print workflow commands in a step of a GitHub workflow."""
+    """Print GitHub workflow commands."""
     if environment.get("GITHUB_ACTIONS") == "true":
         for line in lines:
             print(line, file=err or sys.stderr)

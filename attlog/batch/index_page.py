@@ -88,7 +88,7 @@ def block(data: dict[str, Any], thumbnails: bytes) -> str:
 
 
 def policy(style: str, script: str) -> str:
-    """Return a content-security policy that allows the page's own script and style and no request."""
+    """Return a content-security policy: own script and style by hash, no request."""
     script_hash, style_hash = (source_hash(part.encode("utf-8")) for part in (script, style))
     return (
         f"default-src 'none'; script-src '{script_hash}'; style-src '{style_hash}'; "
@@ -183,7 +183,7 @@ def _judged(row: str, metric: str, log: IndexRow) -> bool:
 
 
 def _order(lines: list[IndexRow]) -> list[str]:
-    """Return the titles of all columns, in the order of the logs with most columns."""
+    """Return column titles, in the order of the logs with most columns."""
     longest = sorted((x.row["columns"] for x in lines if x.row), key=len, reverse=True)
     return list(dict.fromkeys(c["title"] for columns in longest for c in columns))
 
@@ -193,14 +193,14 @@ def _place(row: str) -> tuple[int, str]:
 
 
 def _coded(values: list[Any]) -> dict[str, Any]:
-    """Encode texts as indices into a naturally sorted list, -1 for an empty text."""
+    """Encode texts as indices into a sorted list, -1 for empty."""
     words = sorted({clean(v) for v in values if v}, key=natural)
     place = {word: i for i, word in enumerate(words)}
     return {"words": words, "at": [place[clean(v)] if v else -1 for v in values]}
 
 
 def _epoch(date: str | None) -> int | None:
-    """Return the seconds since 1970 of an ISO date; None if it is none."""
+    """Return the seconds since 1970 of an ISO date, else None."""
     try:
         found = datetime.fromisoformat(date) if date else None
     except ValueError:

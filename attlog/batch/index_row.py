@@ -1,4 +1,4 @@
-"""Index row of one result: the numbers that index and tables of a batch show."""
+"""Index row of one result, for index and tables of a batch."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def sensors_of(row: dict[str, Any]) -> dict[str, Any]:
 
 
 class Number(NamedTuple):
-    """One metric of one row and window: value and interval, or missing code and reason."""
+    """One metric of one row and window: value and interval, or reason."""
 
     row: str
     window: str
@@ -208,7 +208,7 @@ def _tilt(result: Result) -> tuple[str, Array, Array] | None:
 
 
 def _largest(t: Array, y: Array, edges: Array) -> Array:
-    """Return the largest y (n,) between each pair of edges; NaN without a finite value."""
+    """Return the largest finite y (n,) between each pair of edges, else NaN."""
     y = np.asarray(y, np.float64)
     good = np.isfinite(y) & np.isfinite(t)
     out = np.full(len(edges) - 1, -np.inf)
@@ -291,9 +291,10 @@ LANDED_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """Reason to look at a log: ``kind`` gate, attitude, crash, reset, filter, sensor or log.
+    """Reason to look at a log.
 
-    ``t``: s on the log's clock or None. ``in_flight``: present in flight; of a crash: shown by sensors.
+    ``kind``: gate, attitude, crash, reset, filter, sensor or log. ``t``: s on the log's clock or None. ``in_flight``:
+    present in flight; for a crash: confirmed by sensors.
     """
 
     kind: str

@@ -175,7 +175,10 @@ def key(content: str, settings: str) -> str:
 
 
 def content_key(job: Job) -> str:
-    """Return the key of a log by reading its file; empty for URLs and members of archives."""
+    """Return the key of a log by reading its file.
+
+    Empty for URLs and members of archives.
+    """
     if job.source.needs_copy:
         return ""
     try:

@@ -16,7 +16,10 @@ BLOCK = 1 << 20
 
 
 def copy(blocks: Iterable[bytes], path: Path) -> tuple[str, int]:
-    """Write blocks to a file; return SHA-256 (hex) and size. LogUnreadable if the disk is full."""
+    """Write blocks to a file; return SHA-256 (hex) and size.
+
+    LogUnreadable if the disk is full.
+    """
     sha256, size = hashlib.sha256(), 0
     try:
         file = path.open("wb")

@@ -1,4 +1,4 @@
-"""Order of the logs of a batch by urgency, and its summary on a terminal.
+"""Order the logs of a batch by urgency, and summarise them on a terminal.
 
 Crashes and losses of control come first, then wrong attitudes in flight, then other serious findings in flight, then
 the rest; within each, real flights before logs that never flew, and these before simulations.
@@ -228,7 +228,7 @@ def _failures(failed: Sequence[Record], width: int) -> Iterator[str]:
 
 
 def _why(alike: Sequence[Record], width: int) -> str:
-    """Return the shared reason of failed logs and the first log's name, in one line."""
+    """Return the shared reason of failed logs and the first log's name."""
     name, most = alike[0].name, max(width, MIN_COLUMNS) // 3
     name = name if len(name) <= most else f"{name[: most - 3]}..."
     such = f" ({name} and {len(alike) - 1} more)" if len(alike) > 1 else f" ({name})"

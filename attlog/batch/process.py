@@ -156,7 +156,7 @@ def _why(died: Died, changed: bool) -> tuple[int, str]:
 
 
 def _remove_outdated(job: Job, record: Record) -> None:
-    """Remove files of an earlier run that the new record does not list."""
+    """Remove files of an earlier run that are not in the new record."""
     before = read_record(job.folder, job.name)
     for name in set(before.files if before else ()) - set(record.files):
         (job.folder / name).unlink(missing_ok=True)

@@ -90,7 +90,7 @@ def download(url: str, path: Path) -> tuple[str, int]:
 
 @contextmanager
 def random_access(url: str) -> Iterator[IO[bytes] | None]:
-    """Open a file behind a URL for random access; None if the server lacks it."""
+    """Open a file behind a URL for random access, else yield None."""
     try:
         files, path = _file_system(url)
         file = files.open(path, "rb")
@@ -108,7 +108,7 @@ def random_access(url: str) -> Iterator[IO[bytes] | None]:
 
 
 def url_stamp(url: str) -> str:
-    """Return ETag or time, and size, of a file from its server; empty without both."""
+    """Return ETag or time, and size, of a file; empty without both."""
     try:
         files, path = _file_system(url)
         info = files.info(path)
@@ -140,7 +140,10 @@ def _blocks(url: str) -> Iterator[bytes]:
 
 
 def _file_system(url: str) -> tuple[Any, str]:
-    """Return the file system of a URL and the path in it. UsageError if a package is missing."""
+    """Return the file system of a URL and the path in it.
+
+    UsageError if a package is missing.
+    """
     options: dict[str, Any] = {"use_listings_cache": False}
     try:
         import fsspec

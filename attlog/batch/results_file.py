@@ -90,7 +90,7 @@ def write_results(folder: Path, found: Iterable[Record]) -> Path:
 
 
 def lines(record: Record) -> Iterator[tuple[Any, ...]]:
-    """Yield the lines of one log in the order of COLUMNS; none if it failed."""
+    """Yield the lines of one log by COLUMNS; none if it failed."""
     if not record.row:
         return
     flight, sensors = record.row["flight"], sensors_of(record.row)
@@ -234,7 +234,7 @@ def _folder_records(folder: Path, is_read: bool, found: BatchNumbers) -> Iterato
 
 
 def load(path: Path) -> Record:
-    """Return the record of a result of ``attlog analyze``. LogUnreadable, LogUnusable if it is none."""
+    """Read the record of a result. LogUnreadable, LogUnusable for other files."""
     try:
         result = Result.load(path)
     except UsageError as error:

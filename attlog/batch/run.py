@@ -184,7 +184,10 @@ def locked(folder: Path) -> Iterator[str]:
 
 
 def _lock(file: IO[str]) -> None:
-    """Lock the file until it is closed. BlockingIOError if it is locked; OSError where files cannot be locked."""
+    """Lock the file until it is closed. BlockingIOError if locked already.
+
+    OSError where the file system cannot lock.
+    """
     if sys.platform == "win32":
         import msvcrt
 

@@ -1,4 +1,4 @@
-"""Sources of logs: a file, a member of a zip archive or a URL, as a small picklable value."""
+"""Source of a log: file, archive member or URL, as a picklable value."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Source:
 
     @property
     def file_name(self) -> str:
-        """Safe file name for outputs of this log, from the last part of its place."""
+        """Safe file name for outputs, from the last part of the log's place."""
         if not self.member and not is_url(self.place):
             return Path(self.place).name
         if self.member:
@@ -148,7 +148,7 @@ def _printable(text: str) -> str:
 
 
 def _refuse_large_non_log(path: Path) -> None:
-    """Raise NotALog for a large file, such as a disk image, before it is hashed."""
+    """Raise NotALog for a large file such as a disk image, before hashing."""
     try:
         formats.recognise(path)
     except NotALog:

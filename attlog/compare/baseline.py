@@ -1,4 +1,4 @@
-"""Baseline of a comparison: one result, a file of results, or a batch folder.
+"""Baseline of a comparison: a result, a file of results, a batch folder.
 
 Only heads of documents are read to find the log of a result, and a document when it is requested. A folder of ten
 thousand results costs no memory.
@@ -25,7 +25,7 @@ LOG_PATTERN = re.compile(rb'"log":\s*\{\s*"name":\s*("(?:[^"\\]|\\.)*"),\s*"sha2
 
 @dataclass(frozen=True, slots=True)
 class DocumentPlace:
-    """Place of a JSON document: a whole file, or a line of one from byte ``start`` on."""
+    """JSON document: a whole file, or a line of it from byte ``start`` on."""
 
     path: Path
     start: int = 0
@@ -119,7 +119,7 @@ def read_baselines(paths: Iterable[Path | None]) -> dict[Path, Baseline]:
 
 
 def _places_in_file(path: Path) -> list[DocumentPlace]:
-    """Locate the documents of a file: its lines where each is one, else the whole file."""
+    """Locate the documents of a file: one per line, else the whole file."""
     places: list[DocumentPlace] = []
     at = 0
     with open(path, "rb") as file:

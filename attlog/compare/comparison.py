@@ -46,7 +46,7 @@ COMPARISON_SCHEMA = "attlog-comparison/3"
 
 @dataclass(slots=True)
 class SettingAnswer:
-    """Answer of one setting on one log as of ``attlog analyze``, or why it is missing."""
+    """Answer of one setting on one log, or why it is missing."""
 
     value: float | None
     ci95: Interval | None = None

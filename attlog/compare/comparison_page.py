@@ -30,9 +30,10 @@ HALF_WIDTH_PCT = 45.0
 
 @dataclass(frozen=True, slots=True)
 class Dot:
-    """Difference drawn in its cell. Places in percent of the width, 50 is no difference.
+    """Difference drawn in its cell, in percent of the width from 0 to 100.
 
-    ``beyond``: -1 or 1 outside the scale. ``floor``: half width of the log's resolution. ``logs``: one place per log.
+    50 is no difference. ``beyond``: -1 or 1 outside the scale. ``floor``: half width of the log's resolution. ``logs``:
+    one place per log.
     """
 
     x: float
@@ -151,7 +152,7 @@ def _has_difference(question: Question) -> bool:
 
 
 def _forest_figure(found: Comparison, question: Question, number: int) -> PageFigure:
-    """Draw the forest plot of a question: each log with a value, the pooled one last."""
+    """Draw the forest plot of a question, the pooled value last."""
     order, labels = [c.name for c in found.configurations], found.labels
     with_value = {d.log for c in question.contrasts for d in c.logs if d.value is not None}
     logs = [line.name for line in found.logs if line.name in with_value]

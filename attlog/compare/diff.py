@@ -160,7 +160,7 @@ class RunDifference:
 
 @dataclass(frozen=True, slots=True)
 class ToleranceRule:
-    """Tolerance for metrics of a pattern: ``size`` in their unit, or ``share`` of the older value."""
+    """Tolerance of metrics: ``size`` in their unit, or ``share`` of the older value."""
 
     pattern: str
     size: float | None
@@ -421,10 +421,10 @@ class ResultPairs:
 
 
 def pair_results(old: Path, new: Path) -> ResultPairs:
-    """Pair two files, or the files of two folders by name, else by their log.
+    """Pair two files, or the files of two folders.
 
-    A broken file in a folder is left out. LogUnreadable, LogUnusable for a file or folder without a result, UsageError
-    for a file against a folder.
+    Files of folders are paired by name, else by their log. A broken file in a folder is left out. LogUnreadable,
+    LogUnusable for a file or folder without a result, UsageError for a file against a folder.
     """
     if os.path.isdir(old) != os.path.isdir(new) and os.path.exists(old) and os.path.exists(new):
         raise UsageError(f"{old} and {new}: give two files or two folders")

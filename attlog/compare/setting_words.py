@@ -98,7 +98,7 @@ def select_words(words: Sequence[str]) -> ComparisonRequest:
 
 
 def is_configuration(word: str, filters: Collection[str]) -> bool:
-    """Return whether a word means a filter, an estimator file or an estimate, not a log."""
+    """Return whether a word means a configuration, not a log."""
     head = re.split(r"[@:]", word, maxsplit=1)[0]
     if head in filters or re.search(r"\.(py|csv)(@|:|$)", word, re.IGNORECASE):
         return True

@@ -188,9 +188,10 @@ class PooledTable:
 
 
 def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
-    """Return the changes over all logs: with interval for one configuration, else side by side.
+    """Return the changes over all logs as tables.
 
-    As many configurations share a table as ``width`` columns hold; a star marks significance.
+    A single configuration has its interval; several are side by side, as many in a table as ``width`` columns hold. A
+    star marks significance.
     """
     equal = (None, "same") if found.is_what_if else (None,)  # omits aids that rejected nothing
     rows = [row for row in matrix(found) if any(c.direction not in equal for c in row.cells)]

@@ -1,14 +1,14 @@
 """Tune gains by cross-validation over logs.
 
-The logs (of one log alone blocks of time) are left out in turn. On the others the gains with the smallest cost are
-searched; on what was left out they are compared with the default gains, pair by pair. The gains given are those found
-on all parts.
+Logs, or blocks of time of a single log, are left out in turn. The gains with the smallest cost are searched on the
+others, and compared with the default gains, pair by pair, on the parts left out. The result is the gains found on all
+parts.
 
     cost = sum_m w_m mean_parts ln((s_m + f_m) / (s0_m + f_m)) / sum_m w_m
 
-s is the distance from perfect, s0 that of the default gains, f a negligible step of the unit
+s is the distance from ideal, s0 that of the default gains, f a negligible step of the unit
 (:data:`attlog.compare.diff.NEGLIGIBLE`), so that a lag near zero does not dominate. The default gains cost 0; -0.2 is
-18 % nearer to perfect.
+18 % nearer to ideal.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class LogPart:
 
 
 def split_parts(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
-    """Return every log as a part; split a single log into blocks of equal time.
+    """Return every log as a part; split a single log into equal blocks.
 
     Blocks reach from the start of scoring to its end.
     """

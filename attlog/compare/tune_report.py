@@ -84,7 +84,10 @@ def _change_words(percent: float) -> str:
 
 
 def held_out_text(score: HeldOutScore) -> str:
-    """Return one question: ``Tilt error 36 % closer to perfect (16 to 51 %), better on 5 of 5``."""
+    """Describe one question on the left-out parts.
+
+    Example: ``Tilt error 36 % closer to perfect (16 to 51 %), better on 5 of 5``.
+    """
     d, title = score.difference, score.question.title
     if d.value is None:
         return f"{title} not known ({d.reason})"

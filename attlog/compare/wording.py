@@ -244,7 +244,7 @@ def _reason_unavailable(found: Comparison, name: str) -> str:
 
 
 def _dropped_sentences(found: Comparison, name: str) -> list[str]:
-    """Report logs on which one of the two configurations drops out, and logs without truth."""
+    """Report logs on which one of both configurations drops out or truth is missing."""
     said = []
     for one in (found.first.name, name):
         dropped: dict[tuple[str, str], list[str]] = {}

@@ -1,6 +1,6 @@
-"""From a log to a result: configuration, preparation, evaluation; inspection and extraction without filters.
+"""From a log to a result: configuration, preparation, evaluation.
 
-Functions are imported on first use: ``attlog info`` needs no filter.
+Inspection and extraction run no filter. Functions are imported on first use.
 """
 
 from __future__ import annotations

@@ -59,9 +59,9 @@ from attlog.words.answers import ONLY_BASELINE, QUESTIONS, verdicts
 def checks_of(
     log: FlightLog, phases: Segments, case: Case | None = None, *, drawn: list[Trace] | None = None
 ) -> list[Check]:
-    """Run every check of a log; ``case`` is None for a log that cannot be replayed.
+    """Run every check of a log.
 
-    ``drawn`` receives the arrays of their figures.
+    ``case``: None for a log that cannot be replayed. ``drawn``: receives the arrays of figures.
     """
     ref = None if case is None else case.reference
     asked = HealthCase(log, phases, ref, lambda: None if case is None else motion_attitude(case))
@@ -143,7 +143,7 @@ def _unanswered(case: Case, result: Result) -> list[OpenQuestion]:
 
 
 def _unmeasured(lines: Iterable[EstimatorRow]) -> list[Problem]:
-    """Return each bug of a metric once."""
+    """Return a problem for each bug in a metric."""
     answers = [a for line in lines for window in line.metrics.values() for a in window.values()]
     sentences = dict.fromkeys(a.reason for a in answers if a.code == "part_failed" and a.reason)
     return [Problem("part_failed", "error", sentence) for sentence in sentences]
@@ -242,7 +242,7 @@ class Measurement:
         return guarded_part(self.case.log, "Which rows are alike", self._likeness.found, list)
 
     def drawn(self) -> list[Trace]:
-        """Return the traces of all rows and of sensors and segments drawn with them."""
+        """Return the traces of all rows, sensors and segments."""
         if not self._traces:
             return []
         log = self.case.log
@@ -460,7 +460,7 @@ def health(
 
 
 def has_a_story(log: FlightLog) -> bool:
-    """Return whether a log has an attitude, GNSS data or a time line of arming."""
+    """Return whether a log has an attitude, GNSS data or arming times."""
     armed = log.state.armed is not None and len(log.state.armed.t) > 1 and log.state.armed.t[-1] > log.state.armed.t[0]
     return bool(log.attitudes or log.gnss or armed)
 

@@ -54,7 +54,7 @@ class Extract:
         return len(next(iter(self.columns.values()), ()))
 
     def between(self, start: float | None, end: float | None) -> Extract:
-        """Select the rows with start <= time_s <= end; all rows of a table without time."""
+        """Select rows with start <= time_s <= end; all rows without a time."""
         if "time_s" not in self.columns:
             return self
         t = self.columns["time_s"]

@@ -72,7 +72,7 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
 def aids_of(
     log: FlightLog, segments: Segments, imu: Imu | None = None, field: earth.MagneticField | None = None
 ) -> Aids:
-    """Return the aids of a log: first receiver with a 3D fix, barometer, airspeed, rest.
+    """Return aids of a log: first GNSS receiver with a fix, barometer, airspeed, rest.
 
     ``imu``: the replayed unit; the lag of its low-pass filters is an aid. ``field``: the earth's field at the site.
     """

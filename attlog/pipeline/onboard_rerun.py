@@ -1,4 +1,4 @@
-"""Run the onboard filter again as a row, and measure its deviation from the flown attitude."""
+"""Run the onboard filter again, and measure its deviation from the flown attitude."""
 
 from __future__ import annotations
 
@@ -80,7 +80,10 @@ def gnss_rate_of(case: Case, _: str) -> float | None:
 
 
 def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
-    """Return declination, inclination (rad) and strength (gauss) of the world model, and the latitude in deg."""
+    """Return declination and inclination (rad), field strength (gauss), latitude (deg).
+
+    Field values are those of the world magnetic model.
+    """
     fixes = [g for g in log.gnss if np.isfinite(g.lat).any()]
     latitude = float(np.nanmedian(fixes[0].lat)) if fixes else 0.0
     model = alignment.earth_field(log)
@@ -151,7 +154,7 @@ def run_again(
 
 
 def estimate_flown(spec: estimators.EstimatorSpec, log: FlightLog | Path | str) -> Estimate:
-    """Re-run the flown filter on a log, with the values of ``spec`` over its parameters."""
+    """Re-run the flown filter with the values of ``spec`` over the log's parameters."""
     from attlog.pipeline import prepare
 
     case = prepare(log)
@@ -185,9 +188,9 @@ def onboard_difference(case: Case, estimate: Estimate) -> Array:
 
 
 def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | None:
-    """Compare a re-run with the onboard attitude in the air, else over the whole log.
+    """Compare a re-run with the onboard attitude in the air.
 
-    None where they share no time.
+    Over the whole log if it is short in the air; None where they share no time.
     """
     t, tilt, heading = onboard_difference(case, estimate).T
     if not len(t):

@@ -253,7 +253,7 @@ def replayed(
     name: str,
     whole: bool = True,
 ) -> tuple[Track, EstimatorRow]:
-    """Run one estimator over the samples of an IMU and a magnetometer; align its attitude.
+    """Run one estimator over an IMU and a magnetometer; align its attitude.
 
     ``whole`` False drops other outputs (``aux``), which no metric reads and which are as large as the attitude.
     """
@@ -383,7 +383,10 @@ def _with_field(aids: estimators.Aids, estimator: estimators.Estimator, mag: Mag
 
 
 def _add_common_bias(row: Track, taken: CommonBias) -> None:
-    """Add the common gyro bias to the row's bias: their sum is the bias of the logged gyro."""
+    """Add the common gyro bias to the row's own bias.
+
+    The sum is the bias of the logged gyro.
+    """
     row.estimates_bias = row.bias is not None and bool(np.any(row.bias))
     if row.bias is not None and not row.estimates_bias:
         row.bias = taken.at(row.t)  # a constant takes no memory
@@ -396,7 +399,10 @@ def table_row(
     spec: estimators.EstimatorSpec | None = None,
     values: Mapping[str, tuple[float | str, str]] | None = None,
 ) -> EstimatorRow:
-    """Return the table line of a track, without answers; an onboard one has no ``spec``."""
+    """Return the table line of a track, without answers.
+
+    ``spec``: None for an onboard attitude.
+    """
     known = {} if spec is None else {p.name: p for p in spec.estimator.parameters}
     return EstimatorRow(
         row.name,

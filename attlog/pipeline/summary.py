@@ -106,9 +106,9 @@ def _params(log: FlightLog) -> dict[str, float]:
 
 
 def place(log: FlightLog) -> dict[str, float] | None:
-    """Return the median position of the first receiver with a fix, and the earth's turn there.
+    """Return the median position of the first receiver with a fix, else None.
 
-    None without a fix.
+    The earth's rotation rate of heading at this latitude is included.
     """
     import numpy as np
 

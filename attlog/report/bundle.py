@@ -125,7 +125,7 @@ GZIP_LEVEL = 4
 
 
 class ArrayPacker:
-    """Collect arrays for the page; equal arrays, such as times of filters, are stored once.
+    """Collect arrays for the page; equal arrays are stored once.
 
     ``values`` and ``times`` return the place of an array for the JSON header: ``s`` step, ``o`` first byte, ``n``
     length, ``w`` bytes of an integer. For the encoding see above.
@@ -161,7 +161,7 @@ class ArrayPacker:
         return self._put(np.diff(np.round(t / step).astype(np.int32), prepend=np.int32(0)), step)
 
     def pack(self, header: Any) -> str:
-        """Return JSON header, with its length in 4 bytes before it, and arrays, gzipped as base64."""
+        """Return JSON header (length in 4 bytes before it) and arrays, gzipped as base64."""
         text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8", "replace")
         return packed(len(text).to_bytes(4, "little") + text + bytes(self._bytes))
 

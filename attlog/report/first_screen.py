@@ -1,4 +1,4 @@
-"""First screen of a report: flight strip, and the four questions as columns of dots.
+"""First screen of a report: flight strip, and four columns of dots.
 
 Positions are percentages of the width, so that both fit any screen.
 """
@@ -53,7 +53,7 @@ class DotScale:
         return round(min(max(MARGIN_PCT + (100.0 - 2.0 * MARGIN_PCT) * share, 0.5), 99.5), 2)
 
     def holds(self, value: float) -> bool:
-        """Whether a value lies on the scale."""
+        """Return whether a value is on the scale."""
         return self.low <= value <= self.high
 
     @property
@@ -241,7 +241,7 @@ def unit_text(key: str, column: ColumnRanking) -> str:
 
 
 def scale_of(column: ColumnRanking) -> DotScale:
-    """Return a scale for the sound rows of a column, for all if no row is sound."""
+    """Return a scale for the sound rows of a column, else for all."""
     sound = [j for j in column.judged if j.row.status == "ok" and j.shown and (j.ranked or not j.replay)]
     sound = ([j for j in sound if j.replay] and sound) or [j for j in column.judged if j.shown]
     values, spans = [j.value for j in sound], [j.ends for j in sound]
@@ -366,7 +366,7 @@ def flight_strip(result: Result) -> FlightStrip:
 
 
 def height_curve(result: Result, start: float, end: float) -> tuple[str, str, float]:
-    """Return the path of the height, the largest height in flight as text, and its time, s.
+    """Return the path of the height, and its maximum in flight as text with its time, s.
 
     Texts are empty where the height is unknown: a barometer that never flew shows the weather. The largest height is
     rounded as in the headline, and missing if the log has no ground level.
@@ -439,5 +439,5 @@ def is_free(taken: list[tuple[float, float]], a: float, b: float) -> bool:
 
 
 def fitting_name(name: str, share: float) -> str:
-    """Return the name of a mode if it fits its part of the strip, else an empty text."""
+    """Return the name of a mode if it fits its part, else empty."""
     return name if LETTER_PX * len(name) + GAP_PX <= share * STRIP_WIDTH_PX / 100.0 else ""

@@ -63,7 +63,7 @@ def metric_units() -> dict[str, str]:
 
 
 def as_written(answer: Answer) -> Answer:
-    """Round an answer to the digits of a document, as if read back from one."""
+    """Round an answer to the digits of a document."""
     numbers = {"value": answer.value, "ci95": answer.ci95 and list(answer.ci95)}
     found: dict[str, Any] = rounded_document(numbers, ANSWER_DIGITS)
     units = answer.units

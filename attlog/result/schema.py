@@ -34,9 +34,10 @@ class DocumentSchema(GenerateJsonSchema):
 
 
 def schema() -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of a result document, with the meaning of each metric.
+    """Return the JSON schema (draft 2020-12) of a result document.
 
-    Fields with their default and traces are not in the document. Non-finite numbers are null.
+    It includes the meaning of each metric. Fields with their default and traces are not in the document. Non-finite
+    numbers are null.
     """
     document: dict[str, Any] = adapter(Result).json_schema(schema_generator=DocumentSchema)
     document["$defs"]["Answers"] = {"type": "object", "properties": _metrics(), "additionalProperties": False}

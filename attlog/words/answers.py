@@ -78,7 +78,7 @@ class AnswerLine:
 
     @property
     def answered(self) -> bool:
-        """Whether there is a value."""
+        """True if there is a value."""
         return not self.text.startswith(NO_ANSWER)
 
     @property
@@ -171,7 +171,7 @@ def _noise(result: Result) -> AnswerLine:
 
 
 def gyro_noise(found: ColumnRanking) -> str:
-    """Return the gyro noise floor if a ranked row is below it, else an empty text."""
+    """Return the gyro noise floor if a ranked row is below it, else empty."""
     share = max((j.answer.gyro_share for j in found.ranked), default=0.0)
     return quantity(float(f"{share:.1g}"), "deg") if any(j.value < share for j in found.ranked) else ""
 
@@ -196,7 +196,7 @@ def _lag(result: Result) -> AnswerLine:
 
 
 def late_imu(result: Result) -> str:
-    """Report an IMU with more delay than its filters have; every attitude filter shares it."""
+    """Report an IMU with more delay than its filters have."""
     for check in result.checks:
         if check.question == "imu_delay" and check.is_trouble and check.value is not None:
             if check.value > 0.0:
@@ -224,9 +224,10 @@ def imu_delay_notes(result: Result, lag: ColumnRanking) -> list[str]:
 
 
 def step_remark(result: Result) -> str:
-    """Report the filter with the largest error 0.5 s after a step, or their number.
+    """Report the filter with the largest error 0.5 s after a step.
 
-    Empty where all errors are below WRONG_PCT. A filter with a wrong angle may still have no lag.
+    Of several filters report their number; empty where all errors are below WRONG_PCT. A filter with a wrong angle may
+    still have no lag.
     """
     step = rank_column(result, STEP_DEG, AIR)
     percent = {j.name: _step_share(j, step.window) for j in step.filters if j.row.status == "ok"}
@@ -240,13 +241,13 @@ def step_remark(result: Result) -> str:
 
 
 def _step_share(judged: RankedValue, window: str) -> float:
-    """Return the error as a signed share of the step, %; 0 where it is missing."""
+    """Return the error as a signed share of the step, %; 0 if missing."""
     answer = judged.row.metrics.get(window, {}).get(STEP_PCT)
     return 0.0 if answer is None or answer.value is None else answer.value
 
 
 def _drift(result: Result) -> AnswerLine:
-    """Answer with the drift at rest where filters were compared there, else in the air."""
+    """Answer with the drift at rest, else in the air."""
     reference = quoted_heading_reference(result)
     rest, air = rank_column(result, DRIFT_REST, REST), rank_column(result, f"{DRIFT_AIR}.{reference}", AIR)
     where, found = ("At rest", rest) if rest.ranked or not air.ranked else ("In flight", air)

@@ -31,9 +31,10 @@ SEVERITY = {
 
 @dataclass(frozen=True, slots=True)
 class ShownFinding:
-    """Finding for display; ``when`` is the part of its sentence with the time, or empty.
+    """Finding for display.
 
-    ``t`` s, None without a time. ``why``: evidence and cause, one line each.
+    ``when``: the part of its sentence with the time, or empty. ``t`` s, None without a time. ``why``: evidence and
+    cause, one line each.
     """
 
     label: str
@@ -57,7 +58,7 @@ class ShownFinding:
 
     @property
     def is_note(self) -> bool:
-        """Whether it requires no action."""
+        """True if it requires no action."""
         return self.style == "note"
 
 
@@ -139,10 +140,10 @@ class ParameterChange:
 
 @dataclass(frozen=True, slots=True)
 class ShownCheck:
-    """Check for display: a row of a table on terminal, page or in a file.
+    """Check for display: a row of a table.
 
-    ``value`` with unit and 95 % interval. ``settings``: parameters to set; ``advice``: what to do otherwise. ``why``:
-    components, evidence, extent, limit, one line each.
+    ``value`` with unit and 95 % interval. ``settings``: parameters to set; ``advice``: action if there are none.
+    ``why``: components, evidence, extent, limit, one line each.
     """
 
     sensor: str
@@ -162,7 +163,7 @@ class ShownCheck:
 
     @property
     def listed(self) -> bool:
-        """Whether it is a fault, a warning, or has something to set."""
+        """True for a fault, a warning, or a check with settings."""
         return self.verdict in BAD_VERDICTS or bool(self.settings)
 
 
@@ -172,7 +173,7 @@ def shown_checks(checks: Iterable[Check]) -> list[ShownCheck]:
 
 
 def repeat_advice_once(rows: Iterable[ShownCheck]) -> list[ShownCheck]:
-    """Replace repeated advice on a question by the name of the first sensor with it."""
+    """Replace repeated advice by the name of the first sensor with it."""
     first: dict[tuple[str, str], str] = {}
     found = []
     for row in rows:
@@ -203,7 +204,7 @@ def question_title(question: str) -> str:
 
 
 def value_text(check: Check) -> str:
-    """Return the value with unit and 95 % interval: ``15.1 ± 2.0 µT``, ``0.4 (0.1 to 1.9) m/s²``."""
+    """Format a value with its 95 % interval: ``15.1 ± 2.0 µT``."""
     unit, ci95 = check.unit, check.ci95
     value = number(check.value, unit)
     if value and unit in COUNTED:

@@ -151,7 +151,7 @@ def messages(result: Result) -> list[tuple[float, int, str]]:
 
 
 def alarming(level: int, text: str) -> bool:
-    """Whether a message is an alarm: a failsafe, crash or critical level."""
+    """Return whether a message is an alarm: a failsafe, crash or critical level."""
     return level <= CRITICAL or bool(ALARM.search(text))
 
 

@@ -30,7 +30,7 @@ def flown_name(estimator: str) -> str:
 
 
 def row_names(result: Result) -> dict[str, str]:
-    """Return the name of every row by id; the id is appended to equal names."""
+    """Return the name of every row by id; equal names include the id."""
     names = {row.name: row_name(row) for row in result.estimators}
     called = list(names.values())
     return {key: name if called.count(name) == 1 else f"{name} [{key}]" for key, name in names.items()}

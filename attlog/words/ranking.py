@@ -22,7 +22,10 @@ BASELINE = "gyro"
 
 
 def window_of(result: Result, metric: str, windows: tuple[str, ...]) -> str:
-    """Return the first window in which a filter has a value, else any row, else any answer."""
+    """Return the window of a metric for all rows.
+
+    The first in which a filter has a value, else any row has a value, else any row has an answer.
+    """
     for wanted in (_filter_rows, _all_rows):
         for window in windows:
             if any(has_value(row.metrics.get(window, {}).get(metric)) for row in wanted(result)):
@@ -51,22 +54,22 @@ def value_of(answer: Answer) -> float:
 
 
 def has_value(answer: Answer | None) -> bool:
-    """Whether there is a finite value."""
+    """Return whether there is a finite value."""
     return answer is not None and math.isfinite(value_of(answer))
 
 
 def is_baseline(row: EstimatorRow) -> bool:
-    """Whether this row only integrates the gyro."""
+    """Return whether a row only integrates the gyro."""
     return row.kind == "replay" and row.estimator == BASELINE
 
 
 def is_ranked(result: Result, row: EstimatorRow, metric: str, window: str) -> bool:
-    """Whether this row was compared with others."""
+    """Return whether a row was compared with others."""
     return not is_baseline(row) and row.name in result.ranked.get(window, {}).get(metric, ())
 
 
 def is_best(result: Result, row: EstimatorRow, metric: str, window: str) -> bool:
-    """Whether no row is significantly better, and at least one significantly worse."""
+    """Return whether no row is significantly better, and at least one significantly worse."""
     return not is_baseline(row) and row.name in result.best.get(window, {}).get(metric, ())
 
 
@@ -121,12 +124,12 @@ class RankedValue:
 
     @property
     def replay(self) -> bool:
-        """Whether it is a replayed filter."""
+        """True for a replayed filter."""
         return self.row.kind == "replay"
 
     @property
     def shown(self) -> bool:
-        """Whether it has a bar: filters, the onboard attitude, its re-run."""
+        """True for rows with a bar: filters, the onboard attitude, its re-run."""
         return self.row.kind != "onboard" or self.row.name == "onboard"
 
     @property
@@ -148,7 +151,7 @@ class RankedValue:
 
     @property
     def significant(self) -> bool:
-        """Whether the interval excludes zero."""
+        """True if the interval excludes zero."""
         return self.answer.ci95 is not None and not self.ends[0] <= 0.0 <= self.ends[1]
 
 

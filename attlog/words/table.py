@@ -30,7 +30,7 @@ from attlog.words.text import typeset
 
 @dataclass(frozen=True, slots=True)
 class TableColumn:
-    """Table column: ``metric`` in the first of ``windows`` in which a filter has a value.
+    """Table column of ``metric`` in the first of ``windows`` with a filter's value.
 
     ``contest`` False: never marked best. ``spare``: order in which a narrow terminal drops columns, largest first, 0
     never. ``short``: title if its question has a single column, or empty.
@@ -153,7 +153,7 @@ def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
 
 
 def coverage_text(answer: Answer) -> str:
-    """Return the share of the time that was compared, ``of 62 %``; empty if nearly all."""
+    """Return the share of the time compared, ``of 62 %``; empty if nearly all."""
     coverage = answer.coverage_pct
     return f"of {coverage:.0f} %" if coverage is not None and coverage < FULL_COVERAGE_PCT else ""
 
@@ -189,7 +189,7 @@ class FilterTable:
 
     @property
     def partial(self) -> bool:
-        """Whether a cell covers only part of the time."""
+        """True if a cell covers only part of the time."""
         return any(small.startswith("of ") for _, cells in self.rows for c in cells for small in c.small)
 
 

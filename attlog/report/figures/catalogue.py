@@ -98,7 +98,7 @@ class Album:
 
 
 def figures(result: Result) -> dict[str, str]:
-    """Return titles of the figures that the result can fill, by their names; see :meth:`Result.figures`."""
+    """Return titles of available figures by name; see :meth:`Result.figures`."""
     return {name: figure.title or UNTITLED for name, figure in Album.of(result).found.items()}
 
 
@@ -132,7 +132,7 @@ def _shown(source: FigureSource, rows: Sequence[str] | None) -> set[int]:
 
 
 def _view(figure: PageFigure, view: str | int) -> dict[str, Any]:
-    """Return a view of a figure by its number or its name on the page."""
+    """Return a view of a figure by its number or name."""
     views = figure.data["views"]
     if isinstance(view, int) and -len(views) <= view < len(views):
         return dict(views[view])

@@ -1,4 +1,4 @@
-"""Figure of the four questions: one dot with interval per filter, as on the first screen."""
+"""Figure of the four questions: one dot with interval per filter."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def comparison(source: FigureSource) -> PageFigure | None:
 
 
 def _dot(view: View, number: str, r: int, judged: RankedValue, scale: DotScale) -> None:
-    """Add a value with its interval, clipped to the scale; arrows mark values beyond it."""
+    """Add a value with its clipped interval; arrows mark values beyond the scale."""
     style, value = view.rows[r], judged.value
     colour = f"e{style.slot}"
     x, low, high = (min(max(v, scale.low), scale.high) for v in (value, *judged.ends))

@@ -102,7 +102,7 @@ class PageFigure:
 
 @dataclass(frozen=True, slots=True)
 class FigureSource:
-    """Result with traces by kind and style of each row, in the order of the page."""
+    """Result with traces by kind and styles of rows."""
 
     result: Result
     styles: dict[str, RowStyle]
@@ -144,9 +144,10 @@ class FigureSource:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Panel for one column of the traces: title, smallest range, line break at a full turn.
+    """Panel for one column of the traces.
 
-    ``cut``: angle at which the circle of headings is cut, deg.
+    It has a title, a smallest range, and a line break at a full turn. ``cut``: angle at which the circle of headings is
+    cut, deg.
     """
 
     key: str
@@ -441,7 +442,7 @@ def decades(values: Array, most: int = 8) -> dict[str, Any]:
 
 
 def is_number(x: Any) -> bool:
-    """Whether x is a finite number."""
+    """Return whether x is a finite number."""
     return isinstance(x, (int, float, np.number)) and not isinstance(x, bool) and math.isfinite(x)
 
 

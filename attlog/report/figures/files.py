@@ -1,4 +1,4 @@
-"""Figure files drawn by an installed Chrome or Chromium: SVG for papers, PNG for slides.
+"""Figure files drawn by Chrome or Chromium: SVG for papers, PNG for slides.
 
 plotly needs a browser for an SVG; its own exporter (kaleido) starts one too. The page makes no network request.
 """

@@ -113,7 +113,7 @@ class PrintedFigure:
         return self.layout()
 
     def is_shown(self, meta: Layout) -> bool:
-        """Return whether a trace is drawn: its row is, or its band is the chosen one."""
+        """Return whether the row of a trace is drawn, or its band chosen."""
         row = meta.get("row", meta.get("band"))
         return (row is None or row in self.shown) and meta.get("band", self.data.get("band")) == self.data.get("band")
 
@@ -245,7 +245,10 @@ class PrintedFigure:
             self.axes[axis]["range"] = [middle - 0.5 * scale * p, middle + 0.5 * scale * p]
 
     def leaving(self) -> None:
-        """Mark with an arrow where a line leaves the figure; draw rows mostly outside pale."""
+        """Mark with an arrow where a line leaves the figure.
+
+        Rows mostly outside are drawn pale.
+        """
         low, high = self.axes["xaxis"].get("range", (-math.inf, math.inf))
         log = self.axes["xaxis"].get("type") == "log"
         for t in list(self.traces):
@@ -487,7 +490,10 @@ def as_array(values: Any) -> Array:
 
 
 def padded(values: Sequence[float], fit: Layout) -> list[float]:
-    """Return the range around values, by the keys pad, least, least_pad, floor, most of ``fit``."""
+    """Return the axis range around values.
+
+    Keys of ``fit``: pad, least, least_pad, floor, most.
+    """
     least = fit.get("least", 0.0)
     if not values:
         return [-least or -1.0, least or 1.0]
@@ -506,7 +512,7 @@ def heading_ticks(low: float, high: float) -> Layout:
 
 
 def thinned(t: Array, y: Array, span: tuple[float, float] | None = None, wraps: bool = False) -> tuple[Array, Array]:
-    """Reduce a line (n,) to the smallest and largest value, and gaps, of each bucket.
+    """Reduce a line (n,) to the extremes and gaps of each bucket.
 
     ``wraps``: break the line at a full turn.
     """

@@ -1,4 +1,4 @@
-"""Figures of sensors: compass, motor interference, gravity and field strength, test ratios, gyro bias."""
+"""Figures of sensors: compass, interference, gravity, field, test ratios, gyro bias."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def _size(source: FigureSource, kind: str) -> PageFigure | None:
 
 
 def ratios(source: FigureSource) -> PageFigure | None:
-    """Draw the test ratios of the onboard estimator's aids; 1 is the gate of the firmware."""
+    """Draw the onboard estimator's test ratios; 1 is the firmware's gate."""
     known = sorted(source.traces("ratios"), key=lambda t: AIDS.index(t.key) if t.key in AIDS else len(AIDS))
     if not known:
         return None

@@ -56,7 +56,7 @@ def one_step(source: FigureSource) -> PageFigure | None:
 
 
 def all_steps(source: FigureSource) -> PageFigure | None:
-    """Draw each filter's median over all steps, and the middle 80 % of one filter.
+    """Draw each filter's median over all steps, and one filter's middle 80 %.
 
     There is one view per axis.
     """

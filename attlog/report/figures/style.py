@@ -57,7 +57,7 @@ FEW_ROWS = 6
 
 @dataclass(frozen=True, slots=True)
 class RowStyle:
-    """Style of a row: name, palette ``slot``, ``dash``, and whether it is ``shown`` at first.
+    """Style of a row: palette ``slot``, ``dash``, and whether it is ``shown`` at first.
 
     A ``lost`` row (diverged, or of a filter without memory) does not set the range of an axis.
     """
