@@ -122,10 +122,7 @@ def across(
 
 
 def usual_window(metric: str, answers: pd.DataFrame) -> str:
-    """Return the first usual window with enough values of a metric.
-
-    Enough is MIN_SHARE of the values in the window with most.
-    """
+    """Return the first window with MIN_SHARE of the fullest window's values."""
     count = answers["window"][(answers["metric"] == metric) & answers["value"].notna()].value_counts(sort=False)
     order = WINDOWS.get(metric) or next((windows for start, windows in FAMILIES if metric.startswith(start)), ALL)
     best = max((count.get(w, 0) for w in order), default=0)
@@ -160,10 +157,7 @@ def references(found: LogTable) -> dict[str, int]:
 
 
 def grouped(logs: pd.DataFrame, by: str) -> dict[str, pd.Index[int]]:
-    """Group the index of logs, groups in natural order, ``unknown`` last.
-
-    UsageError for an unknown grouping.
-    """
+    """Group the index of logs, ``unknown`` last. UsageError for an unknown grouping."""
     if by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
     text = logs["date_utc" if by in ("month", "year") else by].fillna("").astype(str)

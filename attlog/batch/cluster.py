@@ -63,10 +63,7 @@ class Cancelled(Exception):
 
 
 def file_sign(source: Source) -> str:
-    """Return a fingerprint of the worker's file at the client's path.
-
-    Empty for a URL, which every machine can download.
-    """
+    """Return a fingerprint of the worker's file; empty for a URL."""
     if is_url(source.place):
         return ""
     try:
@@ -300,10 +297,7 @@ def _version_query() -> Callable[[], str | None]:
 
 
 def _store(job: Job, record: Record, files: dict[str, bytes]) -> Record:
-    """Write files and record of a log.
-
-    The JSON file is last, because other programs wait for it.
-    """
+    """Write files and record of a log, the JSON last."""
     try:
         for name in sorted(files, key=lambda name: (name.endswith(".json"), name)):
             write_atomic(job.folder / name, files[name])
@@ -329,7 +323,7 @@ def _failed(job: Job, error: Exception) -> Record:
 
 @contextmanager
 def _client(address: str) -> Iterator[Any]:
-    """Connect to a scheduler. UsageError: packages are missing or a bad address; ClusterError: no answer."""
+    """Connect to a scheduler. UsageError: missing packages, bad address; ClusterError: no answer."""
     try:
         import distributed as dask
     except ImportError as error:

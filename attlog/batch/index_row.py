@@ -165,10 +165,7 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
 
 
 def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
-    """Append the curve to ``out`` and return the thumbnail's other fields.
-
-    One byte per point, from 0 to FULL_BYTE.
-    """
+    """Append the curve to ``out``, one byte per point; return the other fields."""
     if seen is None:
         return None
     at = len(out)
@@ -334,10 +331,7 @@ def with_gates(found: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
 
 
 def reasons(result: Result) -> list[Reason]:
-    """Return the reasons to look at a result.
-
-    They concern its attitude or the data it was computed from.
-    """
+    """Return the reasons to look at a result."""
     faults = {check.text for check in result.checks if check.verdict == "fault"}
     found = [reason for finding in result.findings if (reason := _of_finding(finding, faults)) is not None]
     codes = {r.code for r in found}

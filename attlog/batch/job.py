@@ -175,10 +175,7 @@ def key(content: str, settings: str) -> str:
 
 
 def content_key(job: Job) -> str:
-    """Return the key of a log by reading its file.
-
-    Empty for URLs and members of archives.
-    """
+    """Return the key of a local log by reading its file, else empty."""
     if job.source.needs_copy:
         return ""
     try:
@@ -227,8 +224,5 @@ def keep(job: Job, record: Record) -> Record:
 
 
 def stamp(source: Source) -> str:
-    """Return the fingerprint of a URL or archive member without a download.
-
-    Empty for files, which are hashed.
-    """
+    """Return the fingerprint of a URL or archive member; empty for files."""
     return source.stamp() if source.needs_copy else ""

@@ -163,10 +163,7 @@ def _remove_outdated(job: Job, record: Record) -> None:
 
 
 def _publish(out: Path, folder: Path) -> None:
-    """Move each file into place atomically, the JSON last. OutputError on failure.
-
-    Other programs wait for the JSON.
-    """
+    """Move each file into place atomically, the JSON last. OutputError on failure."""
     for file in sorted(out.iterdir(), key=lambda path: (path.suffix == ".json", path.name)):
         try:
             file.replace(folder / file.name)

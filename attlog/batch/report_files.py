@@ -83,10 +83,7 @@ def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
 
 
 def figure_starts(folder: Path, logs: Iterable[str]) -> list[Path]:
-    """Return the path prefix of each log's figures.
-
-    Prefixes are file names without suffixes, numbered where several are equal.
-    """
+    """Return the path prefix of each log's figures, numbered if taken."""
     stems = [Path(name.removesuffix(".gz")).stem or name for name in map(str, logs)]
     return [folder / name for name in file_names.file_names(stems)]
 

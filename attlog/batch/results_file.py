@@ -244,10 +244,7 @@ def load(path: Path) -> Record:
 
 
 def is_result(path: Path) -> bool:
-    """Recognise a result by its first bytes.
-
-    True also for an unreadable file, False for pipes.
-    """
+    """Recognise a result by its first bytes; True for an unreadable file."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             return False

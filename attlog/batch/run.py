@@ -184,10 +184,7 @@ def locked(folder: Path) -> Iterator[str]:
 
 
 def _lock(file: IO[str]) -> None:
-    """Lock the file until it is closed. BlockingIOError if locked already.
-
-    OSError where the file system cannot lock.
-    """
+    """Lock the file until it is closed. BlockingIOError if locked, OSError if impossible."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -215,10 +212,7 @@ def plan_jobs(
     fresh: bool,
     options: dict[str, Any],
 ) -> list[Job]:
-    """Return a job for each log.
-
-    Report names stay the same for the life of the folder.
-    """
+    """Return a job for each log; report names stay stable."""
     earlier = _earlier_names(folder, fresh, options.get("resume", False))
     settings = settings_key(config, options.get("deterministic", False))
     earlier |= _moved(sources, folder, earlier)

@@ -162,10 +162,7 @@ _PATTERN = frozenset("*?[")
 
 
 def find(given: Iterable[Path]) -> tuple[list[Path], list[AttlogError]]:
-    """Return the log files matched by paths, each once, and errors.
-
-    Archives are not opened.
-    """
+    """Return the log files matched by paths, without archives, and errors."""
     logs: dict[Path, None] = {}
     wrong: list[AttlogError] = []
     for path in given:
@@ -243,10 +240,7 @@ def _in_folder(folder: Path, archives: bool, wrong: list[AttlogError]) -> list[S
 
 
 def _below(folder: Path, refused: list[AttlogError]) -> Iterator[Path]:
-    """Yield files of a folder at any depth except hidden ones.
-
-    Unreadable folders go to ``refused``.
-    """
+    """Yield visible files of a folder at any depth; unreadable folders into ``refused``."""
 
     def refuse(error: OSError) -> None:
         if not isinstance(error, FileNotFoundError):  # deleted meanwhile
@@ -307,10 +301,7 @@ def _of_file(path: Path) -> list[Source]:
 
 
 def _in_archive(path: Path) -> list[Source] | None:
-    """Return the members named by a path such as ``archive.zip/flights/a.ulg``.
-
-    None if no part of the path is an archive.
-    """
+    """Return the members that ``archive.zip/flights/a.ulg`` matches, else None."""
     for archive in path.parents:
         if os.path.isfile(archive):
             return _members(str(archive), path.relative_to(archive).as_posix()) if is_archive(archive) else None

@@ -67,10 +67,7 @@ class Baseline:
     last: tuple[DocumentPlace, Result] | None = None
 
     def of(self, log: Mapping[str, Any]) -> BaselineResult | str:
-        """Find the result of a log, or return why there is none.
-
-        The order is: same SHA-256, same name, the only result.
-        """
+        """Find a log's result by SHA-256, name or as the only one, else the reason."""
         same = self.by_sha256.get(str(log.get("sha256")))
         place = same or self.by_name.get(str(log.get("name"))) or self.only
         if place is None:

@@ -58,10 +58,7 @@ class SettingAnswer:
 
 @dataclass(slots=True)
 class Contrast:
-    """One configuration against the first, log by log and pooled.
-
-    ``over`` is None where no log has a value.
-    """
+    """One configuration against the first, log by log and pooled in ``over``."""
 
     configuration: str
     logs: list[Difference] = field(default_factory=list)

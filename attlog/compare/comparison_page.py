@@ -1,7 +1,4 @@
-"""Comparison as one self-contained page.
-
-It has sentences, a table with dots and intervals, each log, and forest plots.
-"""
+"""Comparison as one self-contained page."""
 
 from __future__ import annotations
 

@@ -246,10 +246,7 @@ def _question_and_title(metric: str) -> tuple[str, str]:
 
 
 def metric_units(*results: Result) -> dict[str, str]:
-    """Return the unit of every metric of a result, without run times.
-
-    Run times are measured anew in each run.
-    """
+    """Return the unit of every metric of a result, without run times."""
     found = {name: str(d.get("unit", "")) for r in results for name, d in r.definitions.items()}
     return {name: unit for name, unit in found.items() if name not in MEASURED_TIMES}
 
@@ -288,10 +285,7 @@ def compare_results(
 
 
 def _changed_statements(old: Result, new: Result) -> list[TextChange]:
-    """Return headlines, and findings above notes, that differ.
-
-    Older results have no headline.
-    """
+    """Return headlines, and findings above notes, that differ."""
     sides = []
     for result in (old, new):
         headline = {"headline": result.headline} if old.headline and new.headline else {}
@@ -375,10 +369,7 @@ def _number_change(
 
 
 def difference_interval(a: float, a_ci95: Interval | None, b: float, b_ci95: Interval | None) -> Interval | None:
-    """Return the 95 % interval of b - a for independent values (Zou2008).
-
-    None where either has no interval.
-    """
+    """Return the 95 % interval of b - a, both independent (Zou2008), else None."""
     if a_ci95 is None or b_ci95 is None:
         return None
     down = math.hypot(b - b_ci95[0], a_ci95[1] - a)

@@ -148,10 +148,7 @@ def number_cells(m: NumberChange) -> tuple[str, ...]:
 
 
 def _size_text(value: float | None, unit: str, plus: str) -> str:
-    """Format a difference with three digits.
-
-    With the digits of its values a small difference would be 0.
-    """
+    """Format a difference with three digits."""
     if value is None:
         return ""
     sign = unit_sign(unit)

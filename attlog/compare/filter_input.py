@@ -161,10 +161,7 @@ def _is_of_version(log: FlightLog, c: Configuration, name: str) -> bool:
 
 
 def start_remark(found: Reproduction, c: Configuration) -> str:
-    """Warn about parameters that act on a cold start only.
-
-    Empty where the re-run has a cold start or none is set.
-    """
+    """Warn about parameters that act on a cold start, if the re-run has none."""
     table = parameter_table(c.row.estimator.name)
     names = [n for n in c.row.params if getattr(table.TABLE[n.removeprefix(table.PREFIX)], "start", False)]
     if found.start != "warm" or not names:
@@ -173,10 +170,7 @@ def start_remark(found: Reproduction, c: Configuration) -> str:
 
 
 def require_reproduction(case: Case, name: str) -> Reproduction:
-    """Return how closely the re-run onboard filter follows the flown attitude.
-
-    LogUnusable where it does not follow.
-    """
+    """Return the re-run's deviation from the flown attitude. LogUnusable if too large."""
     row, _ = rerun_row(case, next(iter(case.imus.values())), estimators.parse(name), name)
     found = row.reproduction
     said = reproduction_text(name, found) if found else f"{name} cannot be compared with what flew."
@@ -207,7 +201,7 @@ def prepare_input(settings: Settings, log: FlightLog, imu: Imu, mag: Mag | None)
 
 
 def calibrate(settings: Settings, sensor: Literal["gyro", "acc", "mag"], x: Array) -> Array:
-    """Return R(roll, pitch, yaw) (scale * (x - offset)) of vectors (n, 3) in SI units."""
+    """Return R(roll, pitch, yaw) (scale * (x - offset)) of vectors (n, 3)."""
     unit = {"gyro": np.pi / 180.0, "acc": 1.0, "mag": TESLA_PER_UT}[sensor]
     out = x - unit * np.array(settings.get(f"{sensor}_offset", (0.0, 0.0, 0.0)), np.float64)
     out = out * np.array(settings.get(f"{sensor}_scale", (1.0,)), np.float64)

@@ -236,10 +236,7 @@ def _window_problems(metric: str, window: str) -> list[Problem]:
 
 
 def _place_of_key(path: Path, lines: list[str], key: str, metric: str | None = None) -> str:
-    """Return file and line of a key, in the metric's gate or at its own name.
-
-    Only the file where the key is not found.
-    """
+    """Return file, and line if found, of a key of a gate."""
     quoted = rf"""["']?{re.escape(key)}["']?"""
     begin = 0
     if metric is not None and metric != key:

@@ -104,7 +104,7 @@ def worst_first(outcomes: Iterable[GateOutcome]) -> list[GateOutcome]:
 
 @dataclass(frozen=True, slots=True)
 class GateLimit:
-    """One limit: in the metric's unit, as a ratio, or 0 for not worse than the baseline."""
+    """One limit: in the metric's unit, as a ratio, or 0 for ``baseline``."""
 
     kind: LimitKind
     value: float
@@ -169,10 +169,7 @@ class Gates:
 
 
 def judge_gates(gates: Gates, result: Result, baselines: Mapping[Path, Baseline] | None = None) -> list[GateOutcome]:
-    """Judge one result by all gates, worst outcome first.
-
-    ``baselines``: see :func:`read_baselines`.
-    """
+    """Judge one result by all gates, worst outcome first."""
     rows = result.estimators
     names = [row.name for row in rows]
     found: list[GateOutcome] = []
@@ -259,7 +256,7 @@ def _limit_outcome(
 
 
 def _without_value(gate: Gate, limit: GateLimit, row: str, cause: Cause, why: str, window: str = "") -> GateOutcome:
-    """Return the outcome of a missing number: failed, or skipped if the gate is optional."""
+    """Return the outcome of a missing number: failed, or skipped if optional."""
     status: Status = "skipped" if gate.optional and cause == "unanswered" else "failed"
     where = window or gate.window or ""
     return GateOutcome(row, gate.check(limit), gate.metric, where, status, why, cause)
@@ -273,10 +270,7 @@ def _row_outcome(row: EstimatorRow) -> GateOutcome:
 
 
 def gate_windows(metric: str, window: str | None) -> tuple[str, ...]:
-    """Return the windows to search, of which the first with a value counts.
-
-    The named window, else the metric's own.
-    """
+    """Return the windows to search: the named one, else the metric's."""
     return (window,) if window is not None else select_questions((metric,))[0].windows
 
 
@@ -287,10 +281,7 @@ def metric_definition(metric: str) -> Metric:
 
 
 def first_answer(row: EstimatorRow, metric: str, windows: Iterable[str]) -> tuple[str, Answer | None]:
-    """Return the first answer with a value and its window.
-
-    Without a value the first answer; without an answer ("", None).
-    """
+    """Return the window and answer with a value, else the first answer."""
     known = [(w, found) for w in windows if (found := row.metrics.get(w, {}).get(metric)) is not None]
     return next(((w, a) for w, a in known if a.value is not None), known[0] if known else ("", None))
 
@@ -304,10 +295,7 @@ def _compared_answer(
     beside: BaselineResult | str,
     window: str,
 ) -> AnswerOrReason:
-    """Return the answer that a relative limit compares with.
-
-    (None, "") for an absolute limit.
-    """
+    """Return the answer that a relative limit compares with, else None."""
     if limit.against == "onboard":
         return onboard_answer(rows, metric, window)
     if limit.against == "baseline":
@@ -343,7 +331,7 @@ def baseline_answer(baseline: Result | str, name: str, row: EstimatorRow, metric
 
 
 def _row_identity(row: EstimatorRow) -> tuple[str, str, str]:
-    """Return what identifies a row across settings: kind, filter, IMU."""
+    """Return the identity of a row across settings: kind, filter, IMU."""
     return row.kind, row.estimator or row.name, row.name.partition("/imu")[2]
 
 
@@ -406,10 +394,7 @@ def judge_limit(
 def smallest_size(
     answer: Answer, other: Answer, better: str, same_log: bool, decided: tuple[Answer, Answer] | None = None
 ) -> float | None:
-    """Return the lower 95 % bound of the size, given the paired or independent evidence.
-
-    None without an interval.
-    """
+    """Return the lower 95 % bound of the size, None without an interval."""
     near, size, _ = ranking.distance(answer, better)
     _, before, far = ranking.distance(other, better)
     if same_log and answer.units is not None and other.units is not None:

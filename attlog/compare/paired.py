@@ -95,7 +95,7 @@ class Difference:
 
     @property
     def interval_side(self) -> int:
-        """Return -1 if the whole interval favours the second setting, 1 for the first, else 0."""
+        """Return -1 if the interval favours the second setting, 1 the first, else 0."""
         if self.ci95 is None:
             return 0
         return -1 if self.ci95[1] < self.even else 1 if self.ci95[0] > self.even else 0
@@ -204,10 +204,7 @@ def _scale_of(kind: Kind) -> Scale:
 
 
 class Estimate(NamedTuple):
-    """Estimated difference over units.
-
-    For ratios ``value``, ``ci95`` and standard error ``error`` are of the logarithm.
-    """
+    """Estimated difference over units; of logarithms for ratios."""
 
     scale: Scale
     value: float
@@ -216,7 +213,7 @@ class Estimate(NamedTuple):
 
 
 def estimate_difference(a: UnitValues, b: UnitValues, common: NDArray[np.int64]) -> Estimate:
-    """Estimate the difference of ``b`` to ``a`` over common units (k,), by the table above."""
+    """Estimate the difference of ``b`` to ``a`` over common units (k,)."""
     x, y = a.at(common), b.at(common)
     kind = a.kind
     if kind in RATIO_KINDS:
@@ -322,10 +319,7 @@ def pool_values(values: Sequence[float], errors: Sequence[float | None]) -> Pool
 
 
 def pool(differences: Sequence[Difference], scale: Scale) -> Difference | None:
-    """Pool the differences of several logs, None where no log has a value.
-
-    A single log is returned unchanged.
-    """
+    """Pool the differences of several logs; one log is returned unchanged."""
     usable = [d for d in differences if d.value is not None]
     if not usable:
         return None

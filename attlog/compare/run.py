@@ -207,7 +207,7 @@ def row_difference(
     second: tuple[EstimatorRow, Answer | None],
     flown: Collection[str] = (),
 ) -> Difference:
-    """Return the difference of one row's answer to the first's, or why it is missing.
+    """Return the difference of a row's answer to the first's, or the reason.
 
     ``flown``: rows of the filter whose own attitude is the reference.
     """

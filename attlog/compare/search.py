@@ -135,10 +135,7 @@ class SettingsOnLog:
         return [self._known[setting_text(s)] for s in settings]
 
     def why_uncorrected(self, setting: Setting) -> str:
-        """Return why gravity does not correct a parameter set, else an empty text.
-
-        Runs the filter again.
-        """
+        """Return why gravity does not correct a set, else empty; runs it again."""
         return following.why_uncorrected(self.case, self._input.rows([setting])[0]) or ""
 
     def _result(self, row: Track) -> SettingResult:
@@ -339,10 +336,7 @@ def _unpaired(question: Question, a: SettingResult, b: SettingResult, *, ratio: 
 def _reject_unsound_winners(
     settings: Sequence[Setting], cells: Sequence[Sequence[SettingResult]], log: SettingsOnLog
 ) -> None:
-    """Mark leading settings as unsound where gravity does not correct them.
-
-    This is repeated until every leader is sound.
-    """
+    """Mark leading settings as unsound where gravity does not correct them."""
     checked: set[int] = set()
     while True:
         leaders = {k for question in log.questions for k in leading_settings(question, cells)} - checked

@@ -199,7 +199,7 @@ class Configuration:
         return Path(str(self.before["params"])) if "params" in self.before else None
 
     def with_value(self, key: str, value: object, name: str | None = None) -> Configuration:
-        """Return a copy with one parameter or setting changed. UsageError for an unknown key or a wrong value."""
+        """Return a copy with one parameter or setting changed. UsageError if invalid."""
         row, before = dict(self.row.params), dict(self.before)
         _assign(self.row.estimator, key, value, row, before)
         changed = replace(self, row=estimators.EstimatorSpec(self.row.estimator, self.row.preset, row), before=before)

@@ -214,10 +214,7 @@ def _check_table(table: object) -> tuple[Configuration | None, list[tuple[str, s
 
 
 def _place_of_key(path: Path, lines: list[str], key: str, table: int | None = None) -> str:
-    """Return file and line of a key, in table number ``table`` or above all tables.
-
-    Only the file where the key is not found.
-    """
+    """Return file, and line if found, of a key in a table."""
     seen, begin = -1, 0
     for number, line in enumerate(lines, 1):
         if re.match(rf"\s*\[\[\s*{CONFIGURATION_TABLE}\s*\]\]", line):

@@ -1,7 +1,4 @@
-"""Report a sweep as text, tables, JSON, CSV and page.
-
-It states the best setting, its uncertainty, and the loss of a single setting for all logs.
-"""
+"""Report a sweep as text, tables, JSON, CSV and page."""
 
 from __future__ import annotations
 
@@ -133,10 +130,7 @@ def axes_at_edge(s: Sweep, best: int) -> list[str]:
 
 
 def difference_text(d: Difference, unit: str) -> str:
-    """Describe a setting against the best: ``27 % worse (15 to 41 %)``, ``not significant``.
-
-    Where the difference is missing, return the reason.
-    """
+    """Describe a setting against the best: ``27 % worse (15 to 41 %)``."""
     if d.value is None:
         return d.reason or "no value"
     if d.direction == "same":
@@ -157,10 +151,7 @@ def size_and_interval(d: Difference, unit: str) -> tuple[str, str]:
 
 
 def sweep_rows(s: Sweep) -> TableCells:
-    """Return one row per setting, best first, those without a value last.
-
-    The first question decides.
-    """
+    """Return one row per setting, best in the first question first."""
     first = s.columns[0]
     axes = [a.name for a in s.grid.axes]
     head = [*axes, *(f"{c.question.title} [{c.question.unit}]" for c in s.columns), "beside the best"]
@@ -296,10 +287,7 @@ def sweep_figures(s: Sweep) -> list[PageFigure]:
 
 
 def _question_figures(s: Sweep, m: int) -> Iterator[PageFigure]:
-    """Yield one curve per parameter and a heat map of the first two.
-
-    Nothing where no setting can be judged.
-    """
+    """Yield one curve per parameter and a heat map of the first two."""
     free = [a for a in s.grid.axes if len(a.values) > 1]
     column = s.columns[m]
     if column.single is None:
@@ -403,20 +391,14 @@ def _figure_table(s: Sweep, c: SweepColumn) -> list[list[Any]]:
 
 
 def _best_setting(s: Sweep, c: SweepColumn, values: Setting) -> int | None:
-    """Return the setting with the smallest score among those with these values.
-
-    None where none has a score.
-    """
+    """Return the setting with these values and the smallest score, or None."""
     numbers = [k for k in range(s.base) if all(s.settings[k][name] == v for name, v in values.items())]
     known = [k for k in numbers if math.isfinite(c.score[k])]
     return min(known, key=lambda k: (float(c.score[k]), k)) if known else None
 
 
 def axis_places(axis: GridAxis) -> tuple[list[float], str]:
-    """Return axis positions and scale: ``log``, ``linear``, or ``side by side``.
-
-    Side by side means positions by index.
-    """
+    """Return axis positions and scale: ``log``, ``linear``, or ``side by side``."""
     values = [v for v in axis.values if isinstance(v, float)]
     in_order = [float(i) for i in range(len(axis.values))]
     if len(values) < len(axis.values):

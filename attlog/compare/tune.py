@@ -86,10 +86,7 @@ class LogPart:
 
 
 def split_parts(logs: Sequence[SettingsOnLog]) -> list[LogPart]:
-    """Return every log as a part; split a single log into equal blocks.
-
-    Blocks reach from the start of scoring to its end.
-    """
+    """Return every log as a part; split a single log into equal blocks."""
     if len(logs) > 1:
         return [LogPart(k, log.name) for k, log in enumerate(logs)]
     case = logs[0].case
@@ -170,10 +167,7 @@ def objective_cost(
 
 
 def log_ratio(question: Question, part: LogPart, result: SettingResult, base: SettingResult) -> float | None:
-    """Return the log ratio of distances from ideal, setting over default gains.
-
-    None where that of the default gains is unknown.
-    """
+    """Return the log ratio of distances from ideal, setting over default gains, or None."""
     before = part.value(base.answers[question])
     if before is None:
         return None

@@ -1,7 +1,4 @@
-"""Report tuned gains as text, tables, JSON and page.
-
-It states their effect on left-out parts, and on other questions.
-"""
+"""Report tuned gains as text, tables, JSON and page."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ class Config:
         return parse_truth(self.truth).name
 
     def resolved(self) -> dict[str, Any]:
-        """Plain values for the result and for TOML; keys that are None are left out."""
+        """Plain values for the result and for TOML, without None."""
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 

@@ -492,10 +492,7 @@ def _described(case: Case) -> dict[str, Any]:
 
 
 def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
-    """Return the case with the next best reference, or none.
-
-    Results computed with the refused reference are dropped.
-    """
+    """Return the case with the next best reference, or none."""
     options = preparation.reference_options(Config.trusted(case.settings))
     refused = case.reference.faults.refused | {case.reference.kind: fault}
     ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)

@@ -19,10 +19,7 @@ LEAST_REST_S = 2.0
 
 
 def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: float | None = None) -> LogFacts:
-    """Return numeric parameters, rates, noise and declination to replay ``imu``.
-
-    Parameters are those at the first IMU sample.
-    """
+    """Return parameters at the first IMU sample, rates, noise, declination for ``imu``."""
     values = {name: log.param(name) for name in log.parameters.lines if name not in log.parameters.filled}
     gyro, acc, seconds = noise_at_rest(imu, segments)
     info = LogInfo(

@@ -76,10 +76,7 @@ def _damage(messages: Messages) -> dict[str, Any]:
 
 
 def _rate(count: int, ends: tuple[int, int] | None) -> float | None:
-    """Return the rate of ``count`` records between two boot times in us.
-
-    None for a burst, such as definitions.
-    """
+    """Return the rate between two boot times in us; None for a burst."""
     if ends is None or count < 2:
         return None
     span = (float(ends[1]) - float(ends[0])) / 1e6

@@ -65,10 +65,7 @@ def prove_settings(case: Case, checks: list[Check]) -> list[Check]:
 
 
 def _changes(check: Check, estimator: Estimator) -> dict[str, float]:
-    """Return a check's settings under the filter's parameter names.
-
-    Empty unless the filter reads all of them.
-    """
+    """Return a check's settings by the filter's names, empty unless all are known."""
     known = {p.name for p in estimator.parameters}
     aliases = {name: p for name, short in ALIASES[estimator.name].items() for p in known if p.endswith(short)}
     wanted = {aliases.get(s.name, s.name): s.new for s in check.settings}
@@ -118,10 +115,7 @@ def _values_text(settings: list[Setting]) -> str:
 
 
 def _significant_sign(one: Answer, two: Answer) -> int:
-    """Return the sign of the mean paired difference of blocks.
-
-    It is 0 where its 95 % interval includes zero.
-    """
+    """Return the sign of the paired difference of blocks, 0 if not significant."""
     if one.units is None or two.units is None:
         return 0
     _, i, j = np.intersect1d(one.units.ids, two.units.ids, return_indices=True)

@@ -46,10 +46,7 @@ class Runnable(Protocol):
         """The filter that runs."""
 
     def run(self, case: Case, imu: Imu, suffix: str) -> tuple[Track, EstimatorRow]:
-        """Return track and table row of one unit. AttlogError on failure.
-
-        ``suffix`` is appended to the name.
-        """
+        """Return track and table row of one unit. AttlogError on failure."""
 
 
 # A row to run, or the error of a plug-in that cannot be loaded.
@@ -57,10 +54,7 @@ Chosen: TypeAlias = estimators.EstimatorSpec | Runnable | PluginError
 
 
 def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
-    """Run the named estimators and return their aligned attitudes.
-
-    The first failure is raised.
-    """
+    """Run the named estimators and return their aligned attitudes; raise the first failure."""
     rows = []
     for suffix, imu in case.imus.items():
         for spec in chosen(specs, case.log).values():
@@ -138,10 +132,7 @@ def replays(
 
 
 def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
-    """Run one row of :func:`replays` again and keep all outputs of its estimator.
-
-    AttlogError as there.
-    """
+    """Run one row of :func:`replays` again, and keep all outputs."""
     imu, spec, suffix = next(
         (imu, spec, suffix) for suffix, imu in case.imus.items() for n, spec in specs.items() if n + suffix == name
     )
@@ -399,10 +390,7 @@ def table_row(
     spec: estimators.EstimatorSpec | None = None,
     values: Mapping[str, tuple[float | str, str]] | None = None,
 ) -> EstimatorRow:
-    """Return the table line of a track, without answers.
-
-    ``spec``: None for an onboard attitude.
-    """
+    """Return the table line of a track, without answers."""
     known = {} if spec is None else {p.name: p for p in spec.estimator.parameters}
     return EstimatorRow(
         row.name,

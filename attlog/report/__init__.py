@@ -1,7 +1,4 @@
-"""Write a result as one self-contained HTML page.
-
-This package only draws; all results are computed elsewhere.
-"""
+"""Write a result as one self-contained HTML page; nothing is computed here."""
 
 from attlog.report.bundle import bundle_notice
 from attlog.report.page import write_report

@@ -137,10 +137,7 @@ class ArrayPacker:
         self._times: dict[bytes, dict[str, Any]] = {}
 
     def values(self, y: Array, step: float = 1e-9) -> dict[str, Any]:
-        """Pack values as int16 multiples of ``step``; NaN is kept.
-
-        The step is coarser where the range requires it.
-        """
+        """Pack values as int16 multiples of ``step``, coarser if needed; NaN is kept."""
         finite = np.isfinite(y)
         largest = float(np.max(np.abs(y[finite]))) if finite.any() else 0.0
         step = _round_step(max(step, largest / MAX_CODE))

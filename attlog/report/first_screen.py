@@ -391,10 +391,7 @@ def height_curve(result: Result, start: float, end: float) -> tuple[str, str, fl
 
 
 def marked_events(events: list[Event]) -> list[Event]:
-    """Return the events to mark, the worst first, at most MAX_MARKS.
-
-    These are serious events, warnings, and ROUTINE.
-    """
+    """Return at most MAX_MARKS serious, warning or routine events, the worst first."""
     shown = [e for e in events if e.severity in GRADES or e.kind in ROUTINE]
     worst = sorted(shown, key=lambda e: -GRADES.get(e.severity, 0))[:MAX_MARKS]
     return sorted(worst, key=lambda e: e.t)

@@ -115,10 +115,7 @@ def render(
 
 
 def file_stem(result: Result) -> str:
-    """Return the log's name without suffix, safe for every file system.
-
-    Names of saved files begin with it.
-    """
+    """Return the log's name without suffix, safe as start of file names."""
     stem = Path(str(result.log.get("name") or "")).stem
     return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem)[:80].strip("._-") or "attlog"
 

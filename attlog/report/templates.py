@@ -1,7 +1,4 @@
-"""Templates of pages.
-
-This module imports jinja2, so import it only where a page is made.
-"""
+"""Templates of pages; imports jinja2, so import it late."""
 
 from __future__ import annotations
 

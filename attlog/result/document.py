@@ -104,10 +104,7 @@ def read(kind: type[T], content: bytes, name: str) -> T:
 
 
 def complete_answers(found: dict[str, Any]) -> None:
-    """Set window and unit of every answer.
-
-    Values of another type are left for the type check.
-    """
+    """Set window and unit of every answer."""
 
     def tables(value: Any) -> list[tuple[str, Any]]:
         return list(value.items()) if isinstance(value, dict) else []

@@ -19,10 +19,7 @@ from attlog.result.model import Result
 
 
 class DocumentSchema(GenerateJsonSchema):
-    """JSON schema generator that accepts functions and arrays.
-
-    Only fields outside the document have such types.
-    """
+    """JSON schema generator that accepts functions and arrays."""
 
     def handle_invalid_for_json_schema(self, schema: Any, error_info: str) -> dict[str, Any]:
         """Accept anything."""

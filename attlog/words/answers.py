@@ -205,10 +205,7 @@ def late_imu(result: Result) -> str:
 
 
 def imu_delay_notes(result: Result, lag: ColumnRanking) -> list[str]:
-    """Report the delay of the logged IMU.
-
-    Attitudes from a file are left out, because they have a clock of their own.
-    """
+    """Report the delay of the logged IMU, ignoring attitudes with their own clock."""
     answers = [
         row.metrics.get(lag.window, {}).get(LAG)
         for row in result.estimators

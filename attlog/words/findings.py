@@ -267,10 +267,7 @@ def _axes(one: Check) -> list[str]:
 
 
 def _with_half(value: float, half: float, unit: str) -> str:
-    """Format a value and half its interval with equal decimals.
-
-    The half interval has one significant decimal.
-    """
+    """Format value ± half interval with equal decimals, one significant for the latter."""
     places = decimals(max(abs(value), half), unit)
     if half > 0.0:
         places = max(places, min(-math.floor(math.log10(half)), 6))

@@ -84,10 +84,7 @@ def quantity(value: float | None, unit: str = "", signed: bool | None = None) ->
 
 
 def change(ratio: float, *, signed: bool = True) -> str:
-    """Format a ratio as a change: ``−24 %``.
-
-    From ten on a factor, beyond 100 "not comparable".
-    """
+    """Format a ratio as a change (``−24 %``) or a factor."""
     if not 1.0 / NOT_COMPARABLE <= ratio <= NOT_COMPARABLE:
         return "not comparable"
     if ratio >= FACTOR:

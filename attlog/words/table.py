@@ -141,10 +141,7 @@ def table_cell(result: Result, row: EstimatorRow, column: TableColumn, window: s
 
 
 def missing_cell(row: EstimatorRow, metric: str, answer: Answer) -> TableCell:
-    """Return the cell of a missing answer: a word and the reason.
-
-    A failure of the filter comes first.
-    """
+    """Return the cell of a missing answer: a word and the reason."""
     if row.kind != "onboard" and row.status == "failed":
         return TableCell("failed", brief="failed", missing=True, reason=row.reason)
     itself = row.is_reference and answer.code == "not_applicable" and not metric.startswith("cost")

@@ -62,10 +62,7 @@ def drift(source: FigureSource) -> PageFigure | None:
 
 
 def overlapping(traces: list[Trace]) -> list[Trace]:
-    """Keep the traces that overlap the longest one in time.
-
-    A row may have its longest rest elsewhere.
-    """
+    """Keep the traces that overlap the longest one in time."""
     longest = max(traces, key=lambda t: float(t.t[-1] - t.t[0]))
     return [t for t in traces if t.t[0] <= longest.t[-1] and t.t[-1] >= longest.t[0]]
 

@@ -245,10 +245,7 @@ class View:
     def panels(
         self, series: Sequence[tuple[int, Trace]], columns: Sequence[Panel], *, unit: str = "deg", **fit: Any
     ) -> None:
-        """Stack panels on a shared time axis, each with the lines of all rows.
-
-        ``fit``: see FIT_KEYS.
-        """
+        """Stack panels on a shared time axis, each with the lines of all rows."""
         meta = {k: fit.pop(k) for k in ("step", "digits") if k in fit}
         time = fit.pop("time", True)
         for i, panel in enumerate(columns):

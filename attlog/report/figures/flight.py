@@ -252,10 +252,7 @@ def mark_words(result: Result) -> list[str]:
 
 
 def heading_cut(traces: list[Trace]) -> float:
-    """Return the angle at which to cut the circle of headings, deg.
-
-    It is the middle of the widest unused arc.
-    """
+    """Return the middle of the widest unused arc of headings, deg."""
     heading = np.concatenate(
         [np.asarray(t.columns["heading"], np.float64) for t in traces if "heading" in t.columns] or [np.zeros(1)]
     )

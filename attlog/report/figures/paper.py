@@ -45,10 +45,7 @@ def finish(
     marks: Layout,
     span: tuple[float, float],
 ) -> Layout:
-    """Return ``data`` and ``layout`` of a view for plotly.
-
-    ``shown``: positions of the drawn rows.
-    """
+    """Return ``data`` and ``layout`` of a view for plotly."""
     return PrintedFigure(figure, view, rows, shown, marks, span).finished()
 
 
@@ -159,10 +156,7 @@ class PrintedFigure:
         return trace
 
     def tell_apart(self) -> None:
-        """Give lines without a row that share an axis different dashes.
-
-        They then differ in grey print too.
-        """
+        """Give lines of no row that share an axis different dashes."""
         seen: dict[str, int] = {}
         for trace in self.traces:
             line = trace.get("line", {})
@@ -419,10 +413,7 @@ def _light(key: Key) -> Key:
 
 
 def light(colour: str) -> str:
-    """Return the light-theme colour of a name with opacity (``e1``, ``bad/0.2``).
-
-    Other texts are returned unchanged.
-    """
+    """Return the light-theme colour of a name (``e1``, ``bad/0.2``), else the text."""
     name, slash, share = colour.partition("/")
     found = palette().get(name)
     if found is None:
@@ -512,10 +503,7 @@ def heading_ticks(low: float, high: float) -> Layout:
 
 
 def thinned(t: Array, y: Array, span: tuple[float, float] | None = None, wraps: bool = False) -> tuple[Array, Array]:
-    """Reduce a line (n,) to the extremes and gaps of each bucket.
-
-    ``wraps``: break the line at a full turn.
-    """
+    """Reduce a line (n,) to the extremes and gaps of each bucket."""
     t, y = np.asarray(t, np.float64), np.asarray(y, np.float64)
     if span is not None:
         a, b = np.searchsorted(t, span[0], "left"), np.searchsorted(t, span[1], "right")

@@ -18,10 +18,7 @@ DASHES = {"roll": "solid", "pitch": "dash", "yaw": "dot"}
 
 
 def one_step(source: FigureSource) -> PageFigure | None:
-    """Draw the turn of set-point, reference and filters in one step.
-
-    Below it is the difference filter minus reference.
-    """
+    """Draw one step: turn of set-point, reference, filters; below their error."""
     found = source.traces("step")
     if not found:
         return None
@@ -56,10 +53,7 @@ def one_step(source: FigureSource) -> PageFigure | None:
 
 
 def all_steps(source: FigureSource) -> PageFigure | None:
-    """Draw each filter's median over all steps, and one filter's middle 80 %.
-
-    There is one view per axis.
-    """
+    """Draw each filter's median over all steps, and one filter's middle 80 %."""
     found = source.traces("steps")
     if not found:
         return None
@@ -92,10 +86,7 @@ def all_steps(source: FigureSource) -> PageFigure | None:
 
 
 def first_band(traces: list[Trace], source: FigureSource) -> str:
-    """Return the row whose band is drawn first.
-
-    Among the rows best in lag, else among all, it is the one most often marked best.
-    """
+    """Return the row whose band is drawn first: most often best."""
     result = source.result
     best = next((w["lag_ms"] for w in (result.best.get(name, {}) for name in AIR) if w.get("lag_ms")), [])
     drawn = list(dict.fromkeys(t.row for t in traces))

@@ -103,10 +103,7 @@ def row_styles(result: Result) -> dict[str, RowStyle]:
 
 
 def line_key(name: str, rows: Iterable[EstimatorRow]) -> str:
-    """Return the key of a row in FIXED_LINES.
-
-    Keys are estimator, ``onboard``, ``rerun``, or the name of a reference.
-    """
+    """Return the key of a row in FIXED_LINES."""
     row = next((r for r in rows if r.name == name), None)
     if row is None:
         return name
