@@ -221,7 +221,7 @@ def search_request(words: Sequence[str], example: str) -> SearchRequest:
 Array = NDArray[np.float64]
 Costs = Callable[[list[Setting]], Array]
 
-# Settings per generation: two batches of a compiled kernel.
+# Settings per generation, as many as a batch of :mod:`attlog.compare.search`.
 GENERATION_SIZE = 32
 # Significant digits of gains: equal ones are run once.
 GAIN_DIGITS = 3
@@ -260,7 +260,7 @@ class FreeParameter:
 def parse_free_parameters(texts: Sequence[str], estimator: Estimator) -> list[FreeParameter]:
     """Parse gains such as ``kp=0.05..5log``; without texts return the filter's own gains.
 
-    Its own gains are those with a default. UsageError lists every error.
+    Its own gains are numbers with a positive default. UsageError lists every error.
     """
     if not texts:
         own = [p for p in estimator.own if not p.choices and p not in COMMON and float(p.default) > 0.0]

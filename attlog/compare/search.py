@@ -29,7 +29,7 @@ from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
 
-# Parameter sets in one batch: whole kernels; limits the attitudes held in memory.
+# Parameter sets in one batch; limits the attitudes held in memory.
 BATCH_SIZE = 32
 
 

@@ -362,7 +362,7 @@ def wait_for_motion(estimate: Estimate) -> bool:
 
 
 def _placed(mag: Mag | None, estimator: estimators.Estimator, t: alignment.Array) -> alignment.Array | None:
-    """Interpolate the magnetometer to the IMU's times; None for a filter without it."""
+    """Place magnetometer samples on IMU times; None for a filter without it."""
     return estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and "mag" in estimator.uses else None
 
 

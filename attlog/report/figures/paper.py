@@ -110,7 +110,7 @@ class PrintedFigure:
         return self.layout()
 
     def is_shown(self, meta: Layout) -> bool:
-        """Return whether the row of a trace is drawn, or its band chosen."""
+        """Return whether a trace's row is drawn and its band, if any, chosen."""
         row = meta.get("row", meta.get("band"))
         return (row is None or row in self.shown) and meta.get("band", self.data.get("band")) == self.data.get("band")
 

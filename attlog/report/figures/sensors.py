@@ -117,7 +117,7 @@ def median_residual(trace: Trace, axis: str) -> float:
 
 
 def interference(source: FigureSource) -> PageFigure | None:
-    """Draw the excess of field strength over motor drive, with the fitted line."""
+    """Draw excess field strength against motor drive, with the fitted line."""
     if not source.traces("interference"):
         return None
     trace = source.traces("interference")[0]
