@@ -1,4 +1,4 @@
-"""Steps that align an attitude for a fair comparison: clock, trim, declination, floor, delay."""
+"""Alignment of attitudes for a comparison: clock, trim, declination, floor, delay."""
 
 from __future__ import annotations
 
@@ -21,14 +21,17 @@ Clock = Literal["sample", "publication"]
 
 
 def attitude_times(attitude: Attitude, clock: Clock) -> Array:
-    """Return the times (n,) of an attitude: of measurement where logged and ``clock`` is sample."""
+    """Return the times (n,) of an attitude on a clock.
+
+    Times of measurement for ``sample`` where logged, else of publication.
+    """
     return attitude.t if clock == "publication" or attitude.t_sample is None else attitude.t_sample
 
 
 def usable_samples(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Return times (m,), unit quaternions (m, 4) and the mask (n,) of the samples they come from.
+    """Return times (m,), unit quaternions (m, 4) and their mask (n,).
 
-    Left out are samples without a finite attitude and those whose time does not rise.
+    Samples without a finite attitude or a rising time are left out.
     """
     t = attitude_times(attitude, clock)
     norm = rotation.length(attitude.q)
@@ -40,7 +43,10 @@ def usable_samples(attitude: Attitude, clock: Clock) -> tuple[Array, Array, NDAr
 
 
 def clock_step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = False) -> AlignmentStep:
-    """Return the clock of an attitude and how late it was published (``own``: made of the IMU)."""
+    """Return the alignment step for the clock and publication delay.
+
+    ``own``: the attitude was computed from the IMU samples.
+    """
     if own:
         text = "made at the IMU's stamps, without the delay of its filter"
         return AlignmentStep("clock", text, "sample", source=attitude.source, option="config: clock")
@@ -54,21 +60,24 @@ def clock_step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = Fal
     return AlignmentStep("clock", text, delay, "ms", attitude.source, clock == "sample", "config: clock")
 
 
-# Trim: the small rotation between IMU and vehicle that the autopilot's attitudes have taken out.
+# Trim: the small rotation between IMU and vehicle, already removed from the autopilot's attitudes.
 
 
 def apply_trim(q: Array, trim: Array) -> Array:
-    """Return attitudes of the vehicle (n, 4) from those of its IMU: ``q_imu (x) exp(-trim)``."""
+    """Return vehicle attitudes (n, 4) from IMU attitudes: ``q_imu (x) exp(-trim)``."""
     return rotation.multiply(q, rotation.from_rotvec(-trim))
 
 
 def untrim(q: Array, trim: Array | None) -> Array:
-    """Return the attitudes of the IMU (n, 4) from those of the vehicle."""
+    """Return IMU attitudes (n, 4) from vehicle attitudes."""
     return q if trim is None else apply_trim(q, -trim)
 
 
 def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None, AlignmentStep]:
-    """Return the trim, a rotation vector (3,) in rad, to take out of replays, and why; None for nothing."""
+    """Return the trim to remove from replays, and its alignment step.
+
+    The trim is a rotation vector (3,) in rad, or None for no removal.
+    """
     if not attitude.has_trim:
         text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
         return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "config: trim")
@@ -85,11 +94,14 @@ def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array |
     return (trim if applied else None), step
 
 
-# Declination: where magnetic north lies at the place and date of the flight.
+# Declination: direction of magnetic north at the place and date of the flight.
 
 
 def flight_place(log: FlightLog) -> tuple[float, float, float] | None:
-    """Return median latitude and longitude (deg) and altitude (m) of the first receiver with a 3D fix."""
+    """Return the median latitude, longitude (deg) and altitude (m).
+
+    Of the first GNSS receiver with a 3D fix; None without one.
+    """
     for gnss in log.gnss:
         good = (gnss.fix >= 3) & np.isfinite(gnss.lat) & np.isfinite(gnss.lon)
         good &= (np.abs(gnss.lat) <= 90) & (np.abs(gnss.lon) <= 180) & ((gnss.lat != 0) | (gnss.lon != 0))
@@ -102,7 +114,7 @@ def flight_place(log: FlightLog) -> tuple[float, float, float] | None:
 
 
 def earth_field(log: FlightLog) -> earth.MagneticField | None:
-    """Return the earth's field at the flight's place and date; None without a place."""
+    """Return the earth's field at place and date; None without a place."""
     where = flight_place(log)
     if where is None:
         return None
@@ -111,7 +123,7 @@ def earth_field(log: FlightLog) -> earth.MagneticField | None:
 
 
 def declination_step(log: FlightLog, option: str | float) -> tuple[float | None, AlignmentStep]:
-    """Return the declination in deg (None if unknown) with that of the model and of the parameter."""
+    """Return the declination in deg, None if unknown, and its step."""
     if option not in ("auto", "model", "param"):
         try:
             given = float(option)
@@ -140,10 +152,10 @@ def declination_step(log: FlightLog, option: str | float) -> tuple[float | None,
 
 
 def observed_declination_deg(log: FlightLog, reference: Reference) -> float | None:
-    """Return the direction in deg in which the reference sees magnetic north.
+    """Return the declination in deg by magnetometer and reference attitude.
 
-    The circular median over the log outside unscored time: for truth the field's own declination plus the
-    magnetometer's faults. None without magnetometer or reference.
+    Circular median between scoring start and end. With truth: declination plus magnetometer errors. None without
+    magnetometer or reference.
     """
     if log.mag is None or len(reference.t) == 0:
         return None
@@ -161,18 +173,18 @@ def observed_declination_deg(log: FlightLog, reference: Reference) -> float | No
 
 # The replay floor: the smallest difference between attitudes that a log can resolve.
 
-# What float32 quaternions resolve when angles come from the vector part.
+# Angle that float32 quaternions resolve from their vector part.
 FLOAT32_DEG = 1e-5
 
 REPEATED_SHARE, MULTIPLE_SHARE = 0.01, 0.9  # of differences equal to the step, and to its multiples
 TICK_S = 1e-3  # logs that count in ms
-FLOOR_SAMPLES = 20_000  # enough to see a step
+FLOOR_SAMPLES = 20_000  # enough to detect a step
 
 
 def logged_step_deg(q: Array) -> float:
-    """Return the step in deg of logged attitudes (n, 4): the smallest difference of roll or pitch.
+    """Return the quantisation step in deg of logged attitudes (n, 4).
 
-    Values printed or stored with a step differ by its multiples only; attitudes without one resolve what float32 does.
+    Quantised roll and pitch differ by multiples of the step. Without quantisation: the resolution of float32.
     """
     angles = np.degrees(rotation.to_euler(q[:FLOOR_SAMPLES])[:, :2])
     d = np.abs(np.diff(angles, axis=0)).ravel()
@@ -190,7 +202,10 @@ def logged_step_deg(q: Array) -> float:
 
 
 def timestamp_tick_s(t: Array) -> float:
-    """Return the step in s of stamps (n,): 1 ms where all intervals are whole ms and differ, else 0."""
+    """Return the resolution in s of time stamps (n,).
+
+    1 ms where all intervals are whole ms and differ, else 0.
+    """
     dt = np.diff(t[:FLOOR_SAMPLES])
     dt = dt[(dt > 0) & (dt < 1.0)]
     if len(dt) < 10:
@@ -202,10 +217,10 @@ def timestamp_tick_s(t: Array) -> float:
 
 
 def bridged_gap_deg(imu: Imu | None) -> float:
-    """Return the attitude error in deg of bridged gaps: a quarter of each gap times its change of rate.
+    """Return the attitude error in deg due to bridged gyro gaps.
 
-    The filters integrate gaps with the mean rate of the neighbours; another rate in between is off by about that.
-    Independent gaps add in square.
+    Filters integrate a gap with the mean rate of its neighbours. The error is a quarter of the gap times the change of
+    rate, root sum of squares over all gaps.
     """
     if imu is None or len(imu.gyro.t) < 3:
         return 0.0
@@ -217,7 +232,7 @@ def bridged_gap_deg(imu: Imu | None) -> float:
 
 
 def floor_step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[float, float, AlignmentStep]:
-    """Return floor and logged step in deg of attitudes ``q`` (n, 4) at ``t`` (n,) s, and the floor's parts."""
+    """Return replay floor and logged step (deg) with the alignment step."""
     own = known_step if known_step > 0 else logged_step_deg(q)
     tick = timestamp_tick_s(t)
     rate = 0.0
@@ -236,32 +251,33 @@ def floor_step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[
 
 # Slower rotation is mostly noise and shows no delay.
 MIN_ACTIVE_DPS = 12.0
-# Delays looked for on both sides, and their grid: a low-pass at 20 Hz is late by 11 ms.
+# Searched range of delays, either way, and its grid: a low-pass at 20 Hz delays by 11 ms.
 DELAY_RANGE_S, DELAY_GRID_S = 0.06, 5e-3
-# Intervals that are examined, and of those that turn, how many are fitted: a long log takes no longer.
+# Largest number of examined and of fitted intervals, to bound the time on long logs.
 MAX_INTERVALS, MAX_FITTED_INTERVALS = 100_000, 1200
-INTERVAL_SAMPLES, MAX_INTERVAL_S = 8, 0.2  # in shorter intervals noise pulls the delay
+INTERVAL_SAMPLES, MAX_INTERVAL_S = 8, 0.2  # noise biases the delay in shorter ones
 MIN_INTERVALS = 100  # fewer give no delay
 MIN_DELAY_RATE_HZ = 5.0  # slower references smear turns
-# Formula and rates agree within 2 ms; a fit less sure than 1 ms (one sigma) is not used.
+# Agreement of filter formula and fit; largest standard error of a fit that is used.
 DELAY_TOLERANCE_S, MAX_DELAY_SIGMA_S = 2e-3, 1e-3
 # A larger difference is a reset of the reference, not a delay.
 OUTLIER_RAD_S = np.radians(60.0)
 
 
 def filter_delay(imu: Imu) -> tuple[float, str]:
-    """Return the delay in s of the gyro's low-pass and its source; 0 without a known filter."""
+    """Return the gyro's low-pass delay in s (0 if unknown) and source."""
     if imu.gyro.delay > 0:
         return imu.gyro.delay, f"{imu.gyro.source}, {imu.filtered}"
     return 0.0, f"{imu.gyro.source}: no filter known"
 
 
 def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None:
-    """Return the gyro's delay against the reference and its standard error, s; None with little motion.
+    """Return the gyro's delay against the reference and its standard error, s.
 
-    Least squares between the reference's rotation over an interval and the gyro's over the same interval shifted by
-    tau, offset per axis removed, where it turns faster than 12 deg/s: 5 ms grid, then a parabola. An interval holds at
-    least 8 IMU samples: in shorter ones the gyro's noise, which shrinks at half a sample's shift, pulls tau.
+    None with little motion. Least squares over tau between the reference's rotation over an interval and the gyro's
+    over the interval shifted by tau, offset per axis removed, at rates above 12 deg/s: a grid of 5 ms, then a parabola.
+    Intervals have at least 8 IMU samples: gyro noise is lower at half a sample's shift, which biases tau in shorter
+    ones.
     """
     turning = increments.gyro_increments(imu)
     t, gyro_t = reference.t, turning.t
@@ -285,7 +301,7 @@ def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None
 
     def misfit(off: Array) -> float:
         usual = np.sum((off - np.median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
-        if not usual.any():  # nothing like the gyro's rates at this shift
+        if not usual.any():  # no agreement with the gyro at this shift
             return math.inf
         off = off[usual] - np.mean(off[usual], axis=0)
         return float(np.mean(np.sum(off * off, axis=1)))
@@ -316,7 +332,7 @@ def gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None:
 def delay_step(
     log: FlightLog, imu: Imu | None, reference: Reference, option: str | float
 ) -> tuple[float, AlignmentStep]:
-    """Return the input delay in s that is subtracted from lags of replayed rows, and the measured one."""
+    """Return the input delay in s (subtracted from lags) with its step."""
     name, switch = "input_delay", "config: input_delay"
     if option == "off":
         text = "switched off: lags contain the sensor's filters"
@@ -350,7 +366,7 @@ TRUTH_OPTION = "--truth"
 
 
 def adopt_fit(reference: Reference, fit: TruthFit) -> None:
-    """Take sigma and north of an external truth from its fit."""
+    """Set the reference's sigma and north from an external truth's fit."""
     n = len(reference.t)
     reference.fit = fit
     reference.sigma = ReferenceSigma(np.full(n, fit.sigma_tilt_deg), np.full(n, fit.sigma_heading_deg))
@@ -359,7 +375,7 @@ def adopt_fit(reference: Reference, fit: TruthFit) -> None:
 
 
 def fit_steps(fit: TruthFit) -> list[AlignmentStep]:
-    """Return the steps of an external truth with value and sigma: clock, axes, noise."""
+    """Return the alignment steps of an external truth: clock, axes, noise."""
     clock = f"added to its times, sigma {1e3 * fit.offset_sigma_s:.2g} ms; "
     clock += f"rates correlate by {fit.correlation:.3f} over {fit.seconds:.0f} s, {fit.n} samples"
     drift = f"sigma {fit.drift_sigma_ppm:.1f} ppm"

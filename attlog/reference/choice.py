@@ -1,4 +1,4 @@
-"""Choose the reference: truth, else the smoother, else the onboard attitude, else none, each with its reasons."""
+"""Choice of the reference: truth, else smoother, else onboard attitude, else none."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ from attlog.segments import Segments, model, resets
 
 Array = NDArray[np.float64]
 Kind = Literal["truth", "smoother", "onboard"]
-# Runs the smoother over the log; AttlogError says why it cannot.
+# Runs the smoother over the log; raises AttlogError with the reason if it cannot.
 Smooth = Callable[[], Estimate]
 
-# Below this rate a reference shows no lag.
+# Slower references resolve no lag.
 MIN_LAG_HZ = 5.0
 NO_ATTITUDE = "the log holds neither truth nor an onboard attitude"
 
@@ -53,22 +53,25 @@ def choose(
     second: Reference | None = None,
     heading: bool = True,
 ) -> Reference:
-    """Return the reference of a log with the steps of its alignment and its faults.
+    """Return the aligned reference of a log with its faults.
 
-    ``smooth`` runs the smoother and is called only where it is wanted; None for none. ``refused`` and ``second``: the
-    attitudes that filters have refused since, and the smoother that takes their place. ``heading``: whether headings
-    are compared; otherwise a wrong onboard heading is no reason to refuse the attitude. UsageError for an option that
-    names something the log does not hold.
+    ``smooth`` runs the smoother and is called only if needed; None: no smoother. ``refused``: reasons by attitude that
+    filters have contradicted since; ``second``: the smoother that replaces it. ``heading``: whether headings are
+    compared; otherwise a wrong onboard heading is no reason to refuse the attitude. UsageError for an option that names
+    something the log lacks.
 
-    Unless it was asked for, these are refused: an attitude off gravity by more than 10 deg; a smoother that gravity
-    contradicts at standstill, or with a large tilt sigma beside a sound onboard attitude; an onboard attitude whose
-    heading GNSS acceleration contradicts. No smoother is run with a gyro or another sensor that physics contradicts.
+    Refused unless requested: an attitude off gravity by more than 10 deg; a smoother that gravity contradicts at
+    standstill, or with a large tilt sigma beside a sound onboard attitude; an onboard attitude whose heading GNSS
+    acceleration contradicts. No smoother is run with a gyro or another sensor that physics contradicts.
     """
     return _Choice(log, segments, options or ReferenceOptions(), smooth, refused or {}).choose(second, heading)
 
 
 class _Choice:
-    """The attitudes of one log that may be its reference, and why some are ``refused``."""
+    """Choice among the attitudes of one log.
+
+    ``refused``: reasons by refused attitude; ``mismatches``: comparisons of attitudes with the gyro.
+    """
 
     def __init__(
         self,
@@ -83,7 +86,7 @@ class _Choice:
         self.log, self.segments, self.options, self.smooth = log, segments, options, smooth
         self.kind = _wanted_kind(options.reference)
         if self.kind == "auto" and log.truth is not None and log.truth.fit is not None:
-            self.kind = "truth"  # an external truth is wanted whatever contradicts it
+            self.kind = "truth"  # the user's external truth is used in spite of contradictions
         if self.kind == "auto" and log.true_heading is not None and smooth is not None:
             self.kind = smoothed.SMOOTHER
         what = "Whether attitudes turn as the gyro does"
@@ -93,7 +96,7 @@ class _Choice:
         self.faults = Faults(gyro=gyro, sensors=sensor_faults.find_sensor_faults(log, segments))
 
     def choose(self, second: Reference | None, heading: bool) -> Reference:
-        """Return the reference that was asked for, else the best one."""
+        """Return the requested reference, else the best one."""
         found = self._asked() if self.kind != "auto" else self._best(second, heading)
         known = self.faults
         found.faults.gyro, found.faults.sensors, found.faults.onboard_heading = (
@@ -104,7 +107,7 @@ class _Choice:
         return found
 
     def _best(self, second: Reference | None, heading: bool) -> Reference:
-        """Return the first of truth, smoother and onboard attitude that nothing contradicts."""
+        """Return the first uncontradicted of truth, smoother and onboard attitude."""
         log, out = self.log, self.refused
         out |= {name: m.why for name, m in self.mismatches.items() if m.of == "attitude"}
         misled = self.faults.gyro or next((f.why for f in self.faults.sensors.values() if f.misleads), "")
@@ -125,7 +128,7 @@ class _Choice:
             if smoothed.sure_of_heading(smoother):
                 return self._taken(smoother)
         onboard = self._unless_refused("onboard", self._onboard, wrong_heading if heading else "")
-        # a smoother that is sure of its tilt alone borrows a sound heading; an unsure one comes after the onboard one
+        # with a small tilt sigma alone a smoother borrows a sound heading; with a large one onboard takes precedence
         if smoother is not None and (onboard is None or not unsure):
             lender = None if smoother.faults.onboard else onboard
             return self._taken(smoothed.with_heading_of(smoother, lender))
@@ -141,7 +144,7 @@ class _Choice:
     def _unless_refused(self, name: str, make: Callable[[], Reference | None], wrong: str = "") -> Reference | None:
         """Return an attitude unless it is refused, ``wrong``, or contradicted by gravity.
 
-        Gravity does not count where the accelerometer's axes are wrong.
+        Gravity is ignored where the accelerometer's axes are wrong.
         """
         found = None if name in self.refused else make()
         if found is None:
@@ -154,7 +157,7 @@ class _Choice:
         return None if why else found
 
     def _sound_smoother(self, second: Reference | None) -> Reference | None:
-        """Return the smoother, run unless it is known (``second``); None where it is refused."""
+        """Return ``second``, else run the smoother; None if it is refused."""
         if second is not None:
             return second
         if self.smooth is None or smoothed.SMOOTHER in self.refused:
@@ -167,7 +170,10 @@ class _Choice:
         return found
 
     def _off_gravity(self, smoother: Reference) -> str:
-        """Return why gravity refuses a smoother throughout; spans in which it does are not scored."""
+        """Return why gravity contradicts a whole smoother; empty if it does not.
+
+        Sets the contradicted spans as ``scoring.refuted``.
+        """
         found = reference_checks.static_tilt(self.log, smoother, self.log.onboard_attitude)
         if found is None:
             return ""
@@ -180,7 +186,7 @@ class _Choice:
         return why
 
     def _taken(self, reference: Reference) -> Reference:
-        """Name the refused attitudes in the first step."""
+        """Add the refused attitudes to the text of the first alignment step."""
         why_not = "".join(f"; {name} refused: {why}" for name, why in self.refused.items())
         reference.faults.refused = self.refused
         steps = reference.alignment.steps
@@ -188,7 +194,7 @@ class _Choice:
         return reference
 
     def _nothing(self) -> Reference:
-        """Return no reference, with a fault where physics refused an attitude."""
+        """Return no reference, with a fault if physics contradicted an attitude."""
         fault = next((why for kind, why in self.refused.items() if kind != smoothed.SMOOTHER), "")
         doubt = self.refused.get(smoothed.SMOOTHER, "")
         why = (fault or NO_ATTITUDE) + (f"; smoother refused: {doubt}" if doubt else "")
@@ -197,7 +203,7 @@ class _Choice:
         return nothing
 
     def _asked(self) -> Reference:
-        """Return what was asked for, whatever contradicts it. UsageError where it is missing."""
+        """Return the requested reference, even if contradicted; UsageError if it is missing."""
         log, kind, named = self.log, self.kind, self.options.reference.partition(":")[2]
         if kind == "none":
             return no_reference(log, self.segments, self.options, "no reference, as asked")
@@ -220,7 +226,7 @@ class _Choice:
         return found
 
     def _doubt(self, asked: Reference) -> str:
-        """Return why a reference that was asked for would be refused otherwise."""
+        """Return why the automatic choice would refuse a requested reference."""
         if asked.kind == "smoother":
             found = reference_checks.static_tilt(self.log, asked, self.log.onboard_attitude)
             return "" if found is None else reference_checks.static_tilt_refusal(found, asked, self._onboard_name)[0]
@@ -250,7 +256,7 @@ class _Choice:
         return self.log.onboard or "onboard"
 
     def _truth(self) -> Reference | None:
-        """Return the truth as reference, None where there is none."""
+        """Return the truth as reference; None without usable truth."""
         truth = self.log.truth
         if truth is None or not _is_usable(truth):
             return None
@@ -258,7 +264,7 @@ class _Choice:
         return build_reference(self.log, self.segments, self.options, "truth", "", truth, why)
 
     def _onboard(self, named: str = "") -> Reference | None:
-        """Return the onboard attitude, or the named one, as reference; None where there is none."""
+        """Return the named or default onboard attitude as reference, or None."""
         log, name = self.log, named or self.log.onboard or ""
         attitude = log.attitudes.get(name)
         if attitude is None or not (named or _is_usable(attitude)):
@@ -267,9 +273,9 @@ class _Choice:
         return build_reference(log, self.segments, self.options, "onboard", name, attitude, why)
 
     def _smoothed(self, smooth: Smooth) -> Reference | str:
-        """Return the smoother with its own sigma, or why it is of no use.
+        """Return the smoother with its sigma, or why it is unusable.
 
-        One that was asked for is taken whatever its own checks say; the reason is then its doubt.
+        A requested smoother with a sigma is kept in spite of failed checks, which become its doubt.
         """
         auto = self.options.reference == "auto"
         try:
@@ -299,7 +305,7 @@ class _Choice:
 
 
 def _wanted_kind(option: str) -> str:
-    """Return the kind of reference that is asked for. UsageError for another option."""
+    """Return the requested kind of reference; UsageError for an unknown one."""
     kind, _, named = option.partition(":")
     if kind not in ("auto", "truth", "smoother", "onboard", "none") or (named and kind != "onboard"):
         raise UsageError(f"reference {option!r}: use auto, truth, smoother, onboard, onboard:NAME or none")
@@ -324,7 +330,10 @@ def build_reference(
     why: str,
     restarts: NDArray[np.int64] | None = None,
 ) -> Reference:
-    """Align an attitude; ``restarts`` (n,) are its segments where it has its own and no resets."""
+    """Return an attitude as aligned reference.
+
+    ``restarts`` (n,): segment numbers of an attitude that has restarts and no resets.
+    """
     imu, clock = log.replay_imu, _clock(options)
     t, q, kept = alignment.usable_samples(attitude, clock)
     gap_segment = _gap_segments(t, segments)
@@ -343,7 +352,7 @@ def build_reference(
     aligned.clock = clock
     if attitude.fit is not None:
         alignment.adopt_fit(reference, attitude.fit)
-    # a smoother is made of the IMU and comes to the axes of the onboard attitude
+    # a smoother starts in the IMU's axes and is turned to those of the onboard attitude
     axes_of = log.onboard_attitude or attitude if kind == "smoother" else attitude
     aligned.trim, trim_step = alignment.trim_step(log, axes_of, options.trim)
     if kind == "smoother" and aligned.trim is not None:
@@ -375,7 +384,7 @@ def build_reference(
 
 
 def no_reference(log: FlightLog, segments: Segments, options: ReferenceOptions, why: str) -> Reference:
-    """Return no reference: only questions at rest can be answered."""
+    """Return the reference of kind none, which leaves only metrics at rest."""
     zero, index = np.zeros(0), np.zeros(0, np.int64)
     reference = Reference("none", "", zero, np.zeros((0, 4)), index, index, alignment=Alignment(_clock(options)))
     reference.alignment.declination_deg, north = alignment.declination_step(log, options.declination)
@@ -394,13 +403,13 @@ def _imu_times(imu: Imu | None, otherwise: Array) -> Array:
 
 
 def _gap_segments(t: Array, segments: Segments) -> NDArray[np.int64]:
-    """Return the segment (n,) of each time: a gap of the attitude or of the replayed IMU begins a new one."""
+    """Return segment numbers (n,) between gaps of attitude and IMU."""
     starts = np.array([s.t0 for s in segments.of("continuous")][1:])
     return model.merge_numbers(model.number_segments(t), np.searchsorted(starts, t, side="right"))
 
 
 def _set_scoring(reference: Reference, t: Array, segments: Segments, options: ReferenceOptions) -> list[AlignmentStep]:
-    """Set what is scored, by IMU times (n,), and return the steps for it."""
+    """Set the scored time from IMU times (n,) and return its steps."""
     scored = reference.scoring
     scored.start, scored.unscored = scoring.start_and_unscored(t, options.score_from)
     why = "given by the user"
@@ -433,7 +442,10 @@ def _reset_text(sentences: list[str]) -> str:
 
 
 def _north_steps(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[AlignmentStep]:
-    """Return the declination, and the one that a reference with a north of its own shows in the field."""
+    """Return the declination and the one observed with the reference.
+
+    The latter only if the magnetometer and the reference's own north show it.
+    """
     seen = None if reference.heading.by == "relative" else alignment.observed_declination_deg(log, reference)
     if seen is None:
         return [north]

@@ -1,8 +1,8 @@
-"""Checks of the logged gyro against the onboard attitude, the magnetic field and itself.
+"""Checks of the logged gyro against attitude, magnetic field and itself.
 
-Every replay is made of the logged gyro. One in other units or axes, clipped or on another clock makes attitudes that
-are wrong with a small sigma. Where its turns contradict those of the onboard attitude or truth, the direction of the
-magnetic field decides which of the two is right.
+Every replay integrates the logged gyro. With wrong units or axes, clipping or another clock it gives wrong attitudes
+with a small sigma. Where its rates contradict those of the onboard attitude or truth, the direction of the magnetic
+field decides which of the two is right.
 """
 
 from __future__ import annotations
@@ -22,47 +22,46 @@ from attlog.reference.scoring import interpolate
 from attlog.segments import model
 from attlog.segments.increments import gyro_increments
 
-# The scale of an axis that turns less than this (standard deviation) is not known.
+# Standard deviation below which an axis shows no scale.
 MIN_RATE_STD_DPS = 3.0
-# About its sign it does down to here, where what goes with it is the same turn the other way (yaw in a hover).
+# Standard deviation below which it shows no sign either. A slow axis may be yaw in a hover.
 MIN_SIGN_STD_DPS = 0.5
-MIN_RATE_INTERVALS = 30  # fewer show no scale
-# Turns are compared over so long at least: in single samples a gyro's noise and vibration look like turns that the
-# attitude did not make, and lower the slope (0.92 on a flight whose scales are equal).
+MIN_RATE_INTERVALS = 30  # fewer determine no scale
+# Shortest interval of compared rates. Over single samples gyro noise and vibration lower the slope (to 0.92 on a flight
+# with equal scales).
 SPAN_S = 0.06
-# A gyro whose rates spread by more than this was turned; a bias alone does not vary so much.
+# RMS rate above which the gyro turned: a bias alone varies less.
 MIN_TURN_STD_DPS = 5.0
-# Slower attitudes smear fast motion: low slopes alone are then no fault of the sensor.
+# Slower attitudes smear fast motion, so that low slopes do not prove a fault of the sensor.
 MIN_ATTITUDE_HZ = 20.0
-MIN_CORRELATION = 0.8  # of axes that move alike
-# Of the attitude's rotation on the gyro's; outside one of them is in another unit; the second: surely so.
+MIN_CORRELATION = 0.8  # of corresponding axes
+# Slopes of attitude rate on gyro rate. Outside the first range the units may differ, outside the second they do.
 SLOPES, FAR_SLOPES = (0.8, 1.25), (0.6, 1.6)
-# A gyro that shows less than this of an attitude's turns does not see them, or the attitude makes them up.
+# Longer intervals and larger turns are not compared.
 MAX_INTERVAL_S, MAX_TURN_RAD = 1.0, 1.0
-BLIND_RATE_RATIO = 1.0 / 3.0  # of the attitude's turn
-MAX_MOUNTING_DEG = 45.0  # beyond, axes are swapped rather than askew
-# The field is followed over so long: slow enough for its noise and delay, fast enough for one turn.
+BLIND_RATE_RATIO = 1.0 / 3.0  # gyro rate over attitude rate, below which one of both is wrong
+MAX_MOUNTING_DEG = 45.0  # larger rotations are swapped axes, no misalignment
+# Interval of a field change: longer than noise and delay of the field, short enough for a single turn.
 FIELD_STEP_S = 0.3
-# What is right leaves so many times less of the field's change (squared) unexplained.
+# Ratio of squared field residuals that decides between two hypotheses.
 MIN_MISFIT_RATIO = 3.0
-# Less unexplained change of the field's direction (RMS) is its noise.
+# Smaller RMS residuals of the field's direction are noise.
 MIN_FIELD_CHANGE_DEG = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class GyroMismatch:
-    """Which of gyro and attitude is wrong (``of``, empty for none), and the sentence why."""
+    """Disagreement of gyro and attitude: the wrong one (``of``) and why."""
 
     of: Literal["gyro", "attitude", ""] = ""
     why: str = ""
 
 
 def gyro_consistency(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: Mag | None) -> GyroMismatch:
-    """Return whether gyro and attitude turn differently, and which of them may not be used then.
+    """Return which of gyro and attitude is wrong, by their rates.
 
-    ``jumps`` (k,) are indices of the attitude's samples after resets. Where the magnetic field does not decide, the
-    gyro is out if the attitude moves as it does in another scale, axis or sign: all that is replayed is made of the
-    gyro.
+    ``jumps`` (k,): indices of the attitude's samples after resets. Where the magnetic field does not decide, the gyro
+    is rejected if the rates correlate with another scale, axis or sign, as all replays integrate the gyro.
     """
     if len(attitude.t) < 3:
         return GyroMismatch()
@@ -90,9 +89,10 @@ def gyro_consistency(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag
 
 
 def mean_rates(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return mean rates (n, 3) in rad/s of gyro and attitude over SPAN_S, or over one sample of a slow attitude.
+    """Return mean body rates (n, 3) in rad/s of gyro and attitude.
 
-    Left out are gaps, large turns and the samples around ``jumps`` (indices after resets).
+    Over SPAN_S, or one sample of a slow attitude. Gaps, large turns and samples around ``jumps`` (indices after resets)
+    are left out.
     """
     t = attitude.t if attitude.t_sample is None else attitude.t_sample
     step = max(1, math.ceil(min(SPAN_S * attitude.rate, len(t) / MIN_RATE_INTERVALS) - 0.01))
@@ -106,9 +106,9 @@ def mean_rates(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[
 
 
 def rate_mismatch(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] = SLOPES) -> str:
-    """Return how the rates (n, 3) of an attitude differ from the gyro's in kind; empty where they do not.
+    """Return how attitude rates differ from gyro rates; empty if consistent.
 
-    ``allowed``: smallest and largest turn of the attitude for one turn of the gyro.
+    Both (n, 3) in rad/s. ``allowed``: range of the slope of attitude on gyro.
     """
     if len(by_gyro) < MIN_RATE_INTERVALS:
         return ""
@@ -131,14 +131,17 @@ def rate_mismatch(by_gyro: Array, by_attitude: Array, allowed: tuple[float, floa
 
 
 def center_rates(rates: Array) -> Array:
-    """Return rates (n, 3) without their mean; a median would move with the noise of one-sided turns."""
+    """Return rates (n, 3) without their mean.
+
+    A median would depend on the noise of one-sided turns.
+    """
     return np.asarray(rates - rates.mean(axis=0))
 
 
 def mounting_rotation(g: Array, a: Array) -> Array:
-    """Return the rotation (3, 3) that takes rates ``g`` (n, 3) nearest to ``a`` (Kabsch1976), if small.
+    """Return the rotation (3, 3) from gyro to attitude rates (Kabsch1976).
 
-    A sensor that is mounted askew turns as far as the vehicle does; gravity shows its angle.
+    Identity if it exceeds MAX_MOUNTING_DEG. A misaligned gyro measures the full turn; gravity shows its misalignment.
     """
     turn = rotation.nearest_rotation(a.T @ g)
     near = np.degrees(np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))) < MAX_MOUNTING_DEG
@@ -146,9 +149,9 @@ def mounting_rotation(g: Array, a: Array) -> Array:
 
 
 def rates_correlate(by_gyro: Array, by_attitude: Array) -> bool:
-    """Return whether some axis of the attitude moves as some axis of the gyro, whatever scale and sign.
+    """Return whether any attitude axis correlates with any gyro axis.
 
-    Both are rates (n, 3) in rad/s over the same intervals, body axes. Then both saw the same flight.
+    Rates (n, 3) over the same intervals, body axes; scale and sign are free.
     """
     g, a = center_rates(by_gyro), center_rates(by_attitude)
     size = np.sqrt(np.outer(np.sum(a * a, axis=0), np.sum(g * g, axis=0)))
@@ -159,10 +162,10 @@ def rates_correlate(by_gyro: Array, by_attitude: Array) -> bool:
 def field_follows(
     imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag: Mag | None
 ) -> Literal["gyro", "attitude", ""]:
-    """Return with which of the two the magnetic field turns: ``gyro``, ``attitude``, or neither.
+    """Return which of gyro and attitude the magnetic field confirms, if any.
 
-    By what remains of the change of the field's direction over FIELD_STEP_S without the turn. ``jumps`` (k,): indices
-    of the attitude after resets.
+    By the change of the field's direction over FIELD_STEP_S that remains after derotation. ``jumps`` (k,): indices of
+    the attitude after resets.
     """
     if mag is None:
         return ""
@@ -189,7 +192,10 @@ def field_follows(
 
 
 def field_changes(mag: Mag) -> tuple[Array, Array, Array, Array]:
-    """Return times (n,) s about FIELD_STEP_S apart, and the direction (n, 3) of the field at both."""
+    """Return pairs of times (n,) s and field directions (n, 3).
+
+    Start, end, direction at start, direction at end; about FIELD_STEP_S apart.
+    """
     good = rotation.finite_rows(mag.field.x)
     t, field = mag.field.t_best[good], mag.field.x[good]
     size = np.sqrt(np.sum(field**2, axis=1, keepdims=True))
@@ -205,10 +211,11 @@ def field_changes(mag: Mag) -> tuple[Array, Array, Array, Array]:
 
 
 def reversed_slowly(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
-    """Return which slowly turning axes are reversed, empty for none, by rates (n, 3) of gyro and attitude.
+    """Return the reversed axes among the slowly turning ones, or empty.
 
-    The attitude's axis, without the share of the other two (an askew mount), is then the same turn with the other sign,
-    in each half of the log. On 198 attitudes of real and simulated logs no axis had a correlation below -0.3.
+    Rates ``g`` of the gyro and ``a`` of the attitude (n, 3). Without the share of the other two axes (misalignment)
+    both are then the same turn of opposite sign, in each half of the log. On 198 attitudes of real and simulated logs
+    no axis had a correlation below -0.3.
     """
     found = []
     for k in np.flatnonzero(~moving & (np.degrees(g.std(axis=0)) >= MIN_SIGN_STD_DPS)).tolist():
@@ -230,9 +237,9 @@ def _correlation(x: Array, y: Array) -> float:
 
 
 def swapped_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
-    """Return which axes seem swapped or reversed, empty if the identity fits.
+    """Return which axes are swapped or reversed, empty for none.
 
-    ``g``, ``a`` (n, 3): rates in rad/s of gyro and attitude, body axes; ``moving`` (3,): the axes that turned.
+    Rates ``g`` of the gyro and ``a`` of the attitude (n, 3) in rad/s, body axes; ``moving`` (3,): axes that turned.
     """
     size = np.sqrt(np.outer(np.sum(a * a, axis=0), np.sum(g * g, axis=0)))
     match = np.divide(a.T @ g, size, out=np.zeros((3, 3)), where=size > 0)
@@ -250,24 +257,23 @@ def swapped_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
     return "; ".join(parts) + ("." if parts else "")
 
 
-# Axes of the compass against those of the gyro: turns show all but a common sign.
+# Axes of the compass against those of the gyro; turns determine them up to a common sign.
 #
-# The direction of the earth's field is constant while the vehicle turns. In other axes it is not, unless the
-# vehicle turns about the one axis that both frames share. The sign of the whole shows in the dip alone
-# (:mod:`attlog.reference.sensor_faults`).
+# The earth's field has a constant direction while the vehicle turns. In wrong axes it varies, unless the vehicle turns
+# about the one axis that both frames share. Only the dip shows the common sign (:mod:`attlog.reference.sensor_faults`).
 
-# Pairs of directions that are compared; more change nothing.
+# Largest number of compared pairs; more do not change the result.
 MAX_FIELD_PAIRS = 4000
-# Other axes leave so many times less of the field's change (squared) than there is: iron that turns with the vehicle
-# makes a field that hardly changes, which any frame along it explains.
+# Ratio of the squared field change to the residual in other axes. Iron that turns with the vehicle gives an almost
+# constant field, which any axes along it fit.
 MIN_EXPLAINED_RATIO = 9.0
 
 
 def compass_axes_error(log: FlightLog) -> str:
-    """Return which compass axes are swapped or reversed as a sentence; empty where none is known to be.
+    """Return swapped or reversed compass axes as a sentence, or empty.
 
-    Of all 24 ways to name three axes (a sign of all three together does not show) one must leave a ninth of the field's
-    change (squared), and a third of what the logged axes leave.
+    Of 24 axis permutations (up to a common sign of all three) one must leave at most a ninth of the squared field
+    change, and a third of what the logged axes leave.
     """
     imu, mag = log.replay_imu, None if log.mag is None else log.mags[log.mag]
     if imu is None or mag is None:
@@ -301,7 +307,7 @@ def compass_axes_error(log: FlightLog) -> str:
 
 
 def _field_misfit(turned: Array, before: Array, after: Array) -> float:
-    """Return the mean square that turns (n, 3, 3) leave of the field's change (n, 3)."""
+    """Return the mean square field change (n, 3) left after derotation."""
     return float(np.mean(np.sum((np.einsum("nji,nj->ni", turned, before) - after) ** 2, axis=1)))
 
 
@@ -330,23 +336,26 @@ def _axes_text(axes: Array) -> str:
     return ", ".join(said)
 
 
-# Does the gyro jump for single samples? No vehicle turns away and back within two samples.
+# Gyro spikes: single samples far from both neighbours, which no vehicle motion causes.
 
-# A spike is so many times further from the mean of its neighbours than the median sample, and so far.
+# Smallest distance of a spike from its neighbours' mean: in medians of all samples, and in deg/s.
 MIN_SPIKE_RATIO, MIN_SPIKE_DPS = 20.0, 100.0
-# It is so many times further from them than they are from each other: else it is the turn itself.
+# Smallest ratio of that distance to the neighbours' difference; below, the vehicle turned.
 MIN_ISOLATION_RATIO = 3.0
-# So many in a log are reported; a blow makes one or two.
+# Fewer spikes are not reported: an impact makes one or two.
 MIN_SPIKES = 5
-# So near a force of 3 g the vehicle was struck, and the gyro felt it too.
+# Specific force of an impact, and the time around it in which gyro peaks are real.
 IMPACT_M_S2, IMPACT_S = 30.0, 0.02
-# Spikes that turn further than this, together, are more than the bias of a calibrated gyro (0.3 deg/s).
+# Summed turn of spikes above the bias of a calibrated gyro (0.3 deg/s).
 MAX_SPIKE_DEG_PER_MIN = 20.0
 
 
 @dataclass(frozen=True, slots=True)
 class GyroSpikes:
-    """Samples that jump: count, turn together (deg/min), first time, and why that is wrong (or "")."""
+    """Single-sample spikes of a gyro.
+
+    ``deg_per_min``: their summed turn; ``t``: time of the first, s; ``why``: the fault, or empty.
+    """
 
     count: int = 0
     deg_per_min: float = 0.0
@@ -355,12 +364,12 @@ class GyroSpikes:
 
     @property
     def misleads(self) -> bool:
-        """Whether a filter that integrates them is wrong by more than it can estimate."""
+        """True if the spikes turn more than a bias estimate can absorb."""
         return self.deg_per_min > MAX_SPIKE_DEG_PER_MIN
 
 
 def find_spikes(imu: Imu) -> GyroSpikes:
-    """Return the spikes of a gyro whose neighbours are a usual interval away."""
+    """Return the spikes of a gyro, where it is sampled regularly."""
     t, rate = model.select_rising(imu.gyro.t_best, imu.gyro.x)
     if len(t) < 100:
         return GyroSpikes()
@@ -386,7 +395,7 @@ def find_spikes(imu: Imu) -> GyroSpikes:
 
 
 def _near_impact(imu: Imu, t: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which times (n,) are so near an accelerometer peak that both sensors felt an impact."""
+    """Return which times (n,) are within IMPACT_S of an accelerometer peak."""
     stamps = imu.acc.t_best
     blows = np.sort(stamps[(rotation.length(imu.acc.x) > IMPACT_M_S2) & np.isfinite(stamps)])
     if not len(blows):

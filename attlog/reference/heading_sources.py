@@ -1,4 +1,4 @@
-"""Headings by GNSS motion, compass, receivers and autopilot, and whether the onboard heading is wrong."""
+"""Headings by GNSS motion, compass, receivers and autopilot; test of the onboard heading."""
 
 from __future__ import annotations
 
@@ -27,7 +27,11 @@ FIX_3D = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GnssMotion:
-    """Specific force (n, 3) m/s^2 at ``t`` (n,) s, velocities (m, 3) m/s NED of 3D fixes, and when they count."""
+    """Specific force and GNSS velocities, from which a heading error is estimated.
+
+    ``acc`` (n, 3) m/s^2 at ``t`` (n,) s; ``velocity`` (m, 3) m/s NED of 3D fixes at ``fixes_t`` (m,) s; ``spans``:
+    usable time.
+    """
 
     t: Array
     acc: Array
@@ -38,10 +42,10 @@ class GnssMotion:
     def offsets(
         self, t: Array, q: Array, segment: NDArray[np.int64], since: float = -np.inf, spans: list[Span] | None = None
     ) -> tuple[HeadingOffset, list[HeadingOffset]]:
-        """Return the heading error of attitudes (n, 4) at ``t`` (n,) over the flight, and of each 30 s.
+        """Return the heading error of attitudes over the flight and per 30 s.
 
-        ``segment`` (n,) changes where the attitude is not to be interpolated. Counted from ``since`` s, within
-        ``spans``.
+        Attitudes ``q`` (n, 4) at ``t`` (n,) s; none is interpolated between different ``segment`` numbers (n,). Limited
+        to times from ``since`` s on and to ``spans``.
         """
         q = q if t is self.t else interpolate(t, q, segment, self.t)[0]
         counted = intersect(self.spans, [(since, np.inf)])
@@ -50,10 +54,10 @@ class GnssMotion:
 
 
 def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None) -> GnssMotion | None:
-    """Return the motion of a log in flight, up to an impact; anywhere without known flight. None without GNSS.
+    """Return specific force and GNSS velocities in flight, up to an impact.
 
-    ``imu``: the unit, by default the replayed one. None, too, where its accelerometer's axes are wrong: turned force
-    shows every heading wrong.
+    In the whole log where no flight is known. ``imu``: by default the replayed one. None without GNSS, or if the axes
+    of the replayed accelerometer are wrong: every heading would appear wrong.
     """
     imu = imu or log.replay_imu
     receiver = next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
@@ -69,7 +73,7 @@ def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None)
 
 
 def _clipped(log: FlightLog, imu: Imu) -> list[Span]:
-    """Return when the accelerometer was at the end of its range."""
+    """Return the spans in which the accelerometer clipped."""
     found: list[Span] = []
     for clipping in log.vibration.clippings:
         if clipping.sensor == "accelerometer" and clipping.unit in (None, imu.index):
@@ -78,15 +82,18 @@ def _clipped(log: FlightLog, imu: Imu) -> list[Span]:
     return found
 
 
-# Is the heading of the attitude that flew wrong by GNSS acceleration, all the time or in some of the flight?
+# Test of the onboard heading against GNSS acceleration, over the flight and in parts of 30 s.
 
-# Two 30 s are off alike up to so many joint sigmas.
+# Two parts of 30 s have equal offsets within this many joint sigmas.
 SAME_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class WrongHeading:
-    """When the heading is wrong, the best known of these offsets, and whether it is right at other times."""
+    """Spans of a wrong heading, with the best known offset.
+
+    ``partly``: the heading is right at other times.
+    """
 
     spans: list[Span]
     offset: HeadingOffset
@@ -96,7 +103,7 @@ class WrongHeading:
 def onboard_offsets(
     log: FlightLog, segments: Segments, motion: GnssMotion
 ) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """Return the heading error of the onboard attitude over the flight and in each 30 s, once aligned."""
+    """Return the aligned onboard attitude's heading error, overall and per 30 s."""
     attitude = log.onboard_attitude
     assert attitude is not None
     t, q, _ = alignment.usable_samples(attitude, "sample")
@@ -105,7 +112,7 @@ def onboard_offsets(
 
 
 def find_wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> WrongHeading | None:
-    """Return when the heading is wrong: throughout or in some of the 30 s; None for nowhere."""
+    """Return the spans of a wrong heading; None without any."""
     off = [part for part in parts if part.wrong]
     if whole.wrong and not any(part.told and not part.wrong for part in parts):
         return WrongHeading([(whole.t0, whole.t1)], whole)
@@ -116,7 +123,7 @@ def find_wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> Wron
 
 
 def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list[HeadingOffset]:
-    """Return neighbours of wrong 30 s that are off as far, though less significantly."""
+    """Return parts of 30 s beside wrong ones with equal, less significant offsets."""
     found: list[HeadingOffset] = []
     queue = list(off)
     while queue:
@@ -133,7 +140,7 @@ def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list
 
 @cached_per_log
 def wrong_onboard_heading(log: FlightLog, segments: Segments) -> str:
-    """Return why the onboard heading is wrong by GNSS, as a clause; empty where it is not."""
+    """Return the onboard heading error by GNSS as a clause, or empty."""
     motion = find_gnss_motion(log, segments)
     if motion is None or log.onboard_attitude is None:
         return ""
@@ -150,20 +157,20 @@ def heading_error_words(found: HeadingOffset) -> str:
 
 Index = NDArray[np.int64]
 
-MAG_SMOOTHING_S = 1.0  # averages noise of the field
+MAG_SMOOTHING_S = 1.0  # averages magnetometer noise
 COURSE_SPEED_M_S = 5.0  # slower, noise and wind turn the course
-# Its tilt levels the magnetometer where there is no reference, whichever filters are compared.
+# Filter whose tilt levels the magnetometer where there is no reference.
 LEVELLED_BY = "mahony"
 MIN_HEADINGS = 10  # fewer are no track
-# RMS, in its own sigmas, of a yaw estimator's difference to the reference: beyond, it is in error itself.
+# RMS difference of a yaw estimator to the reference, in its sigmas, above which it is wrong.
 MAX_YAW_SIGMAS = 2.0
 
 
 def heading_references(log: FlightLog, segments: Segments, reference: Reference) -> dict[str, HeadingReference]:
-    """Return headings by name: onboard, truth, mag, gnss_yaw, yaw_estimator, course, where logged.
+    """Return headings by source name, where logged.
 
-    Degrees on the log's clock; segments end at gaps and at resets of the heading reference. An attitude that was
-    refused as reference, or is in error, is no heading reference either.
+    Names: onboard, truth, mag, gnss_yaw, yaw_estimator, course. Segments end at gaps and at resets of the source.
+    Attitudes that were refused as reference or are in error are left out.
     """
     found: dict[str, HeadingReference] = {}
     for name, attitude in (("onboard", log.onboard_attitude), ("truth", log.truth_with_north)):
@@ -215,7 +222,7 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
         try:
             own, tilt = _levelling_attitude(log.replay_imu, reference.alignment.clock)
         except AttlogError:
-            return None  # an IMU that no filter can be run on levels nothing
+            return None  # no filter can be run on this IMU
         q, _ = interpolate(own, tilt, model.number_segments(own), t)
         level = LEVELLED_BY
     else:
@@ -235,16 +242,16 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
 
 
 def _levelling_attitude(imu: Imu, which: alignment.Clock) -> tuple[Array, Array]:
-    """Return times and attitudes of an IMU alone, for their tilt."""
+    """Return times and attitudes of filter LEVELLED_BY without a magnetometer."""
     t = imu.gyro.t_best if which == "sample" else imu.gyro.t
     found = estimators.estimate(LEVELLED_BY, t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
     return found.t, found.q
 
 
 def _smooth(t: Array, heading: Array, turning: Array, segment: Index) -> Array:
-    """Return headings (n,) rad low-passed by a centred mean over 1 s of their difference from ``turning``.
+    """Return headings (n,) rad, low-passed relative to ``turning`` (n,) rad.
 
-    Averaging the difference and not the heading keeps turns as they were.
+    A centred mean of the difference over 1 s keeps turns unchanged.
     """
     off = np.exp(1j * (heading - turning))
     total = np.concatenate([[0], np.cumsum(off)])
@@ -268,9 +275,9 @@ def _dual_antenna(log: FlightLog) -> HeadingReference | None:
 
 
 def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | None:
-    """Return the heading of the autopilot's own yaw estimator from GNSS motion, where valid.
+    """Return the autopilot's yaw estimate from GNSS motion, where valid.
 
-    ArduPilot's is up to 110 deg off at a sigma of 4 in simulated flights: none where truth or smoother contradict it.
+    None if truth or smoother contradict it: ArduPilot's is up to 110 deg off at a sigma of 4 deg in simulated flights.
     """
     own = log.estimator.yaw
     if own is None:
@@ -304,7 +311,7 @@ def _course(log: FlightLog) -> HeadingReference | None:
 
 
 def _moving(gnss: Gnss) -> tuple[Array, Array]:
-    """Return times and horizontal velocities (m, 2) of a receiver with a 3D fix above 5 m/s."""
+    """Return times and horizontal velocities (m, 2) above 5 m/s with 3D fix."""
     t, velocity = model.select_rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned[:, :2])
     fast = np.hypot(velocity[:, 0], velocity[:, 1]) > COURSE_SPEED_M_S
     return t[fast], velocity[fast]

@@ -16,11 +16,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class ReferenceOptions:
-    """How to choose and align the reference.
+    """Options to choose and align the reference.
 
     ``reference``: auto, truth, smoother, onboard, onboard:NAME or none. ``clock``: sample (times of measurement) or
-    publication. ``declination``: auto, model, param or degrees. ``trim``: take the vehicle's trim out of replays.
-    ``input_delay``: auto, off or ms. ``score_from``: seconds, None for 15 s after the first IMU sample.
+    publication. ``declination``: auto, model, param or degrees. ``trim``: remove the vehicle's trim from replays.
+    ``input_delay``: auto, off or ms. ``score_from``: start of scoring in s; None: 15 s after the first IMU sample.
     """
 
     reference: str = "auto"
@@ -33,7 +33,7 @@ class ReferenceOptions:
 
 @dataclass(frozen=True, slots=True)
 class AlignmentStep:
-    """One decision between raw attitudes and a fair comparison, printed with value and source.
+    """Decision in the alignment of attitudes, reported with value and source.
 
     ``name``: clock, input_delay, resampling, declination, trim, heading_offset, scoring_start, ... ``applied`` is False
     where the step was unnecessary or switched off; ``option`` is the command-line switch that changes it.
@@ -50,12 +50,12 @@ class AlignmentStep:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceSamples:
-    """The reference at the times of a row, kept for rows that follow with the same times.
+    """Reference interpolated to a row's times, reused by rows with equal times.
 
-    ``own`` are the reference's attitudes, ``of`` (n,) the row's times, ``number`` (n,) its segments between gaps,
-    ``faster`` whether it is. ``known`` (k,): the reference has an attitude at the times of the slower one, ``good``
-    (k,): the row has one too; there ``t`` (m,), attitudes ``q`` (m, 4) and indices ``where`` (m,) of the samples
-    before.
+    ``own``: attitudes of the reference; ``of`` (n,): times of the row; ``number`` (n,): its segments between gaps;
+    ``faster``: the row is sampled faster than the reference. At the k times of the slower one, ``known`` (k,) marks
+    attitudes of the reference, ``good`` (k,) those of both. For the m good ones: ``t`` (m,) s, reference attitudes
+    ``q`` (m, 4), and ``where`` (m,), the index of the reference sample before.
     """
 
     own: Array
@@ -71,7 +71,10 @@ class ReferenceSamples:
 
 @dataclass(frozen=True, slots=True)
 class SensorFault:
-    """Contradiction of a sensor: a clause, its number, where, and how often."""
+    """Fault of one sensor, shown by the others.
+
+    ``why``: clause for messages; ``value``: its number in ``unit``; ``t``: first time, s; ``count``: occurrences.
+    """
 
     why: str
     value: float | None = None
@@ -84,7 +87,10 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True)
 class GyroJump:
-    """A step of the gyro's bias at ``t`` s by ``size_dps`` about x, y, z, one sigma ``sigma_dps``, both in deg/s."""
+    """Step of the gyro bias at ``t`` s.
+
+    ``size_dps``: step about x, y, z; ``sigma_dps``: its one sigma.
+    """
 
     t: float
     size_dps: tuple[float, float, float]
@@ -93,11 +99,11 @@ class GyroJump:
 
 @dataclass(slots=True)
 class Alignment:
-    """Alignment of a raw attitude to the reference, with its ``steps``.
+    """Alignment of the reference and of the rows compared with it.
 
-    ``trim`` (3,) rad is removed from attitudes of the IMU before a comparison. ``input_delay_s`` is the delay of the
-    logged gyro that is subtracted from lags. ``floor_deg`` is the smallest difference that the log resolves,
-    ``step_deg`` the step of the logged attitude.
+    ``trim``: rotation vector (3,) in rad, removed from attitudes of the IMU. ``input_delay_s``: delay of the logged
+    gyro, subtracted from lags. ``floor_deg``: smallest difference that the log resolves. ``step_deg``: quantisation
+    step of the logged attitude.
     """
 
     clock: Literal["sample", "publication"] = "sample"
@@ -111,9 +117,9 @@ class Alignment:
 
 @dataclass(slots=True)
 class Scoring:
-    """Scored time: from ``start`` to ``end`` (an impact) s, without the ``unscored`` spans.
+    """Scored time from ``start`` to ``end`` (s) without the ``unscored`` spans.
 
-    ``refuted``: spans in which gravity at standstill contradicts a smoother.
+    ``end`` is an impact. ``refuted``: spans in which gravity at standstill contradicts a smoother.
     """
 
     start: float = 0.0
@@ -124,7 +130,7 @@ class Scoring:
 
 @dataclass(slots=True)
 class ReferenceSigma:
-    """One sigma (n,) deg of the tilt and heading of a smoother or an external truth."""
+    """One-sigma errors (n,) of a smoother or an external truth."""
 
     tilt_deg: Array
     heading_deg: Array
@@ -132,9 +138,10 @@ class ReferenceSigma:
 
 @dataclass(slots=True)
 class HeadingOrigin:
-    """Origin of a reference's north: its ``own``, the ``onboard`` attitude, or unknown.
+    """Source of the reference's heading.
 
-    Of a ``relative`` heading only changes are compared, of ``nobody``'s nothing; ``why`` is the reason.
+    ``own``: its own north. ``onboard``: heading of the onboard attitude. ``relative``: unknown north, only changes of
+    heading are compared. ``nobody``: no heading is compared. ``why``: the reason.
     """
 
     by: Literal["own", "onboard", "relative", "nobody"] = "own"
@@ -143,12 +150,12 @@ class HeadingOrigin:
 
 @dataclass(slots=True)
 class Faults:
-    """Sentences on what physics contradicts; empty where nothing is contradicted.
+    """Contradictions found by checks against physics, as sentences; empty without any.
 
-    ``reference``: why agreement with it means nothing. ``doubt``: why one that was asked for would have been refused.
-    ``refused``: attitudes that were not taken (truth, smoother, onboard). ``onboard``: error of the onboard attitude by
-    the smoother. ``onboard_heading``: its heading by GNSS acceleration. ``gyro``: why nothing made of the gyro can be
-    judged. ``sensors``: faults of replayed sensors by name.
+    ``reference``: why agreement with the reference means nothing. ``doubt``: why the automatic choice would have
+    refused a requested reference. ``refused``: reasons by refused attitude (truth, smoother, onboard). ``onboard``:
+    error of the onboard attitude against the smoother. ``onboard_heading``: its heading error against GNSS
+    acceleration. ``gyro``: why replays of the gyro cannot be judged. ``sensors``: faults of replayed sensors by name.
     """
 
     reference: str = ""
@@ -162,12 +169,12 @@ class Faults:
 
 @dataclass(slots=True)
 class Reference:
-    """The attitude to compare with, by ``kind`` of evidence.
+    """Reference attitude of a log, by ``kind`` of evidence.
 
     ``q`` (n, 4) at ``t`` (n,) s; ``gap_segment`` (n,) numbers the segments between gaps, ``segment`` (n,) those between
-    gaps and resets. ``name`` is that of an onboard attitude in the log. ``quality`` is what a smoother reports of
-    itself, ``gyro_jumps`` the steps of the gyro bias that it found (None where it looks for none). ``fit`` is that of
-    an external truth. ``second``: a smoother that is used if the onboard attitude is refused later.
+    gaps and resets. ``name``: an onboard attitude in the log. ``quality``: diagnostics reported by a smoother.
+    ``gyro_jumps``: steps of the gyro bias found by a smoother, None if it does not search. ``fit``: fit of an external
+    truth. ``second``: smoother to use if the onboard attitude is refused later.
     """
 
     kind: Literal["truth", "smoother", "onboard", "none"]
@@ -187,17 +194,17 @@ class Reference:
     gyro_jumps: tuple[GyroJump, ...] | None = None
     fit: TruthFit | None = None
     second: Reference | None = None
-    # Delays of the gyros of units, and the samples at the times of the last row.
+    # Caches: fitted delay and sigma (s) of each gyro, and the samples at the times of the last row.
     delays: list[tuple[Imu, tuple[float, float] | None]] = field(default_factory=list, repr=False)
     samples: ReferenceSamples | None = field(default=None, repr=False, compare=False)
 
 
 @dataclass(slots=True)
 class AttitudeErrors:
-    """A track against the reference, at the slower one's own times (the reference is never upsampled).
+    """Errors of a track against the reference, in deg.
 
-    All (n,) in degrees; ``heading`` is signed. ``gap_segment`` and ``segment`` as in :class:`Reference`. ``scored``
-    marks the samples after the scoring start.
+    All (n,) at the times of the slower of both: the reference is never upsampled. ``heading`` is signed.
+    ``gap_segment`` and ``segment`` as in :class:`Reference`. ``scored`` marks the samples that count.
     """
 
     t: Array
@@ -213,7 +220,7 @@ class AttitudeErrors:
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """How closely a re-run of the onboard filter follows the attitude that flew.
+    """Agreement of a re-run onboard filter with the logged onboard attitude.
 
     Medians and 95 % quantiles of the difference over ``n`` records in ``seconds``, in the air where the log flew.
     ``start``: ``warm`` from logged states, ``cold`` from gravity. ``leaves_s``: first time apart, s on the log's clock.
@@ -233,14 +240,14 @@ class Reproduction:
 
 @dataclass(slots=True, eq=False, weakref_slot=True)
 class Track:
-    """An aligned attitude over time, one row of the comparison: a replayed estimate or an onboard attitude.
+    """Aligned attitude over time: one row of the comparison.
 
-    Equal only to itself. ``name`` as in the result (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q`` are
-    at its own times with trim, declination and heading offset applied. ``segment`` (n,) counts restarts. ``start`` is
-    the time of its first attitude. ``estimator`` is the key of :func:`attlog.estimators.get`: a name or a user's file;
-    of onboard tracks the attitude's name in the log. ``kind``: ``replay`` of a filter, ``onboard``, or ``rerun`` of the
-    filter that flew, which is never ranked. ``ns_per_update`` is None for onboard tracks. ``status``: ok, diverged,
-    not_converged, failed; ``reason`` the sentence for it.
+    Compared by identity. ``name`` as in the result (``mahony@xu-0.6``, ``onboard``, ``onboard:AHR2``). ``t``, ``q``: at
+    its own times with trim, declination and heading offset applied. ``segment`` (n,) counts restarts. ``start``: time
+    of its first attitude. ``estimator``: key of :func:`attlog.estimators.get` (a name or a user's file), for onboard
+    tracks the attitude's name in the log. ``kind``: ``replay`` of a filter, ``onboard``, or ``rerun`` of the onboard
+    filter, which is never ranked. ``ns_per_update`` is None for onboard tracks. ``status``: ok, diverged,
+    not_converged, not_judged, failed; ``reason``: a sentence for it.
     """
 
     name: str
@@ -252,7 +259,7 @@ class Track:
     north_by_gnss: bool = False
     start: float = 0.0
     causal: bool = True
-    # Gyro bias (n, 3) rad/s that the row subtracts from the logged gyro, with what every row has subtracted.
+    # Gyro bias (n, 3) rad/s subtracted from the logged gyro: the filter's estimate plus the common bias of all rows.
     bias: Array | None = None
     # Whether part of ``bias`` is the row's own estimate.
     estimates_bias: bool = True
@@ -267,25 +274,25 @@ class Track:
     convergence_s: float | None = None
     estimator: str = ""
     parameters: dict[str, Any] = field(default_factory=dict)
-    # The equation that the filter's file declares; empty where it is its own.
+    # Equation declared in the filter's file; empty for a filter with an equation of its own.
     equation: str = ""
-    # Whether the reference has its heading from this row: then its heading errors mean nothing.
+    # Whether the reference borrows its heading from this row, whose heading errors are then meaningless.
     heading_shared: bool = False
-    # Heading that was taken out of ``q`` (of its first segment), None where the heading is the row's own.
+    # Heading offset removed from ``q`` (of its first segment); None where no offset was removed.
     heading_offset_deg: float | None = None
-    # What was done to this row alone: trim, heading offset.
+    # Alignment of this row alone: trim, heading offset.
     steps: list[AlignmentStep] = field(default_factory=list)
-    # The unit that was replayed; None for the one that the log's rows share.
+    # Replayed IMU; None for the default one of the log.
     imu: Imu | None = None
-    # What an estimator that sees the whole run says of itself.
+    # Diagnostics reported by an estimator that processes the whole run.
     quality: dict[str, float | str] = field(default_factory=dict)
     reproduction: Reproduction | None = None
-    # What else the estimator gave at every sample, (n,) or (n, k) by name.
+    # Further outputs at every sample, (n,) or (n, k), by name.
     aux: dict[str, Array] = field(default_factory=dict)
 
     @property
     def knows_north(self) -> bool:
-        """Whether compass or GNSS motion gives it a heading of its own."""
+        """True if compass or GNSS motion gives an absolute heading."""
         return self.uses_mag or self.north_by_gnss
 
     def release(self) -> None:
@@ -297,7 +304,10 @@ class Track:
 
 @dataclass(slots=True)
 class HeadingReference:
-    """Heading from another source: degrees (n,) at ``t``; ``segment`` (n,) between gaps and resets."""
+    """Heading (n,) at ``t`` (n,) s by one source.
+
+    ``segment`` (n,) numbers the segments between gaps and resets.
+    """
 
     name: str
     t: Array

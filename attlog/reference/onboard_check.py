@@ -1,4 +1,7 @@
-"""Errors of the onboard attitude by truth or smoother, unless gravity or GNSS acceleration supports it."""
+"""Errors of the onboard attitude against truth or smoother.
+
+They do not count where gravity or GNSS acceleration supports the onboard attitude.
+"""
 
 from __future__ import annotations
 
@@ -19,21 +22,21 @@ from attlog.segments.model import Segments
 
 # References that show errors of the onboard attitude.
 REFERENCE_KINDS = ("truth", "smoother")
-# Joint sigmas: an onboard estimator, which sees the past alone, is at least as uncertain as the smoother.
+# Limit in joint sigmas. A causal onboard estimator is at least as uncertain as the smoother, hence sqrt(2).
 SIGMAS, JOINT = 3.0, 2.0**0.5
-# Worth a look, and wrong: onboard attitudes are off by 0.3 to 1.5 deg in tilt and 0.3 to 3 deg in heading on flights
-# with truth.
+# Limits of suspect and of wrong angles: onboard attitudes are off by 0.3 to 1.5 deg in tilt and 0.3 to 3 deg in heading
+# on flights with truth.
 SUSPECT_DEG, WRONG_DEG = {"tilt": 3.0, "heading": 8.0}, {"tilt": 10.0, "heading": 30.0}
 MIN_ERROR_S = 3.0  # shorter ones may be manoeuvres
 
 
 @dataclass(frozen=True, slots=True)
 class OnboardError:
-    """An angle of the onboard attitude that is off: for ``seconds`` in all, longest in ``longest`` s.
+    """Error of one angle of the onboard attitude, ``seconds`` long in all.
 
-    ``size`` and ``sigma`` are medians there in deg (sigma 0 for truth). ``wrong``: it is the wrong attitude, not only
-    off. ``evidence``: what gravity or GNSS acceleration shows there, ``confirmed`` whether it contradicts the onboard
-    attitude and not the reference.
+    ``size`` and ``sigma``: medians in the ``longest`` span, deg (sigma 0 for truth). ``wrong``: above WRONG_DEG, else
+    above SUSPECT_DEG. ``evidence``: gravity or GNSS acceleration in that span, in words; ``confirmed``: it contradicts
+    the onboard attitude and not the reference.
     """
 
     angle: str
@@ -56,10 +59,10 @@ class OnboardError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OnboardComparison:
-    """The onboard attitude against a reference: ``q`` (n, 4) at ``t`` (n,) s in the reference's axes.
+    """Onboard attitude compared with a reference.
 
-    ``sizes`` and ``sigmas`` (n,) deg by angle, ``counted`` (n,) what is scored; ``supported``: angles for which gravity
-    or GNSS acceleration supports the onboard attitude.
+    ``q`` (n, 4) at ``t`` (n,) s in the reference's axes. By angle: ``sizes`` and ``sigmas`` (n,) deg; ``counted`` (n,):
+    scored samples. ``supported``: angles for which gravity or GNSS acceleration supports the onboard attitude.
     """
 
     t: Array
@@ -72,7 +75,10 @@ class OnboardComparison:
 
 
 def compare_onboard(log: FlightLog, segments: Segments, reference: Reference) -> OnboardComparison | None:
-    """Compare the attitude that flew with truth or smoother; None for other references or without scored time."""
+    """Compare the onboard attitude with truth or smoother.
+
+    None for other references or without scored time.
+    """
     attitude = log.onboard_attitude
     if reference.kind not in REFERENCE_KINDS or attitude is None:
         return None
@@ -100,7 +106,7 @@ def compare_onboard(log: FlightLog, segments: Segments, reference: Reference) ->
 
 
 class OnboardEvidence:
-    """What gravity and GNSS acceleration show of the onboard attitude and a reference, computed on demand."""
+    """Evidence of gravity and GNSS acceleration on onboard attitude and reference."""
 
     def __init__(self, log: FlightLog, segments: Segments, reference: Reference, attitude: Attitude) -> None:
         self._log, self._segments, self._reference, self._attitude = log, segments, reference, attitude
@@ -110,11 +116,11 @@ class OnboardEvidence:
         self.has_gnss = reference.kind == "truth" or "gnss" in str(reference.quality.get("aided_by", "")).split()
 
     def supports_onboard(self, angle: str, span: Span) -> bool:
-        """Return whether the evidence within a span is for the onboard attitude, or against the reference."""
+        """Return whether evidence favours the onboard attitude or contradicts the reference."""
         if angle == "tilt":
             still = self._static_tilt()
             if self._reference.scoring.refuted and not self.contradicts_onboard(angle, span):
-                return True  # a reference that gravity refutes elsewhere needs its support here
+                return True  # gravity contradicts the reference elsewhere, so it must confirm it here
             return still is not None and still.supports_onboard(span)
         onboard, other = self._headings(span)
         if onboard is None or not onboard.told:
@@ -124,7 +130,7 @@ class OnboardEvidence:
         return other is not None and other.told and abs(other.offset_deg) > abs(onboard.offset_deg)
 
     def contradicts_onboard(self, angle: str, span: Span) -> bool:
-        """Return whether the evidence within a span is against the onboard attitude, and not against the reference."""
+        """Return whether evidence contradicts the onboard attitude and not the reference."""
         if angle == "tilt":
             found = self._tilts(span)
             return found is not None and found[0] <= reference_checks.SOUND_TILT_DEG < found[1]
@@ -157,7 +163,7 @@ class OnboardEvidence:
         return None if still is None else still.medians(span)
 
     def _headings(self, span: Span) -> tuple[HeadingOffset | None, HeadingOffset | None]:
-        """Return the heading errors of the onboard attitude and of the reference by GNSS acceleration."""
+        """Return heading errors of onboard attitude and reference by GNSS acceleration."""
         motion, reference = find_gnss_motion(self._log, self._segments), self._reference
         if motion is None:
             return None, None
@@ -167,7 +173,10 @@ class OnboardEvidence:
 
 
 def _angle_error(angle: str, found: OnboardComparison, evidence: OnboardEvidence) -> tuple[OnboardError | None, bool]:
-    """Return where an angle is wrong for long, else off for long, and whether evidence supports it somewhere."""
+    """Return the error of one angle, wrong rather than suspect.
+
+    Also whether evidence supports the onboard attitude in a span that is off.
+    """
     size, sigma, t = found.sizes[angle], found.sigmas[angle], found.t
     segment, supported = model.number_segments(t), False
     for limit_deg in (WRONG_DEG, SUSPECT_DEG):
@@ -192,7 +201,10 @@ def _angle_error(angle: str, found: OnboardComparison, evidence: OnboardEvidence
 
 
 def _reference_sigmas(reference: Reference, t: Array) -> dict[str, Array] | None:
-    """Return the reference's sigma (n,) of tilt and heading at ``t`` in deg: 0 for logged truth, None if unknown."""
+    """Return sigmas (n,) of the reference's tilt and heading in deg.
+
+    0 for logged truth, None if unknown.
+    """
     if reference.sigma is None:
         return dict.fromkeys(WRONG_DEG, np.zeros(len(t))) if reference.kind == "truth" else None
     own = {"tilt": reference.sigma.tilt_deg, "heading": reference.sigma.heading_deg}
@@ -200,6 +212,6 @@ def _reference_sigmas(reference: Reference, t: Array) -> dict[str, Array] | None
 
 
 def onboard_error(log: FlightLog, segments: Segments, reference: Reference) -> str:
-    """Return the error of the onboard attitude by a reference as a clause, empty for none."""
+    """Return the onboard attitude's error as a clause, or empty."""
     found = compare_onboard(log, segments, reference)
     return "" if found is None or not found.errors else found.errors[0].text

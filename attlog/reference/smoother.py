@@ -1,7 +1,7 @@
-"""Whether a smoother may be the reference, whose north it has, and what agreement with a reference proves.
+"""Smoother as reference: acceptance, heading, and the meaning of agreement.
 
-A smoother uses the whole log from both sides and reports its sigma. It is a reference where its own checks pass and the
-sigma is small.
+A smoother uses the samples before and after each time and reports its sigma. It is a reference if its own checks pass
+and its sigma is small.
 """
 
 from __future__ import annotations
@@ -25,38 +25,38 @@ from attlog.segments import Segments, model
 
 Array = NDArray[np.float64]
 
-# The estimator whose attitude is taken.
+# Name of the estimator.
 SMOOTHER = "smoother"
-# A smoother less sure than the first of its tilt is a reference only where no onboard attitude is left, than the
-# second never; less sure than the first of its heading it is none for headings.
+# Limits of the tilt sigma: above the first, a sound onboard attitude takes precedence; above the second, the smoother
+# is never chosen. The first is also the limit of the heading sigma for comparisons of heading.
 MAX_SIGMA_DEG, MAX_USABLE_SIGMA_DEG = 1.0, 3.0
-# Its own checks: how often a sensor had to be believed anew, the share of GNSS velocities that did not fit, and the
-# largest ratio of a sensor's errors to what was expected of it.
+# Limits of its own checks: resumptions of a rejected sensor, share of GNSS velocities that do not fit, and largest
+# ratio of a sensor's errors to the expected ones.
 MAX_REOPENINGS, MAX_SOFT_GATED_PCT, MAX_ERROR_RATIO = 5.0, 40.0, 3.0
-# A heading less sure than this is none: pi stands for it.
+# Larger heading sigmas mean an unknown heading (reported as pi).
 UNKNOWN_HEADING_DEG = 90.0
-# Shorter segments show a smoother nothing, longer logs cost it minutes and gigabytes.
+# Shortest segment that a smoother can use, and longest log: it takes minutes and gigabytes.
 SMOOTHED_SECONDS = 20.0, 1800.0
-# Half of any flight's specific force lies between these; an accelerometer in g or dead shows no down, and a smoother
-# that believes it is sure of a wrong one.
+# Range of the median specific force. An accelerometer in g or a dead one would give a wrong tilt with a small sigma.
 FORCE_RANGE_M_S2 = 6.0, 14.0
-# Attitudes that come faster are thinned, to no less: no vehicle turns so that a slerp over 5 ms would show.
+# Faster attitudes are thinned to this rate or more: slerp over 5 ms is exact enough for any vehicle.
 MAX_REFERENCE_HZ = 200.0
-# The blow itself reaches so far back through filters ahead of the logger and stamps.
+# Time before an impact that filters ahead of the logger and time stamps may smear it into.
 BEFORE_IMPACT_S = 0.3
-# A vehicle has lost control so long before its tilt is beyond 90 deg.
+# Control is lost this long before the tilt exceeds 90 deg.
 TIPPING_S = 1.0
-# Of what is flown and rested; a smoother of which less is sound is none for the log.
+# Smallest share of the smoothed time with sound segments.
 MIN_COVERED_SHARE = 0.5
 FIX_3D = 3
-# A heading is turned to another's by the mean of their difference over so long: slowly, so that steps stay.
+# Averaging time of the difference to a borrowed heading, long enough to keep steps.
 HEADING_MEAN_S = 2.0
 
 
 def smoothable(log: FlightLog, segments: Segments) -> list[Span]:
-    """Return spans in which a smoother can be run: between gaps, up to an impact, without loss of control.
+    """Return the spans in which a smoother can be run.
 
-    A tumble would spread over the time before and after; short segments show a smoother nothing.
+    Between gaps, up to an impact, without loss of control (a tumble would corrupt the time around it), none shorter
+    than SMOOTHED_SECONDS.
     """
     imu = log.replay_imu
     t = np.zeros(0) if imu is None else imu.gyro.t_best[np.isfinite(imu.gyro.t_best)]
@@ -72,7 +72,7 @@ def smoothable(log: FlightLog, segments: Segments) -> list[Span]:
 
 
 def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
-    """Return why the smoother is not run over a log by default; empty where it is."""
+    """Return why the smoother does not run by default; empty if it does."""
     if log.replay_imu is None:
         return "no IMU is replayed"
     force = rotation.length(log.replay_imu.acc.x)
@@ -88,7 +88,10 @@ def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
 
 
 def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) -> str:
-    """Return what an analysis will compare with; ``chosen`` is the reference without a smoother."""
+    """Return the expected reference of an analysis in words.
+
+    ``chosen``: the reference without a smoother.
+    """
     otherwise = {"truth": "the logged truth", "onboard": f"the onboard attitude ({chosen.source})"}.get(
         chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.faults.reference else "nothing"
     )
@@ -104,7 +107,7 @@ def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) ->
 
 
 def reason_unusable(estimate: Estimate) -> str:
-    """Return why a smoother that failed its own checks is no reference; empty where it passed."""
+    """Return why a smoother failed its own checks; empty if it passed."""
     if len(estimate.t) < 2:
         return "no sample of the log can be used"
     if not has_sigma(estimate):
@@ -122,11 +125,11 @@ def reason_unusable(estimate: Estimate) -> str:
 
 
 def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
-    """Join the estimates of segments (in order) that pass their own checks; all of them with ``whatever``.
+    """Join the estimates of consecutive segments that pass their own checks.
 
-    A segment without a heading is left out where the others cover most of the time: their headings would not be
-    compared for its sake. ``quality`` is that of the longest segment; its heading is from the compass alone where that
-    of any segment is. UsageError where less than half of the time is left.
+    ``whatever``: join all. A segment without a heading is left out if the others cover half of the time: otherwise no
+    heading could be compared. ``quality`` is that of the longest segment; its heading is from the compass alone if that
+    of any segment is. UsageError if less than half of the time remains.
     """
     why = {k: reason_unusable(one) for k, one in enumerate(found)}
     length = [float(one.t[-1] - one.t[0]) if len(one.t) else 0.0 for one in found]
@@ -156,12 +159,15 @@ def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estim
 
 
 def has_sigma(estimate: Estimate) -> bool:
-    """Return whether it reports its sigma of tilt and heading."""
+    """Return whether an estimate reports its sigma of tilt and heading."""
     return len(estimate.t) > 1 and {"sigma_tilt", "sigma_heading"} <= estimate.aux.keys()
 
 
 def gyro_jumps(estimate: Estimate) -> tuple[GyroJump, ...] | None:
-    """Return the largest jump of the gyro's bias that a smoother found; None where it looks for none."""
+    """Return the largest gyro bias step found by a smoother.
+
+    Empty if it found none, None if it does not search.
+    """
     if "gyro_jumps" not in estimate.quality:
         return None
     if "gyro_jump_s" not in estimate.quality:
@@ -189,7 +195,10 @@ def _aids(estimate: Estimate) -> list[str]:
 
 
 def thin(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Array]:
-    """Return times (n,) s, attitudes (n, 4), segments (n,) between restarts, sigmas (n,) deg of tilt and heading."""
+    """Return a smoother's output at MAX_REFERENCE_HZ or more.
+
+    Times (n,) s, attitudes (n, 4), segments (n,) between restarts, sigmas (n,) in deg of tilt and heading.
+    """
     t = np.asarray(estimate.t, np.float64)
     step = max(1, int(1.01 * model.sample_rate(t) / MAX_REFERENCE_HZ))
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
@@ -202,9 +211,10 @@ def thin(estimate: Estimate) -> tuple[Array, Array, NDArray[np.int64], Array, Ar
 
 
 def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None = None) -> float:
-    """Return the sigma of a reference in deg (RMS over its scored or these samples (n,)).
+    """Return the RMS sigma of a reference in deg.
 
-    ``angle``: tilt, heading or total. 0 where it is unknown, NaN without samples.
+    Over the samples ``inside`` (n,), by default the scored ones. ``angle``: tilt, heading or total. 0 if unknown, NaN
+    without samples.
     """
     if reference.sigma is None:
         return 0.0
@@ -216,28 +226,31 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
 
 
 def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
-    """Return tilt and signed heading of attitudes (n, 4) at ``t`` against a reference, deg, or NaN."""
+    """Return tilt and signed heading errors (n,) in deg of attitudes (n, 4).
+
+    NaN where the reference has no attitude.
+    """
     own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
     e = rotation.earth_error(q, own)
     return np.degrees(rotation.tilt_angle(e)), np.degrees(rotation.heading_angle(e))
 
 
 def unsure_of_tilt(reference: Reference) -> str:
-    """Return why a smoother gives way to a sound onboard attitude; empty where its tilt sigma is small."""
+    """Return why a smoother's tilt sigma is too large; empty if small."""
     own = sigma_deg(reference, "tilt")
     return "" if own <= MAX_SIGMA_DEG else f"own tilt sigma {own:.1f} deg; up to {MAX_SIGMA_DEG:.0f} deg is a reference"
 
 
 def sure_of_heading(reference: Reference) -> bool:
-    """Return whether headings can be compared with a smoother's own."""
+    """Return whether the heading sigma allows a comparison of headings."""
     return sigma_deg(reference, "heading") <= MAX_SIGMA_DEG
 
 
 def with_true_heading(reference: Reference, heading: Stream) -> Reference:
-    """Return the smoother with an external heading (n, 1) rad, whatever its own is.
+    """Return the smoother turned to an external heading (n, 1) rad.
 
-    Turned about the vertical by the running mean of the difference; the scatter about that mean is its sigma.
-    UsageError where they share no time.
+    Turned about the vertical by the running mean of the difference; the scatter about that mean is the new sigma.
+    UsageError without common time.
     """
     t = heading.t_best
     own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
@@ -267,17 +280,17 @@ def with_true_heading(reference: Reference, heading: Stream) -> Reference:
 
 
 def _with_step(reference: Reference, step: AlignmentStep) -> Alignment:
-    """Insert a step after the reference and its sigma."""
+    """Insert a step after those of reference and sigma."""
     steps = reference.alignment.steps
     return replace(reference.alignment, steps=[*steps[:2], step, *steps[2:]])
 
 
 def with_heading_of(reference: Reference, onboard: Reference | None) -> Reference:
-    """Return the smoother with the heading of the onboard attitude, or without a heading to compare.
+    """Return the smoother turned to the onboard heading, or without heading.
 
-    Turned about the vertical by the running mean of the difference, which leaves tilt and steps the smoother's own.
-    Segments end at the resets of the onboard attitude, scoring begins with its alignment. A smoother with a small
-    heading sigma keeps its own.
+    Turned about the vertical by the running mean of the difference, which keeps the smoother's tilt and steps. Segments
+    end at the resets of the onboard attitude, scoring begins with its alignment. A smoother with a small heading sigma
+    is returned unchanged.
     """
     if sure_of_heading(reference):
         return reference
@@ -317,7 +330,7 @@ def _running_mean(t: Array, x: Array) -> Array:
     return mean
 
 
-# What agreement with a reference proves, in words, and how wrong the reference says it may be.
+# Descriptions of a reference: what agreement proves, and its own sigma.
 
 
 def meaning(ref: Reference) -> str:
@@ -334,7 +347,7 @@ def meaning(ref: Reference) -> str:
 
 
 def own_sigma_deg(ref: Reference, angle: str) -> float | None:
-    """Return the sigma of an ``angle`` of a reference, RMS in deg; None where unknown or borrowed."""
+    """Return the RMS sigma of an angle; None if unknown or borrowed."""
     if ref.sigma is None or (angle == "heading" and ref.heading.by not in ("own", "relative")):
         return None
     own = sigma_deg(ref, angle)
@@ -342,9 +355,9 @@ def own_sigma_deg(ref: Reference, angle: str) -> float | None:
 
 
 def caveat(ref: Reference) -> str:
-    """Return clauses with semicolons that a ranking by a reference needs beside it; may be empty.
+    """Return reservations about a ranking by a reference; may be empty.
 
-    Doubts, the origin of its heading, and why no better reference was taken.
+    Clauses joined by semicolons: doubts, the single source of its heading, why the smoother was refused.
     """
     parts = [_doubt(ref)]
     if ref.kind == "smoother":
@@ -358,7 +371,7 @@ def caveat(ref: Reference) -> str:
 
 
 def _doubt(ref: Reference) -> str:
-    """Return why a reference that was taken all the same is in doubt."""
+    """Return why the reference in use is in doubt; empty if it is not."""
     why = ref.faults.doubt
     if not why and ref.kind == "smoother" and unsure_of_tilt(ref):
         why = f"its tilt sigma is above {MAX_SIGMA_DEG:.0f} deg"
