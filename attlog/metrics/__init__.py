@@ -1,4 +1,4 @@
-"""Metrics of every row: the groups there are, and how they are computed."""
+"""Metrics of every row: registry, computation and ranking."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = [
     "rank",
 ]
 
-# Files with a tuple METRIC_GROUPS, in the order of the table; imported when they are first asked.
+# Files with a tuple METRIC_GROUPS, in the order of the table; imported at first use.
 FILES = (
     "noise",
     "lag",
@@ -46,12 +46,12 @@ FILES = (
     "innovations",
 )
 LATE = {"Drawing": "traces", "Trace": "trace"}
-FULL_COVERAGE_PCT = 95.0  # below this an answer reports its coverage
+FULL_COVERAGE_PCT = 95.0  # answers report a coverage below this
 
 
 @cache
 def groups() -> tuple[MetricGroup, ...]:
-    """Return the groups that a log answers."""
+    """Return all metric groups except cost, in the order of the table."""
     return tuple(q for name in FILES for q in import_module(f"{__name__}.{name}").METRIC_GROUPS)
 
 
@@ -77,8 +77,8 @@ def compute(
 ) -> dict[str, dict[str, Answer]]:
     """Return the answers of one row: window -> metric id -> Answer.
 
-    A metric without a meaning in a window is left out there. ``only``: wanted metrics by id or by the part before the
-    dot; others of the same group come too. A row that gravity does not correct is never ranked.
+    Metrics that do not apply to a window are left out. ``only``: metrics by id or by the part before the dot; others of
+    the same group come too. A row that gravity does not correct is never ranked.
     """
     from attlog.metrics import following
     from attlog.metrics.ranking import mark_not_ranked
@@ -105,9 +105,10 @@ def compute(
 def finish(
     case: Case, table: Mapping[str, dict[str, dict[str, Answer]]], *, cost: bool = True, only: Collection[str] = ()
 ) -> None:
-    """Complete the answers of ``case.rows``, by row name, once all rows are computed.
+    """Complete the answers of ``case.rows`` once all rows are computed.
 
-    Decides which errors are ranked. With ``cost`` the time of each filter is measured, alone on the machine.
+    ``table``: answers by row name. Decides which errors are ranked. ``cost``: measure the time of each filter, alone on
+    the machine.
     """
     from attlog.metrics import accuracy
     from attlog.metrics.cost import COST
@@ -124,7 +125,7 @@ def _is_of(group: MetricGroup, wanted: Collection[str]) -> bool:
 
 
 def _ask(group: MetricGroup, case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the answers of one group; after a bug in it with the reason."""
+    """Return the answers of one group; for an exception, its reason."""
 
     def failed(sentence: str) -> dict[str, Answer]:
         return group.without("part_failed", sentence, window)
@@ -133,7 +134,10 @@ def _ask(group: MetricGroup, case: Case, row: Track, window: str) -> dict[str, A
 
 
 def rank(table: ranking.Table, rows: Sequence[Track]) -> ranking.Ranking:
-    """Return the best and worst row of each column; values of ranked rows move to their common units."""
+    """Return the best and worst row of each column.
+
+    Values of ranked rows are recomputed on their common units.
+    """
     from attlog.metrics import ranking
 
     return ranking.rank(table, rows, definitions())

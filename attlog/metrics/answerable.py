@@ -1,4 +1,4 @@
-"""Questions that a log can answer, asked of the integrated gyro before any filter runs."""
+"""Metrics that a log can answer, from the integrated gyro before filters run."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from attlog.metrics.windows import PHASES, reason_unavailable, row_windows
 from attlog.reference import replayed
 from attlog.reference.model import Track
 
-# The integrated gyro has the times, restarts and gaps of every replayed filter. What the metrics refuse to it for want
-# of rest, flight, steps or reference, they refuse to every filter.
+# The integrated gyro has the times, restarts and gaps of every replayed filter. A metric without enough rest, flight,
+# steps or reference for it has none for any filter.
 
-# Windows in which a question is looked up, as the verdicts do.
+# Windows in the order in which the verdicts use them.
 AIR, REST = ("airborne", "all", "armed"), ("rest", "rest.long", "all")
 STAND_IN = "gyro"
 WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "idle": "with motors idling"}
@@ -25,7 +25,7 @@ ONBOARD = drift.HEADING_REFERENCES["onboard"]
 
 @dataclass(frozen=True, slots=True)
 class Availability:
-    """What can be measured for a question; otherwise the reasons with the codes of the metrics."""
+    """Amount of usable data for a metric, or the reasons for none."""
 
     found: tuple[str, ...]
     why: tuple[str, ...] = ()
@@ -33,7 +33,7 @@ class Availability:
 
     @property
     def can(self) -> bool:
-        """Whether anything can be measured."""
+        """True if anything can be measured."""
         return bool(self.found)
 
 
@@ -50,12 +50,12 @@ def stand_in(case: Case) -> Track:
 
 
 def ask(case: Case, question: str) -> Availability:
-    """Return what one of ASKED finds in the stand-in."""
+    """Return the availability for one of the questions ASKED."""
     return ASKED[question](case)
 
 
 def accuracy(case: Case) -> Availability:
-    """Look up tilt errors against the reference."""
+    """Find tilt errors against the reference."""
     answer = looked_up(case, ERRORS["tilt"], "tilt_rmse_deg", AIR)
     if answer.value is None:
         return refused(answer)
@@ -63,7 +63,7 @@ def accuracy(case: Case) -> Availability:
 
 
 def noise(case: Case) -> Availability:
-    """Look up windows of noise in each phase."""
+    """Find windows of noise in each phase."""
     row = stand_in(case)
     gyro = correction_noise.gyro_alone(case, row)
     assert gyro is not None
@@ -81,7 +81,7 @@ def noise(case: Case) -> Availability:
 
 
 def step_lag(case: Case) -> Availability:
-    """Look up a lag in steps: the gyro has a pure delay wherever the reference follows it."""
+    """Find a lag in steps; the gyro's is a pure delay."""
     answer = looked_up(case, lag.LAG, "lag_ms", AIR)
     if answer.value is None:
         return refused(answer)
@@ -90,7 +90,7 @@ def step_lag(case: Case) -> Availability:
 
 
 def yaw_drift(case: Case) -> Availability:
-    """Look up rests after settling, and flight against each heading reference."""
+    """Find settled rests, and flight against each heading reference."""
     rest = looked_up(case, drift.REST_DRIFT, "drift_rest_deg_per_min", REST)
     air = {
         words: looked_up(case, drift.AIR_DRIFT, f"drift_air_deg_per_min.{name}", AIR)
@@ -110,7 +110,10 @@ def yaw_drift(case: Case) -> Availability:
 
 
 def looked_up(case: Case, group: MetricGroup, name: str, windows: tuple[str, ...]) -> Answer:
-    """Return the gyro's answer in the first window with a value, else in the first where the metric means something."""
+    """Return the gyro's answer in the first window with a value.
+
+    Without any, that of the first window to which the metric applies.
+    """
     metric, first = named(group.metrics, name), None
     for window in windows:
         answer = group.ask(case, stand_in(case), window).get(name)
@@ -125,12 +128,15 @@ def looked_up(case: Case, group: MetricGroup, name: str, windows: tuple[str, ...
 
 
 def refused(answer: Answer) -> Availability:
-    """Return why there is no value. A filter may still be off by more than its interval."""
+    """Return the reason of an answer without a value.
+
+    A filter with a larger error may still have a significant one.
+    """
     larger = "; only a larger error would be significant" if answer.code == TOO_UNCERTAIN else ""
     return Availability((), ((answer.reason or "") + larger,), (answer.code or "",))
 
 
-# The questions in the order of the report.
+# Questions in the order of the report.
 ASKED: dict[str, Callable[[Case], Availability]] = {
     "accuracy": accuracy,
     "noise": noise,

@@ -1,7 +1,7 @@
-"""Quantiles of the chi-square and Student distributions, 95 % intervals, and grouped sums.
+"""Quantiles of chi-square and Student distributions, 95 % intervals, grouped sums.
 
 The incomplete gamma and beta functions are summed as in Abramowitz & Stegun (6.5.29, 6.5.31, 26.5.8) and inverted by
-bisection or Newton. scipy has the same numbers (the tests compare), but its import costs half a second.
+bisection or Newton. The tests compare them with scipy, whose import costs half a second.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _MAX_NEWTON_STEPS = 30
 
 @lru_cache(maxsize=4096)
 def chi_square(probability: float, dof: float) -> float:
-    """Return the chi-square quantile of a ``probability`` for ``dof`` degrees of freedom."""
+    """Return the chi-square quantile for ``dof`` degrees of freedom."""
     if dof < _MIN_NEWTON_DOF:
         return 2.0 * _invert(lambda x: _lower_gamma(0.5 * dof, x), probability)
     # Wilson and Hilferty's cube, then Newton: bisection would sum a long series a hundred times
@@ -42,7 +42,7 @@ def chi_square(probability: float, dof: float) -> float:
 
 @lru_cache(maxsize=4096)
 def student(probability: float, dof: float) -> float:
-    """Return the quantile of Student's t of a ``probability`` for ``dof`` degrees of freedom."""
+    """Return the quantile of Student's t for ``dof`` degrees of freedom."""
     if probability == 0.5:
         return 0.0
     if probability < 0.5:
@@ -54,25 +54,28 @@ def student(probability: float, dof: float) -> float:
 
 
 def _student_by_newton(probability: float, dof: float) -> float:
-    """Start at the normal quantile, which is smaller: the distribution is concave, so no step overshoots."""
+    """Invert the distribution of t by Newton's method.
+
+    Starts at the normal quantile, which is smaller: the distribution is concave there, so no step overshoots.
+    """
     t = NormalDist().inv_cdf(probability)
     front = math.exp(math.lgamma(0.5 * dof + 0.5) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi * dof)
     for _ in range(_MAX_NEWTON_STEPS):
         density = front * math.exp(-0.5 * (dof + 1.0) * math.log1p(t * t / dof))
         step = (0.5 * student_two_sided(t, dof) - (1.0 - probability)) / density
         t += step
-        if abs(step) <= 1e-9 * t + 1e-13:  # the next one would be its square
+        if abs(step) <= 1e-9 * t + 1e-13:  # quadratic convergence: the next step is below rounding
             break
     return t
 
 
 def student_two_sided(t: float, dof: float) -> float:
-    """Return the probability that Student's t with ``dof`` degrees of freedom is further from zero."""
+    """Return the probability of a value of Student's t beyond +-``t``."""
     return _beta(0.5 * dof, 0.5, dof / (dof + t * t))
 
 
 def students_two_sided(t: Array, dof: float) -> Array:
-    """Return :func:`student_two_sided` of many ``t`` (m,) of one ``dof``."""
+    """Return :func:`student_two_sided` of values ``t`` (m,)."""
     return _betas(0.5 * dof, 0.5, dof / (dof + t * t))
 
 
@@ -140,7 +143,10 @@ def _beta(a: float, b: float, x: float) -> float:
 
 
 def _betas(a: float, b: float, x: Array) -> Array:
-    """Return :func:`_beta` of many x (m,), their continued fractions side by side until the last converges."""
+    """Return :func:`_beta` of values x (m,).
+
+    The continued fractions of all values are iterated together.
+    """
     found, inside = np.where(np.isnan(x), x, x >= 1.0), (x > 0.0) & (x < 1.0)
     mirrored = inside & (x > (a + 1.0) / (a + b + 2.0))
     if mirrored.any():
@@ -184,26 +190,29 @@ Interval = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class VariancePrior:
-    """Prior of the variance of one value: ``variance``, worth ``dof`` degrees of freedom."""
+    """Prior ``variance`` of one value, worth ``dof`` degrees of freedom."""
 
     variance: float
     dof: float
 
 
-# Squared change of the logarithm of an error's mean square from one piece of a flight to the next: 0.9 to 1.5 whether
-# pieces last 2.5 or 80 s, in flights with truth and in real logs (its prior is worth what makes halves of flights
-# agree).
+# Prior of the squared change of log(mean square error) between adjacent parts of a flight: 0.9 to 1.5 for parts of 2.5
+# to 80 s, in flights with truth and in real logs. Its weight was chosen so that halves of flights agree.
 WANDERING = VariancePrior(1.3, 2.0)
-# Weights of the change between halves, and of those between the quarters of each.
+# Weights of the change between halves, and between the quarters of each half.
 CHANGE_WEIGHTS = (1.5, 0.75, 0.75)
-# A sum of errors that last as long as the record: of those against a smoother 95 % were within one of its sigmas.
+# Sigmas of the reference in an interval. Its errors last as long as the record: 95 % of those against a smoother were
+# within one sigma.
 REFERENCE_SIGMAS = 2.0
-# The correlation of few values is uncertain: at most this is used, which doubles an interval.
+# Largest correlation used, as that of few values is uncertain; it doubles an interval.
 MAX_NEIGHBOUR_CORRELATION = 0.6
 
 
 def mean_interval(values: ArrayLike) -> Interval | None:
-    """Return the t interval of the mean of independent values (k,); None for fewer than two."""
+    """Return the t interval of the mean of independent values (k,).
+
+    None for fewer than two.
+    """
     x = np.asarray(values, np.float64)
     if len(x) < 2:
         return None
@@ -213,10 +222,10 @@ def mean_interval(values: ArrayLike) -> Interval | None:
 
 
 def neighbour_interval(values: ArrayLike) -> Interval | None:
-    """Return the t interval of the mean of consecutive, correlated values (k,); None for fewer than two.
+    """Return the t interval of the mean of consecutive, correlated values (k,).
 
-    Widened by sqrt((1 + r) / (1 - r)), as the mean of a first-order process is: r is the correlation of neighbours,
-    less its bias of -1/k, from 0 to MAX_NEIGHBOUR_CORRELATION.
+    Widened by sqrt((1 + r) / (1 - r)) as for a first-order process; r is the correlation of neighbours, plus 1/k for
+    its bias, limited to 0 ... MAX_NEIGHBOUR_CORRELATION. None for fewer than two values.
     """
     x = np.asarray(values, np.float64)
     ends = mean_interval(x)
@@ -230,10 +239,11 @@ def neighbour_interval(values: ArrayLike) -> Interval | None:
 
 
 def wandering_interval(value: float, changes: ArrayLike) -> Interval:
-    """Return the interval of an error that wanders on every scale: longer records do not average it out.
+    """Return the interval of an error that varies on all time scales.
 
-    ``changes`` (3,) of the logarithm of its mean square: between the halves of the record, and between the quarters of
-    each half. A half is to the other what the record is to the next; WANDERING moderates. The interval is a factor.
+    Longer records do not average such an error. ``changes`` (3,) of the logarithm of its mean square: between the
+    halves of the record, and between the quarters of each half. A next record is expected to differ as one half does
+    from the other; WANDERING is the prior of the change. The interval is a factor.
     """
     weights = np.array(CHANGE_WEIGHTS)
     dof = WANDERING.dof + float(np.sum(weights))
@@ -243,17 +253,20 @@ def wandering_interval(value: float, changes: ArrayLike) -> Interval:
 
 
 def widen_by_reference(value: float, ci95: Interval, sigma: float) -> Interval:
-    """Widen the interval of an error by the reference's own error ``sigma`` (one sigma, RMS).
+    """Widen an error's interval by the reference's own error.
 
-    The RMS of a difference is within the RMS of the reference's error of that of the truth, however both are correlated
-    (triangle inequality): 2 sigma, independent of the rest.
+    ``sigma``: its one sigma, RMS. The RMS of the difference deviates from the true RMS by at most the RMS of the
+    reference's error, for any correlation (triangle inequality). 2 sigma are added as root sum of squares.
     """
     low, high = (math.hypot(value - end, REFERENCE_SIGMAS * sigma) for end in ci95)
     return value - low, value + high
 
 
 def jackknife_interval(value: float, left_out: ArrayLike) -> Interval | None:
-    """Return the t interval around ``value`` from leave-one-out values (k,); None for fewer than three."""
+    """Return the t interval around ``value`` from leave-one-out values (k,).
+
+    None for fewer than three.
+    """
     x = np.asarray(left_out, np.float64)
     k = len(x)
     if k < 3 or not np.isfinite(x).all():
@@ -264,14 +277,15 @@ def jackknife_interval(value: float, left_out: ArrayLike) -> Interval | None:
 
 
 def chi_square_interval(sigma: float, dof: float) -> Interval:
-    """Return the interval of a standard deviation whose variance has ``dof`` degrees of freedom."""
+    """Return the interval of a standard deviation with ``dof`` degrees of freedom."""
     return sigma * math.sqrt(dof / chi_square(0.975, dof)), sigma * math.sqrt(dof / chi_square(0.025, dof))
 
 
 def median_interval(values: ArrayLike) -> Interval | None:
-    """Return the interval of the median of values (k,) by order statistics; None for fewer than six.
+    """Return the interval of a median by order statistics.
 
-    The r-th smallest and r-th largest value, r the largest rank whose binomial coverage is at least 95 %.
+    From the r-th smallest to the r-th largest value, r the largest rank whose binomial coverage is at least 95 %. None
+    for fewer than six values.
     """
     x = np.sort(np.asarray(values, np.float64))
     rank = _median_rank(len(x))
@@ -280,9 +294,9 @@ def median_interval(values: ArrayLike) -> Interval | None:
 
 @lru_cache(maxsize=1024)
 def _median_rank(k: int) -> int:
-    """Return how many of k values may lie outside on each side at 95 % (sign test).
+    """Return the rank r of :func:`median_interval` for k values; 0 for none.
 
-    Whole numbers: their shares of 2^k are too small for floating point from some thousand values on.
+    Integers: shares of 2^k underflow for more than about a thousand values.
     """
     outside, ways, rank = 0, 1, 0
     while rank < k // 2 and 40 * (outside + ways) <= 1 << k:
@@ -298,7 +312,7 @@ def _edges(n: int, count: int) -> tuple[int, ...]:
 
 
 def equal_groups(n: int, count: int) -> list[slice]:
-    """Return ``count`` consecutive slices of ``n`` samples, of equal size to one sample."""
+    """Return ``count`` consecutive slices of ``n`` samples, equal to one sample."""
     return [slice(a, b) for a, b in pairwise(_edges(n, min(count, n)))]
 
 
@@ -308,19 +322,19 @@ def group_sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64])
         return np.zeros(0)
     ends = np.column_stack([first, last]).ravel()
     if ends[-1] == len(values):
-        ends = ends[:-1]  # the last range goes to the end of the values by itself
+        ends = ends[:-1]  # reduceat extends the last range to the end
     padded = values if ends.max() < len(values) else np.append(values, 0.0)
     return np.where(last > first, np.add.reduceat(padded, ends)[::2], 0.0)
 
 
 def group_means(values: Array, groups: list[slice]) -> Array:
-    """Return the mean (k,) of each of k groups of ``values`` (n,), none of them empty."""
+    """Return the means (k,) of nonempty groups of ``values`` (n,)."""
     first, last = np.array([(g.start, g.stop) for g in groups]).T
     return np.asarray(group_sums(values, first, last) / (last - first))
 
 
 def quantile(ordered: Array, probability: float) -> float:
-    """Return the quantile of ascending values (n,), linear between them (Hyndman & Fan 1996, definition 7)."""
+    """Return a quantile of ascending values (Hyndman & Fan 1996, definition 7)."""
     place = probability * (len(ordered) - 1)
     below = min(int(place), len(ordered) - 1)
     low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
@@ -328,7 +342,10 @@ def quantile(ordered: Array, probability: float) -> float:
 
 
 def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float]:
-    """Return means (m,) of values (m, k), k >= 1, their standard errors (m,) and the degrees of freedom."""
+    """Return moderated means, standard errors (m,) and degrees of freedom.
+
+    Of values (m, k), k >= 1, per row (Smyth 2004).
+    """
     k = values.shape[1]
     own = np.var(values, axis=1, ddof=1) if k > 1 else np.zeros(len(values))
     dof = prior.dof + k - 1
@@ -336,13 +353,19 @@ def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float
 
 
 def moderated_interval(values: ArrayLike, prior: VariancePrior) -> tuple[float, float]:
-    """Return the 95 % interval of the mean of values (k,), k >= 1, with a prior variance (Smyth 2004)."""
+    """Return the 95 % interval of a mean with a prior variance (Smyth 2004).
+
+    Of values (k,), k >= 1.
+    """
     means, errors, dof = _moderated(np.asarray(values, np.float64)[None], prior)
     mean, half = float(means[0]), student(0.975, dof) * float(errors[0])
     return mean - half, mean + half
 
 
 def moderated_p_value(values: Array, prior: VariancePrior) -> Array:
-    """Return two-sided p (m,) that the means of values (m, k), k >= 1, are zero."""
+    """Return two-sided p (m,) that means of values (m, k) are zero.
+
+    With a prior variance (Smyth 2004); k >= 1.
+    """
     means, errors, dof = _moderated(values, prior)
     return students_two_sided(means / errors, dof)

@@ -1,4 +1,4 @@
-"""Time of a flight that counts for a row: phases without settling, windows of 5 s, reasons for none."""
+"""Evaluated time of a row: settled phases, windows of 5 s, reasons for none."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from attlog.reference import alignment
 from attlog.reference.model import Track
 from attlog.segments import model, resets
 
-# Never pooled: the same filter is up to ten times as noisy in one as in another. In the order of the sentences.
+# Phases in the order of the sentences. Never pooled: noise of a filter differs between them by up to ten times.
 PHASES = ("rest", "hover", "cruise", "idle")
-# A row settles for so long after its own start, and after a restart.
+# Settling time after a row's own start, and after a restart.
 SETTLING_S = 10.0
-# And for so long after the motors stop: filters still hold vibration.
+# Settling time after the motors stop: filters still respond to vibration.
 SETTLING_AFTER_MOTORS_S = 5.0
-# Resets of an onboard attitude on the ground within this time of its first sample are its alignment.
+# Resets of an onboard attitude on the ground this soon after its first sample are its initial alignment.
 ALIGNING_S = 30.0
 SHORTEST_S = 2.0  # shortest rest of the segments
 
 
 @per_case
 def unsettled_spans(case: Case, phase: str) -> list[Span]:
-    """Return spans in which no row is settled: after the first sample, a restart, at rest after motors."""
+    """Return the spans in which filters settle.
+
+    After the first sample and restarts of the record; for rest also after the motors stop.
+    """
     continuous = case.segments.spans("all")
     starts = model.restart_times(np.array([x for span in continuous for x in span])[::2]) if continuous else np.zeros(0)
     found = [(float(t), float(t) + SETTLING_S) for t in starts]
@@ -40,7 +43,10 @@ def unsettled_spans(case: Case, phase: str) -> list[Span]:
 
 
 def own_start(case: Case, row: Track) -> float:
-    """Return when a row is settled after its own start, s; an onboard attitude after the resets that align it."""
+    """Return when a row has settled after its own start, s.
+
+    For an onboard attitude: after the resets of its initial alignment.
+    """
     start = row.start
     if row.kind == "onboard":
         takeoff = min((t0 for t0, _ in case.segments.spans("airborne")), default=math.inf)
@@ -50,7 +56,7 @@ def own_start(case: Case, row: Track) -> float:
 
 
 def phase_of(case: Case, window: str) -> str | None:
-    """Return the phase of a window: itself, rest for ``all``, the first one found in ``T0:T1``; else None."""
+    """Return the phase of a window, the first in it for ``T0:T1``."""
     if window in ("all", "rest", "rest.long"):
         return "rest"
     if window in PHASES:
@@ -62,7 +68,10 @@ def phase_of(case: Case, window: str) -> str | None:
 
 @per_case
 def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
-    """Return spans of a phase inside a window, within continuous segments, settled; in the air also scored."""
+    """Return the settled spans of a phase inside a window.
+
+    Within continuous segments; in the air also scored.
+    """
     allowed = complement(unsettled_spans(case, phase), -math.inf, math.inf)
     if phase in ("hover", "cruise"):
         reference = case.reference
@@ -75,12 +84,12 @@ def phase_spans(case: Case, phase: str, window: str) -> list[Span]:
 
 
 def rest_spans(case: Case, row: Track, window: str) -> list[Span]:
-    """Return rest inside a window, from when the row is settled."""
+    """Return rest inside a window after the row has settled."""
     return intersect(phase_spans(case, "rest", window), [(own_start(case, row), math.inf)])
 
 
 def reason_unavailable(case: Case, phase: str, window: str) -> tuple[str, str]:
-    """Return code and reason where a phase of a window holds nothing usable."""
+    """Return code and reason for a window without usable time of a phase."""
     where = f" in {window} s" if ":" in window else ""
     if phase == "idle":
         if not case.segments.spans("idle"):
@@ -104,7 +113,7 @@ def reason_unavailable(case: Case, phase: str, window: str) -> tuple[str, str]:
 
 
 def why_no_errors(case: Case, row: Track, window: str = "") -> tuple[str, str] | None:
-    """Return code and reason where a row cannot be compared with the reference."""
+    """Return code and reason if a row has no errors, else None."""
     if case.reference.kind == "none" or len(case.reference.t) == 0:
         nothing = "the log holds no attitude to compare with; log the autopilot's attitude (or ground truth)"
         return "no_reference", case.reference.faults.reference or nothing
@@ -116,7 +125,7 @@ def why_no_errors(case: Case, row: Track, window: str = "") -> tuple[str, str] |
 
 
 def why_no_heading(case: Case, row: Track, window: str = "") -> tuple[str, str] | None:
-    """Return code and reason where a row's heading cannot be compared though its tilt can."""
+    """Return code and reason if a row has tilt errors only, else None."""
     if row.heading_shared:
         return "not_applicable", f"{case.reference.heading.why}, so the reference has its heading from this row"
     if case.reference.heading.by == "nobody":
@@ -125,43 +134,46 @@ def why_no_heading(case: Case, row: Track, window: str = "") -> tuple[str, str] 
 
 
 def why_never_airborne(case: Case) -> str:
-    """Return the reason where a log has no flight."""
+    """Return the reason for a log without flight."""
     if not case.log.kind.flies:
         return f"a {case.log.vehicle} does not fly"
     return "the vehicle was never airborne (as far as the log shows)"
 
 
-# What several questions need: segments of samples, and small rotations and lines within them.
+# Shared by several metrics: segments of samples, small rotations and lines within them.
 
 Array = NDArray[np.float64]
 
-# Shortest record of a drift in the air, and at rest after settling: four groups of 5 s, of 2 s.
+# Shortest record of a drift in the air (four groups of 5 s), and at rest after settling (four of 2 s).
 DRIFT_AIR_S, DRIFT_REST_S = 20.0, 8.0
-# A record may lack this much: half a block of 1 s.
+# Tolerance of a record's length: half a block of 1 s.
 DRIFT_SLACK_S = 0.5
 
 
 def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Return index ranges of consecutive samples (n,) inside, cut at gaps of ``t`` and segment changes."""
+    """Return index ranges of marked samples, cut at gaps and segment changes."""
     segment = model.number_segments(t)
     return model.segment_slices(inside, segment if segment_of is None else model.merge_numbers(segment, segment_of))
 
 
 def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Return unbroken segments of samples with span[0] <= t <= span[1]; ``t`` (n,) s ascending."""
+    """Return unbroken index ranges with span[0] <= t <= span[1].
+
+    ``t`` (n,) s ascending.
+    """
     i, j = int(np.searchsorted(t, span[0], side="left")), int(np.searchsorted(t, span[1], side="right"))
     found = unbroken(t[i:j], np.ones(j - i, bool), None if segment_of is None else segment_of[i:j])
     return [slice(s.start + i, s.stop + i) for s in found]
 
 
 def covered_seconds(t: Array, segments: list[slice]) -> float:
-    """Return the time covered by segments of the times ``t`` (n,) s, in s."""
+    """Return the time in s covered by index ranges of ``t`` (n,)."""
     return float(sum(t[s.stop - 1] - t[s.start] for s in segments))
 
 
 @per_row
 def row_segments(case: Case, row: Track) -> NDArray[np.int64]:
-    """Return segments of a row (n,) between restarts, and for onboard rows between resets."""
+    """Return a row's segments (n,) between restarts or, onboard, resets."""
     attitude = case.log.attitudes.get(row.estimator) if row.kind == "onboard" else None
     if attitude is None:
         return row.segment
@@ -172,19 +184,19 @@ def row_segments(case: Case, row: Track) -> NDArray[np.int64]:
 
 
 def imu_of(case: Case, row: Track) -> Imu | None:
-    """Return the unit that a row was replayed from, of onboard rows the replayed one; None without any."""
+    """Return the replayed IMU of a row, the default one for onboard rows."""
     if row.imu is not None:
         return row.imu
     return case.log.replay_imu
 
 
 def logged_unit(case: Case, imu: Imu) -> int | None:
-    """Return the index of a unit in the log; None where its samples were changed before the filter saw them."""
+    """Return the index of an IMU in the log; None for modified samples."""
     return next((k for k, unit in enumerate(case.log.imus) if unit is imu), None)
 
 
 def detrended(t: Array, x: Array) -> Array:
-    """Return ``x`` (n,) or (n, k) without its least-squares straight line over ``t`` (n,)."""
+    """Return ``x`` (n,) or (n, k) without its least-squares line over ``t``."""
     u = t - np.mean(t)
     centred = x - np.mean(x, axis=0)
     slope = np.tensordot(u, centred, axes=(0, 0)) / float(u @ u)
@@ -192,9 +204,10 @@ def detrended(t: Array, x: Array) -> Array:
 
 
 def deviations(q: Array) -> Array:
-    """Return small rotations (n, 3) in deg from the mean attitude about the level roll and pitch axis and down.
+    """Return small rotations (n, 3) in deg from the mean attitude.
 
-    Level, not body axes: these are inclined to the vertical, and a heading that wanders would pass for tilt.
+    About level roll axis, level pitch axis and down. Body axes are inclined to the vertical: a drift of heading would
+    appear as tilt.
     """
     centre = rotation.mean(q)
     away = rotation.earth_error(q, centre)
@@ -205,21 +218,24 @@ def deviations(q: Array) -> Array:
     return np.asarray(np.degrees(np.column_stack([roll, pitch, heading])))
 
 
-# Windows of 5 s: the unit in which noise is measured, the same for every row of a log.
+# Windows of 5 s: the unit in which noise is measured, equal for all rows of a log.
 
-# The length is part of the definition: 1, 2 and 5 s show 0.04, 0.08 and 0.31 deg for the same filter in hover.
+# Part of the definition of noise: 1, 2 and 5 s give 0.04, 0.08 and 0.31 deg for one filter in hover.
 WINDOW_S = 5.0
-# Samples of windows that are looked at at once.
+# Samples that are processed together.
 SAMPLES_AT_ONCE = 1 << 15
-MIN_SAMPLES = 20  # a variance of 20 samples is known to a third
-# A longer interval between samples of the row is a gap.
+MIN_SAMPLES = 20  # the variance of 20 samples has an error of a third
+# Smallest gap: in s, and in median sampling intervals.
 GAP_S, GAP_STEPS = 0.25, 5.0
-# A span that misses its last window by less has it.
+# Tolerance of a window's length.
 ROUND_S = 0.05
 
 
 def lay_windows(span: Span, phase: str) -> list[Span]:
-    """Return windows from the start of a span; a rest of 2 to 5 s is one window."""
+    """Return windows of 5 s from the start of a span.
+
+    A rest of 2 to 5 s is one window.
+    """
     length = span[1] - span[0]
     count = int((length + ROUND_S) // WINDOW_S)
     if count == 0 and phase == "rest" and length >= SHORTEST_S - ROUND_S:
@@ -228,7 +244,10 @@ def lay_windows(span: Span, phase: str) -> list[Span]:
 
 
 def filled_samples(t: Array, window: Span) -> slice | None:
-    """Return the samples of times (n,) s in a window; None for under 20, a gap or an open end."""
+    """Return the index range of times (n,) in a window.
+
+    None for under 20 samples, a gap, or an end without samples.
+    """
     i, j = (int(k) for k in np.searchsorted(t, [window[0] - 1e-9, window[1] - 1e-9]))
     if j - i < MIN_SAMPLES:
         return None
@@ -239,14 +258,17 @@ def filled_samples(t: Array, window: Span) -> slice | None:
 
 
 def unbroken_samples(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice | None:
-    """Return the samples where ``x`` (n, k) is finite and of one segment (n,), else None."""
+    """Return an index range if finite and of one segment, else None."""
     if inside is None or segment[inside.start] != segment[inside.stop - 1]:
         return None
     return inside if rotation.finite_rows(x[inside]).all() else None
 
 
 def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArray[np.int64], NDArray[np.int64]]]:
-    """Yield ranges of samples in batches: the ranges, their samples, and the bounds (ranges + 1,) there."""
+    """Yield batches of index ranges of about SAMPLES_AT_ONCE samples.
+
+    Each: the ranges, the indices of their samples, and the bounds (ranges + 1,) in these.
+    """
     ends = np.cumsum([part.stop - part.start for part in inside])
     edges = [0, *(np.flatnonzero(np.diff((ends - 1) // SAMPLES_AT_ONCE)) + 1).tolist(), len(inside)]
     for a, b in pairwise(edges):
@@ -258,18 +280,21 @@ def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArr
 
 @per_object
 def windows_of_times(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
-    """Return the windows of a span with the samples of times (n,) in each, shared by rows."""
+    """Return the windows of a span with the index range of each.
+
+    Cached for rows that share their times (n,).
+    """
     return [(window, filled_samples(t, window)) for window in lay_windows(span, phase)]
 
 
 def row_windows(case: Case, row: Track, phase: str, window: str) -> list[list[tuple[Span, slice]]]:
-    """Return the usable windows of a row in a phase, span by span, with the row's samples."""
+    """Return the usable windows of a row in a phase, by span."""
     found = [span_windows(case, row, phase, span) for span in phase_spans(case, phase, window)]
     return [group for group in found if group]
 
 
 def span_windows(case: Case, row: Track, phase: str, span: Span) -> list[tuple[Span, slice]]:
-    """Return the usable windows of a row in one span with the row's samples."""
+    """Return the usable windows of a row in one span."""
     start, segment = own_start(case, row), row_segments(case, row)
     laid = [(w, s) for w, s in windows_of_times(case, row.t, phase, span) if w[0] >= start - ROUND_S]
     own = [(w, unbroken_samples(s, row.q, segment)) for w, s in laid]

@@ -1,4 +1,4 @@
-"""Headings by GNSS motion, compass, receivers and autopilot; test of the onboard heading."""
+"""Headings by GNSS motion, compass, receivers and autopilot; onboard heading test."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class GnssMotion:
     def offsets(
         self, t: Array, q: Array, segment: NDArray[np.int64], since: float = -np.inf, spans: list[Span] | None = None
     ) -> tuple[HeadingOffset, list[HeadingOffset]]:
-        """Return the heading error of attitudes over the flight and per 30 s.
+        """Return heading errors of attitudes over the flight and per 30 s.
 
         Attitudes ``q`` (n, 4) at ``t`` (n,) s; none is interpolated between different ``segment`` numbers (n,). Limited
         to times from ``since`` s on and to ``spans``.
@@ -123,7 +123,7 @@ def find_wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> Wron
 
 
 def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list[HeadingOffset]:
-    """Return parts of 30 s beside wrong ones with equal, less significant offsets."""
+    """Return neighbours of wrong parts with equal, less significant offsets."""
     found: list[HeadingOffset] = []
     queue = list(off)
     while queue:
@@ -311,7 +311,7 @@ def _course(log: FlightLog) -> HeadingReference | None:
 
 
 def _moving(gnss: Gnss) -> tuple[Array, Array]:
-    """Return times and horizontal velocities (m, 2) above 5 m/s with 3D fix."""
+    """Return times and horizontal velocities (m, 2) of fast 3D fixes."""
     t, velocity = model.select_rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned[:, :2])
     fast = np.hypot(velocity[:, 0], velocity[:, 1]) > COURSE_SPEED_M_S
     return t[fast], velocity[fast]

@@ -1,4 +1,4 @@
-"""Checks of a reference against gravity at quiet times, at standstill, and against filters that agree."""
+"""Checks of a reference against gravity and against agreeing filters."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from attlog.segments import Segments, model
 
 Array = NDArray[np.float64]
 
-# A reference that disagrees with gravity at rest by more than this is wrong, or the sensor's frame is.
+# Tilt to gravity at rest above which the reference or the accelerometer's axes are wrong.
 MAX_GRAVITY_TILT_DEG = 10.0
-# Or by this share of the quiet time, in two segments and more, where the force is as large as gravity.
+# Or: share of the quiet time, and number of segments, with such a tilt where the force has the size of gravity.
 MIN_WRONG_SHARE, MIN_WRONG_SEGMENTS = 0.2, 2
 GRAVITY_M_S2, GRAVITY_TOLERANCE_M_S2 = 9.80665, 0.5
-# An onboard attitude may be wrong for so long while it starts.
+# Time after its start in which an onboard attitude may be wrong.
 ALIGNED_S = 15.0
 # Accelerometer samples of one segment that are enough for its mean.
 MAX_FORCE_SAMPLES = 2000
@@ -36,7 +36,10 @@ QUIET_WORDS = {"rest": "at rest", "idle": "on the ground with motors on", "hover
 
 @dataclass(frozen=True, slots=True)
 class QuietSegment:
-    """Tilt in deg between the reference's down and the mean force of a quiet segment, and its size in m/s^2."""
+    """Comparison of a reference with the mean force of a quiet segment.
+
+    ``tilt``: angle between its down and the force, deg; ``force``: size, m/s^2.
+    """
 
     kind: str
     t0: float
@@ -46,10 +49,10 @@ class QuietSegment:
 
 
 def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> tuple[str, list[AlignmentStep]]:
-    """Return a sentence if gravity contradicts the reference, and the alignment step with the tilt.
+    """Return how gravity contradicts the reference (or ""), with the step.
 
-    The median tilt at rest, else idling, else in hover, where the mean specific force is gravity's too; and single
-    quiet segments anywhere, where the accelerometer shows the size of gravity.
+    By the median tilt at rest, else idling, else in hover, where the mean specific force is gravity too; and by single
+    quiet segments whose force has the size of gravity.
     """
     if imu is None:
         return "", []
@@ -74,7 +77,7 @@ def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> 
 
 
 def _intermittent_fault(reference: Reference, quiet: list[QuietSegment]) -> str:
-    """Return the sentence of a reference that is wrong in some of the quiet time."""
+    """Return a sentence if the reference is wrong in some quiet segments."""
     begin = float(reference.t[0]) + ALIGNED_S
     sound = [q for q in quiet if q.t0 >= begin and abs(q.force - GRAVITY_M_S2) <= GRAVITY_TOLERANCE_M_S2]
     wrong = [q for q in sound if q.tilt > MAX_GRAVITY_TILT_DEG]
@@ -92,7 +95,7 @@ def _intermittent_fault(reference: Reference, quiet: list[QuietSegment]) -> str:
 def _quiet_segment(
     reference: Reference, t: Array, force: Array, kind: str, t0: float, t1: float
 ) -> QuietSegment | None:
-    """Return the mean specific force over a segment in earth axes by the reference; None without both."""
+    """Return tilt and size of a segment's mean force, or None."""
     inside = spans.between(t, t0, t1)
     q = alignment.untrim(reference.q, reference.alignment.trim)
     mean = earth_force(t[inside], force[inside], reference.t, q, reference.segment, MAX_FORCE_SAMPLES)
@@ -100,27 +103,27 @@ def _quiet_segment(
     return None if mean is None or size == 0.0 else QuietSegment(kind, t0, t1 - t0, tilt_deg(mean), size)
 
 
-# Who is tilted where the vehicle stands still? Gravity there says it of any attitude, with no filter between.
+# Static tilt: at standstill gravity tests any attitude without a filter.
 
-# Nearly all sound onboard attitudes stay within this of gravity; accelerometer biases make half of it.
+# Static tilt of nearly all sound onboard attitudes; accelerometer biases make half of it.
 SOUND_TILT_DEG = 2.5
-# A reference that is further from gravity, in degrees and in its sigmas (with 1 deg of the accelerometer's own).
+# Static tilt that contradicts a reference: in deg, and in its sigmas with 1 deg for the accelerometer.
 MAX_TILT_DEG, SIGMAS, FLOOR_DEG = 3.0, 3.0, 1.0
-# Or by this, and so many times as far as the attitude it judges.
+# Or: in deg, and as a multiple of the onboard attitude's tilt.
 DOUBTED_TILT_DEG, MIN_TILT_RATIO = 2.0, 2.0
-# A window this near borders a span.
+# Largest distance of a window that borders a span.
 BORDER_S = 1.0
-# Windows; a single one may be a slow landing.
+# Smallest number of windows; a single one may be a slow landing.
 MIN_STILL_WINDOWS = 3
-# A reference that is refused in so much of the still time, and of all, is refused throughout.
+# Shares of the still time and of all time in contradiction that refuse a whole part between gaps.
 MIN_REFUSED_SHARE, MIN_REFUSED_SHARE_OF_ALL = 0.5, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StaticTilt:
-    """Angles (k,) in deg to gravity over still ``windows`` (k, 2) s, of reference and ``onboard`` attitude.
+    """Tilt (k,) in deg to gravity over still ``windows`` (k, 2) s.
 
-    ``sigma`` (k,) deg is the reference's own of its tilt. NaN where an attitude is not known.
+    Of ``reference`` and ``onboard`` attitude, NaN where unknown. ``sigma`` (k,) deg: the reference's own sigma of tilt.
     """
 
     windows: Array
@@ -129,7 +132,10 @@ class StaticTilt:
     sigma: Array
 
     def medians(self, span: Span) -> tuple[float, float] | None:
-        """Return the medians of reference and onboard in a span, else at its ends; None without windows."""
+        """Return the median tilts of reference and onboard attitude in a span.
+
+        Without windows inside, those at its ends; None without any.
+        """
         known = np.isfinite(self.reference) & np.isfinite(self.onboard)
         begin, end = self.windows.T
         inside = known & (begin >= span[0]) & (end <= span[1])
@@ -140,12 +146,15 @@ class StaticTilt:
         return float(np.median(self.reference[inside])), float(np.median(self.onboard[inside]))
 
     def supports_onboard(self, span: Span) -> bool:
-        """Return whether gravity at standstill in or beside a span supports the onboard attitude."""
+        """Return whether gravity at standstill supports the onboard attitude around a span."""
         found = self.medians(span)
         return found is not None and not (found[1] > SOUND_TILT_DEG and found[1] > found[0])
 
     def contradicting(self) -> list[tuple[Span, float, float, float]]:
-        """Return where gravity refuses the reference: span, its median, the onboard's (NaN if unknown), its sigma."""
+        """Return the spans in which gravity contradicts the reference.
+
+        Each with the median tilt of the reference, that of the onboard attitude (NaN if unknown), and the median sigma.
+        """
         with np.errstate(invalid="ignore"):
             bad = self.reference > np.maximum(MAX_TILT_DEG, SIGMAS * np.hypot(self.sigma, FLOOR_DEG))
             bad |= (self.reference > DOUBTED_TILT_DEG) & (self.reference > MIN_TILT_RATIO * self.onboard)
@@ -163,7 +172,7 @@ class StaticTilt:
 
 
 def static_tilt(log: FlightLog, reference: Reference, attitude: Attitude | None) -> StaticTilt | None:
-    """Return the tilt of a reference and a logged attitude at standstill; None where the vehicle always moves."""
+    """Return static tilts of reference and logged attitude; None without standstill."""
     imu = log.replay_imu
     if imu is None or not len(windows := unit_still_windows(imu)):
         return None
@@ -177,16 +186,16 @@ def static_tilt(log: FlightLog, reference: Reference, attitude: Attitude | None)
     own = None if reference.sigma is None else reference.sigma.tilt_deg
     middle = windows.mean(axis=1)
     sigma = np.zeros(len(windows)) if own is None or not len(own) else np.interp(middle, reference.t, own)
-    before = middle < reference.scoring.start  # while filters settle nothing is judged
+    before = middle < reference.scoring.start  # filters still settle
     of_reference[before] = np.nan
     return StaticTilt(windows, of_reference, of_onboard, sigma)
 
 
 def static_tilt_refusal(found: StaticTilt, reference: Reference, name: str) -> tuple[str, list[Span]]:
-    """Return why gravity refuses a reference throughout (or ""), and the spans in which it does.
+    """Return why gravity contradicts the whole reference (or ""), and contradicted spans.
 
-    A part between gaps is refused as a whole where it is refused in most of its still time and in a fifth of all.
-    ``name`` is the onboard attitude's.
+    A part between gaps is contradicted as a whole if most of its still time and a fifth of its time are. ``name``:
+    onboard attitude.
     """
     bad = found.contradicting()
     if not bad:
@@ -213,14 +222,14 @@ def static_tilt_refusal(found: StaticTilt, reference: Reference, name: str) -> t
 
 @cached_per_log
 def unit_still_windows(imu: Imu) -> Array:
-    """Return the still windows (k, 2) s of a unit."""
+    """Return the still windows (k, 2) s of an IMU."""
     n = min(len(imu.acc.t_best), len(imu.acc.x), len(imu.gyro.x))
     t, x = model.select_rising(imu.acc.t_best[:n], np.column_stack([imu.gyro.x[:n], imu.acc.x[:n]]))
     return still_windows(t, x[:, :3], x[:, 3:])
 
 
 def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.int64]) -> Array:
-    """Return the angle (k,) in deg between gravity and an attitude (n, 4) of the IMU over still windows."""
+    """Return tilts (k,) in deg of IMU attitudes to gravity over windows."""
     at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
     use = within(windows, at)
     at, force = at[use], force[use]
@@ -228,30 +237,32 @@ def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.
     return tilt_residual(windows, at, force, turned)
 
 
-# Do filters that agree with each other, and the mean force, contradict the reference (onboard attitude, smoother)?
+# Test of the reference (onboard attitude, smoother) against agreeing filters and the mean force.
 #
-# A filter that differs from the reference may be wrong. Where several different filters
-# stay together and the reference alone is elsewhere, the mean specific force decides:
-# turned to earth axes less the change of velocity it must be gravity. Without GNSS a smoother shares
-# the model of ``mekf`` and what that gets wrong: where only these two stand together, it is no reference.
+# A filter that differs from the reference may be wrong. Where several different filters agree and the reference
+# differs, the mean specific force decides: in earth axes, without the change of velocity, it must be gravity. Without
+# GNSS a smoother shares the model and the errors of ``mekf``: a smoother that agrees with this filter alone is no
+# reference.
 
-# So many different filters must agree, and they must be most of those that ran.
+# Smallest number of filters that agree; they must also be half of those that ran.
 MIN_FILTERS = 3
-# Median distance of filters from their common down, and the least distance of the reference, also in these units.
+# Largest median distance of a filter from the common down; smallest distance of the reference, in deg and relative to
+# the filters' spread.
 MAX_SPREAD_DEG, MIN_APART_DEG, MIN_SPREAD_RATIO = 8.0, 15.0, 2.5
-# For a fifth of the scored time, and 2 s without a break.
+# Smallest share of the scored time with that distance, and shortest unbroken span.
 MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
-# What is left of the mean force without gravity: by the filters at most, by the reference at least.
+# Residual of the mean force without gravity: largest by the filters, smallest by the reference.
 MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
 SAMPLES = 4000  # of the reference: enough for medians
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
 class ReferenceCheck:
-    """Check of a reference by rows that pass one by one, of which their down at its times is kept.
+    """Check of a reference against filters that are added one by one.
 
-    ``again`` runs a row once more: only where filters contradict the reference. A reference chosen by hand (``choice``)
-    is not checked, nor by filters that share a faulty gyro or by a force in wrong axes.
+    Only each filter's down at the reference's times is kept; ``again`` re-runs one where the filters contradict the
+    reference. A requested reference (``choice``) is not checked, nor is any with a faulty gyro or wrong accelerometer
+    axes.
     """
 
     def __init__(
@@ -259,20 +270,23 @@ class ReferenceCheck:
     ) -> None:
         self._log, self._imu, self._reference, self._again = log, imu, reference, again
         use = np.flatnonzero(scoring.scored_mask(reference, reference.t))
-        self._use = use[:: max(1, len(use) // SAMPLES)].copy()  # the few alone: all are as many as the log's samples
+        self._use = use[:: max(1, len(use) // SAMPLES)].copy()  # without the copy the full index stays in memory
         sound = not reference.faults.gyro and sensor_faults.FRAME not in reference.faults.sensors
         checked = choice == "auto" and sound and reference.kind in ("onboard", "smoother")
         self._asked = checked and len(self._use) >= 10
         self._heard: dict[str, tuple[Track, Array]] = {}
 
     def add(self, row: Track) -> None:
-        """Take a row; of several rows of a filter the last one counts."""
+        """Add a row; it replaces an earlier row of the same filter."""
         own = row.imu is None or row.imu.index == self._imu.index
         if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != smoother.SMOOTHER:
             self._heard[row.estimator] = row, _down(row.t, row.q, row.segment, self._reference.t[self._use])
 
     def contradicted(self) -> tuple[str, AlignmentStep] | None:
-        """Return why a reference is refused, and the numbers; None where filters and force agree."""
+        """Return why the reference is refused, with its alignment step.
+
+        None where filters and force agree with it.
+        """
         if len(self._heard) < MIN_FILTERS:
             return None
         filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])
@@ -288,7 +302,10 @@ def _refuted_by_force(
     use: NDArray[np.int64],
     again: Callable[[Track], Track],
 ) -> tuple[str, AlignmentStep] | None:
-    """Return the verdict over filters by their ``downs`` (k, m, 3) at samples ``use`` (m,)."""
+    """Return the fault of a reference that agreeing filters and force contradict.
+
+    ``downs`` (k, m, 3): down by k filters at the reference's samples ``use`` (m,).
+    """
     t = reference.t[use]
     shared = np.isfinite(downs).all(axis=2).sum(axis=0) >= MIN_FILTERS
     if shared.sum() < 10:
@@ -334,13 +351,13 @@ def _refuted_by_force(
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:
-    """Return the time in s that samples (n,) cover without breaks."""
+    """Return the time in s covered by samples (n,) within segments."""
     dt = np.diff(t)
     return float(dt[np.diff(segment) == 0].sum())
 
 
 def _down(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> Array:
-    """Return earth's down in body axes (n, 3) at times, NaN where the row has no attitude."""
+    """Return down in body axes (n, 3) at times, NaN without attitude."""
     turned, _ = interpolate(t, q, segment, at)
     found: Array = np.full((len(at), 3), np.nan)
     good = rotation.finite_rows(turned)
@@ -363,7 +380,7 @@ def _mean_force(imu: Imu, attitude: Reference | Track, trim: Array | None, t0: f
 
 
 def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:
-    """Return the mean acceleration (3,) m/s^2 NED by GNSS over [t0, t1] s; zero where unknown."""
+    """Return the mean acceleration (3,) m/s^2 NED by GNSS, zero if unknown."""
     for gnss in log.gnss:
         good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned)
         if good.sum() > 3 and gnss.t[good][0] <= t0 + 1.0 and gnss.t[good][-1] >= t1 - 1.0:

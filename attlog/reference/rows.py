@@ -1,4 +1,4 @@
-"""Tracks of the comparison: replayed and onboard attitudes, aligned and measured against the reference."""
+"""Replayed and onboard attitudes as tracks, aligned and compared with the reference."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from attlog.reference.scoring import attitude_errors
 from attlog.segments import Segments, model, resets
 
 Array = NDArray[np.float64]
-# A heading offset is the mean over the first long rest, of which so much must be scored, else over so long.
+# Averaging time of a heading offset without a long rest, and shortest scored part of a long rest.
 FIRST_S, LEAST_REST_S = 10.0, 5.0
-# Who gives a reference its heading where that has no north: headings are compared without their offset.
+# Heading origins without a known north: rows are compared without their heading offset.
 NO_NORTH = ("nobody", "relative")
 
 
@@ -37,10 +37,10 @@ def replayed(
     uses_mag: bool = False,
     north_by_gnss: bool = False,
 ) -> Track:
-    """Return an estimate as a track: trim removed, heading offset, errors and status."""
+    """Return an estimate as an aligned track with errors and status."""
     t = np.asarray(estimate.t, np.float64)
     segment = np.zeros(len(t), np.int64) if estimate.segment is None else np.asarray(estimate.segment, np.int64)
-    # Where a late field sets the heading the attitude jumps, as it does at a restart.
+    # Where a late compass or GNSS sets the heading the attitude jumps, as at a restart.
     late = estimate.no_heading
     if late:
         segment = segment + np.searchsorted([t1 for _, t1 in late], t, side="right")
@@ -77,10 +77,10 @@ def replayed(
 
 
 def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> list[Track]:
-    """Return all onboard attitudes as tracks: ``onboard`` the one in use, others ``onboard:NAME``.
+    """Return all onboard attitudes as tracks.
 
-    The reference itself is among them, marked, without errors; a message used as external truth is not. One that lends
-    its heading to the reference is judged by its tilt alone.
+    ``onboard`` is the one in use, others are ``onboard:NAME``. The reference is included, marked and without errors; a
+    message used as external truth is not. A row that lends its heading to the reference is judged by its tilt alone.
     """
     rows = []
     for name, attitude in log.attitudes.items():
@@ -115,7 +115,10 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
 def _measure(
     row: Track, segments: Segments, reference: Reference, free_heading: bool, unknown: Sequence[Span] = ()
 ) -> Track:
-    """Fill in errors, heading offset, convergence, coverage and status; ``unknown`` times are not scored."""
+    """Set errors, heading offset, convergence, coverage and status of a row.
+
+    Times in the spans ``unknown`` are not scored.
+    """
     good = rotation.finite_rows(row.q)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     row.start = first if row.kind != "onboard" else max(first, row.start)
@@ -141,7 +144,7 @@ def _measure(
 
 
 def _judge(row: Track, segments: Segments, reference: Reference) -> None:
-    """Set status, convergence and coverage by the errors."""
+    """Set status, convergence and coverage from the errors."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:
         row.coverage_pct = 0.0
@@ -167,16 +170,20 @@ def _judge(row: Track, segments: Segments, reference: Reference) -> None:
 
 
 def withhold(row: Track, why: str) -> None:
-    """Mark a replay as not judged where a sensor is unusable (``why``, empty where none is)."""
+    """Mark a replay as not judged because a sensor is unusable.
+
+    ``why``: the fault; without one nothing is changed.
+    """
     if why and row.kind == "replay" and row.status in ("ok", "not_converged", "diverged"):
         row.status, row.reason = "not_judged", why
 
 
 def _remove_heading_offset(row: Track, segments: Segments, reference: Reference) -> None:
-    """Turn a track so that its heading starts with the reference's, and report it in its steps.
+    """Remove a track's initial heading offset to the reference.
 
-    The mean difference over the scored part of the first long rest of each segment (else its first 10 s of scoring) is
-    taken out of ``q`` and the errors. Where the reference itself jumps, the errors go on as if it had not.
+    The mean difference over the scored part of the first long rest of each segment (else over its first 10 s of
+    scoring) is removed from ``q`` and the errors, and reported as a step. Heading jumps of the reference are removed
+    from the errors too.
     """
     errors = row.errors
     assert errors is not None
@@ -202,7 +209,10 @@ def _remove_heading_offset(row: Track, segments: Segments, reference: Reference)
 
 
 def _first_mean(t: Array, along: Array, scored: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
-    """Return the mean heading error (n,) rad over a segment's first long rest, else its first 10 s of scoring."""
+    """Return a segment's initial heading error in rad, and its source.
+
+    Mean of ``along`` (n,) over the first long rest, else over the first 10 s of scoring.
+    """
     counted = scored if scored.any() else np.ones(len(t), bool)
     for rest in segments.of("rest.long"):
         inside = spans.between(t, rest.t0, rest.t1)

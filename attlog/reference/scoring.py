@@ -15,26 +15,29 @@ from attlog.segments import Segments, model
 Array = NDArray[np.float64]
 
 START_S = 15.0  # time for filters to settle
-# Where the record is shorter than this, a third of it is left out instead of 15 s.
+# In records shorter than this a third is left out instead of 15 s.
 SHORT_S = 30.0
 
 DIVERGED_DEG, DIVERGED_S = 30.0, 2.0  # tilt error, and time above it
 DIVERGED_HEADING_DEG, DIVERGED_HEADING_S = 45.0, 10.0  # heading error, and time above it
 CONVERGED_S, CONVERGED_TILT_DEG, CONVERGED_HEADING_DEG = 5.0, 2.0, 5.0  # above the later median
 CONVERGED_LIMIT_S = 60.0  # later is not converged
-# The reference's heading before and after its reset is the mean over this long.
+# Averaging time of the heading before and after a reset of the reference.
 RESET_S = 1.0
-# A jump of an onboard attitude by this much, this soon and before the first flight is its own alignment.
+# Smallest jump, and latest time after its first sample, of an onboard attitude's initial alignment.
 ALIGNED_DEG, ALIGNED_WITHIN_S = 5.0, 60.0
 
 
 def unscored_seconds(seconds: float) -> float:
-    """Return how much of a record of this length is left out before scoring, in s."""
+    """Return the unscored time in s at the start of a record."""
     return START_S if seconds >= SHORT_S else max(seconds, 0.0) / 3.0
 
 
 def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[Span]]:
-    """Return the first scored time, and the unscored spans after restarts, of IMU times (n,)."""
+    """Return the first scored time, and the unscored spans after restarts.
+
+    ``t`` (n,): times of the IMU.
+    """
     if len(t) == 0:
         return score_from or 0.0, []
     restarts = model.restart_times(t)
@@ -56,9 +59,9 @@ def scored_mask(reference: Reference, t: Array) -> NDArray[np.bool_]:
 def coverage_pct(
     t: Array, number: NDArray[np.int64], counted: NDArray[np.bool_], reference: Reference, segments: Segments
 ) -> float | None:
-    """Return the percentage of flight and rest that was scored; None where there is neither.
+    """Return the scored percentage of flight and rest; None without either.
 
-    ``t`` (n,) are a row's times, ``number`` (n,) their segments between gaps, ``counted`` (n,) what is scored. Each
+    ``t`` (n,): a row's times; ``number`` (n,): their segments between gaps; ``counted`` (n,): scored samples. Each
     counted sample covers the time to the next one of its segment. Seconds after a restart count as missing.
     """
     wanted = spans.merge([*segments.spans("airborne"), *segments.spans("rest")])
@@ -75,15 +78,18 @@ def coverage_pct(
 
 
 def diverged_at(errors: AttitudeErrors) -> float | None:
-    """Return the time from which the scored tilt error stays above 30 deg for 2 s; None if never."""
+    """Return when the scored tilt error exceeds 30 deg for 2 s.
+
+    None if never.
+    """
     return _stays_beyond(errors, errors.tilt > DIVERGED_DEG, DIVERGED_S)
 
 
 def lost_heading_at(errors: AttitudeErrors) -> float | None:
-    """Return the time from which the scored heading error stays beyond 45 deg for 10 s; None if never.
+    """Return when the scored heading error exceeds 45 deg for 10 s.
 
-    Or the first time that it is, where it is for more than half of the scored time, as in a heading that runs round or
-    a short record. The error counts both as it is and as if the reference had not jumped at its resets.
+    Or the first time above it, if that is more than half of the scored time, as for a heading that rotates or in a
+    short record. None if never. The error must be as large without the reference's jumps at its resets.
     """
     if not (np.abs(errors.heading) > DIVERGED_HEADING_DEG).any():
         return None
@@ -105,9 +111,9 @@ def _stays_beyond(errors: AttitudeErrors, bad: NDArray[np.bool_], seconds: float
 
 
 def reset_steps(errors: AttitudeErrors, along: Array) -> Array:
-    """Return the jump (n,) in rad of the heading error at each reset of the reference, 0 elsewhere.
+    """Return jumps (n,) in rad of the heading error at reference resets.
 
-    ``along`` (n,) rad is the heading error unwrapped.
+    0 elsewhere. ``along`` (n,) rad: the unwrapped heading error.
     """
     jumps = np.zeros(len(along))
     t, segment = errors.t, errors.segment
@@ -121,9 +127,9 @@ def reset_steps(errors: AttitudeErrors, along: Array) -> Array:
 
 
 def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments) -> float | None:
-    """Return when an onboard attitude was aligned: its last early jump of 5 deg before any flight.
+    """Return the time at which an onboard attitude finished its initial alignment.
 
-    ``resets`` (k,) are indices of its resets. None where it needed none.
+    Its last jump of 5 deg within 60 s and before any flight; None without one. ``resets`` (k,): indices of its resets.
     """
     if len(attitude.t) == 0:
         return None
@@ -135,21 +141,22 @@ def aligned_at(attitude: Attitude, resets: NDArray[np.int64], segments: Segments
 
 
 def convergence_observable(errors: AttitudeErrors) -> bool:
-    """Return whether 5 s pass without a break long enough to end an estimate."""
+    """Return whether errors cover 5 s without a break that restarts filters."""
     whole = model.segment_slices(np.ones(len(errors.t), bool), _unbroken(errors))
     return any(np.ptp(errors.t[part]) >= CONVERGED_S for part in whole)
 
 
 def _unbroken(errors: AttitudeErrors) -> NDArray[np.int64]:
-    """Return segments (n,) between breaks at which filters restart."""
+    """Return segments (n,) between breaks that restart filters."""
     return model.number_segments(errors.t, max(timestamps.MAX_BRIDGED_GAP_S, timestamps.gap_limit_of_times(errors.t)))
 
 
 def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> float | None:
-    """Return the seconds from ``start`` until convergence; None if over 60 s or not observable.
+    """Return the convergence time in s after ``start``.
 
-    The first time from which, for 5 s, the tilt error is at most 2 deg above the median of all scored ones (and the
-    heading error 5 deg above its median). One-sided: a filter that is pushed off later has converged at 0 s.
+    None if over 60 s or not observable. The first time from which, for 5 s, the tilt error is at most 2 deg above its
+    scored median (and the heading error 5 deg above its own). One-sided: a filter that is disturbed later converged at
+    0 s.
     """
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
     if not convergence_observable(errors):
@@ -177,18 +184,19 @@ SAME_RATE = 1.05
 
 
 def interpolate(t: Array, q: Array, segment: Index, at: Array) -> tuple[Array, Index]:
-    """Return attitudes (m, 4) at times ``at`` and their segments; NaN and -1 across a segment's end.
+    """Return attitudes (m, 4) at times ``at`` and their segments (m,).
 
-    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Along the shortest arc between two samples of one segment.
+    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Slerp between two samples of one segment; NaN and -1
+    elsewhere.
     """
     out, before = rotation.slerp_in_segments(t, q, segment, at)
     return out, np.where(before >= 0, segment[before], -1) if len(t) else before
 
 
 def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference) -> AttitudeErrors:
-    """Return errors of the attitudes (n, 4) at ``t`` against the reference, at the slower one's times.
+    """Return errors of attitudes ``q`` (n, 4) at ``t`` against the reference.
 
-    Times at which either would be interpolated across a gap, restart or reset are left out.
+    At the slower one's times. Times that need an interpolation across a gap, restart or reset are left out.
     """
     before = reference.samples
     if before is not None and before.of is t and before.own is reference.q:
@@ -210,7 +218,10 @@ def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference)
 def _shared_samples(
     reference: Reference, t: Array, number: Index, faster: bool, has: NDArray[np.bool_]
 ) -> ReferenceSamples:
-    """Return the reference at the times (k,) of the slower one, where a row ``has`` (k,) an attitude."""
+    """Return the reference at the times (k,) of the slower one.
+
+    ``has`` (k,): where the row has an attitude.
+    """
     if faster:
         at, q, where = reference.t, reference.q, np.arange(len(reference.t))
     else:
@@ -225,9 +236,9 @@ def _shared_samples(
 def attitude_errors(
     t: Array, q_est: Array, q_ref: Array, gap_segment: Index, segment: Index, scored: NDArray[np.bool_]
 ) -> AttitudeErrors:
-    """Return the errors between attitudes (n, 4), body to earth, at common times ``t`` (n,) s.
+    """Return errors between attitudes (n, 4), body to earth, at common times.
 
-    ``gap_segment``, ``segment`` and ``scored`` (n,) are kept beside them; errors are angles (n,) in deg.
+    Angles (n,) in deg. ``gap_segment``, ``segment`` and ``scored`` (n,) are passed on.
     """
     total, heading, tilt = angles = np.empty((3, len(t)))
     for a in range(0, len(t), CHUNK):

@@ -1,8 +1,7 @@
 """Faults of accelerometer, compass and gyro that would mislead a smoother.
 
-A smoother with a compass of mirrored axes, a gyro with spikes or a late accelerometer has a small sigma and an attitude
-that is degrees off. The dip of the earth's field decides between accelerometer and attitude: the field is measured by a
-third sensor.
+With mirrored compass axes, gyro spikes or a late accelerometer a smoother reports a small sigma for an attitude that is
+degrees off. The dip of the earth's field, measured by a third sensor, decides between accelerometer and attitude.
 """
 
 from __future__ import annotations
@@ -22,18 +21,17 @@ from attlog.reference.model import SensorFault
 from attlog.segments import Segments, model
 from attlog.segments import model as gaps
 
-# Where the mean specific force is gravity's; the first kind that the log has.
+# Kinds of segments whose mean specific force is gravity; the first in the log is used.
 QUIET_KINDS = ("rest", "idle", "hover")
-# How far the dip may be from the model's: iron and a bad calibration stay below the first, no compass error without
-# another cause reaches the second where the first holds for the same field.
+# Dip errors: iron and a bad calibration stay below the first; wrong axes exceed the second.
 MAX_DIP_ERROR_DEG, MIN_DIP_FAULT_DEG = 10.0, 25.0
-# Records of each sensor in a quiet segment.
+# Smallest number of samples of each sensor in a quiet segment.
 MIN_DIP_RECORDS = 10
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
 def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None) -> str:
-    """Return why the accelerometer's axes are wrong; empty where they are not known to be."""
+    """Return why the accelerometer's axes are wrong; empty if nothing shows it."""
     if seen is None or attitude is None:
         return ""
     off = abs(seen.by_force - seen.on_earth), abs(seen.by_attitude - seen.on_earth)
@@ -47,9 +45,9 @@ def accelerometer_contradicted(seen: DipAngles | None, attitude: Attitude | None
 
 
 def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, source: str) -> str:
-    """Return why the compass does not show the earth's field; empty where it is not known not to.
+    """Return why the compass does not measure the earth's field, or empty.
 
-    It dips otherwise below the levels of accelerometer and onboard attitude, which agree.
+    Accelerometer and onboard attitude agree on a dip that differs from the model's.
     """
     if seen is None or attitude is None or abs(seen.by_force - seen.by_attitude) > MAX_DIP_ERROR_DEG:
         return ""
@@ -70,7 +68,7 @@ def _dip_text(angle: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class DipAngles:
-    """Angles (deg) of the field below the levels of the accelerometer and of an attitude, and on earth."""
+    """Dip (deg) by accelerometer, by an attitude, and by the earth model."""
 
     by_force: float
     by_attitude: float
@@ -78,7 +76,10 @@ class DipAngles:
 
 
 def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> DipAngles | None:
-    """Return the median dips over the quiet segments of the first kind in the log; None without any."""
+    """Return the median dips over the quiet segments; None without any.
+
+    Only segments of the first of QUIET_KINDS in the log count.
+    """
     imu, model = log.replay_imu, alignment.earth_field(log)
     if imu is None or attitude is None or log.mag is None or model is None:
         return None
@@ -102,7 +103,7 @@ def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) 
 
 
 def _span_mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:
-    """Return the mean (3,) of the samples in a span; None for too few or a zero mean."""
+    """Return the mean (3,) of the samples in a span, or None."""
     inside = spans.between(t, t0, t1)
     if inside.stop - inside.start < MIN_DIP_RECORDS:
         return None
@@ -111,34 +112,34 @@ def _span_mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:
 
 
 def _dip_deg(down: Array, field: Array) -> float:
-    """Return the angle of a field below the level of a down, deg."""
+    """Return the dip of a field in deg, given down."""
     size = math.sqrt(float(down @ down) * float(field @ field))
     return math.degrees(math.asin(max(-1.0, min(1.0, float(down @ field) / size)))) if size > 0 else math.nan
 
 
-# Is the accelerometer on the clock of the attitude? Turned to earth its force changes the velocity as GNSS sees it.
+# Delay of the accelerometer: in earth axes its force must explain the changes of the GNSS velocity.
 
-# Forces are averaged over so long, and shifted in such steps.
+# Averaging time of the force, and step of its shift.
 FORCE_STEP_S = 0.1
-# Delays that are looked for, either way; and how late a receiver may be itself.
+# Searched delay of the accelerometer, either way, and largest delay of the receiver.
 MAX_DELAY_S, GNSS_LATE_S = 10.0, 0.6
-# A smaller one may be a receiver's.
+# Smaller delays may be the receiver's.
 MIN_DELAY_S = 0.3
-# Velocities change over so long: less is their noise.
+# Interval of a change of velocity; shorter ones are noise.
 VELOCITY_SPAN_S = 1.0
 # Weaker acceleration (RMS) or fewer pairs show no delay; of long flights the first minutes are used.
 MIN_ACCELERATION_M_S2, MIN_VELOCITY_PAIRS, MAX_FORCE_S = 0.5, 60, 300.0
-# The shift leaves so many times less (squared), and then both are alike (correlation).
+# Ratio of squared residuals without and with the shift, and correlation with it.
 MIN_DELAY_MISFIT_RATIO, MIN_DELAY_CORRELATION = 9.0, 0.8
-# Steps of a first look, and how many times less one of them leaves (squared) to be looked at closely.
+# Step of the coarse search, and its ratio of squared residuals that starts the fine one.
 COARSE_STEPS, MIN_COARSE_RATIO = 4, 2.0
-# Forces that fit so well (correlation) are not late.
+# Correlation above which a force without shift is on time.
 ON_TIME_CORRELATION = 0.95
 FIX_3D = 3
 
 
 def accelerometer_delay(log: FlightLog) -> float | None:
-    """Return how late the accelerometer is, s; None where it is on time or unknown."""
+    """Return the accelerometer's delay in s; None if on time or unknown."""
     imu, attitude, gnss = log.replay_imu, log.onboard_attitude, next(iter(log.gnss), None)
     if imu is None or attitude is None or gnss is None:
         return None
@@ -180,7 +181,10 @@ def accelerometer_delay(log: FlightLog) -> float | None:
 
 
 def _mean_force(t: Array, force: Array) -> tuple[Array, Array]:
-    """Return means (n, 3) of the specific force over FORCE_STEP_S and their middles; NaN where there is none."""
+    """Return middles (n,) and means (n, 3) of the force over FORCE_STEP_S.
+
+    NaN without samples.
+    """
     known = rotation.finite_rows(force)
     t, force = t[known], force[known]
     if len(t) < 2:
@@ -195,7 +199,7 @@ def _mean_force(t: Array, force: Array) -> tuple[Array, Array]:
 
 
 def _velocity_pairs(t: Array, grid: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return indices of fixes that are VELOCITY_SPAN_S apart, within the forces."""
+    """Return indices of fixes VELOCITY_SPAN_S apart, within the force record."""
     last = np.searchsorted(t, t + VELOCITY_SPAN_S)
     first = np.flatnonzero(last < len(t))
     last = last[first]
@@ -206,7 +210,10 @@ def _velocity_pairs(t: Array, grid: Array) -> tuple[NDArray[np.int64], NDArray[n
 def _delay_misfit(
     q: Array, force: Array, shift: int, receiver_s: float, spans: tuple[Array, Array], change: Array
 ) -> tuple[float, float]:
-    """Return the mean square that a delayed force leaves of velocity changes (n, 2), and their correlation."""
+    """Return mean square residual and correlation of a shifted force.
+
+    Against the mean accelerations ``change`` (n, 2) between fixes.
+    """
     moved = np.full_like(force, np.nan)
     if shift >= 0:
         moved[: len(force) - shift] = force[shift:]
@@ -228,16 +235,13 @@ def _delay_misfit(
     return float(np.mean(np.sum((by_force - own) ** 2, axis=1))), alike
 
 
-# Faults of sensors that would mislead a smoother, found before one is run.
-#
-# A smoother with a compass of mirrored axes, a gyro with spikes or a late accelerometer has a small sigma and an
-# attitude that is degrees off. Each sensor is compared with the others; where one is contradicted no smoother is run.
+# Comparison of each sensor with the others, before a smoother is run.
 
 GYRO, COMPASS, LATE, FRAME = "gyro spikes", "compass axes", "accelerometer delay", "accelerometer axes"
 
 
 def find_sensor_faults(log: FlightLog, segments: Segments) -> dict[str, SensorFault]:
-    """Return the faults of the sensors to replay, by name; empty where physics contradicts none."""
+    """Return the faults of the replayed sensors by name; empty without any."""
     attitude = log.onboard_attitude
     source = "" if log.mag is None else log.mags[log.mag].field.source
     seen = guarded_part(log, "The dip of the field", lambda: _log_dips(log, segments), lambda: None)
@@ -252,7 +256,7 @@ def find_sensor_faults(log: FlightLog, segments: Segments) -> dict[str, SensorFa
 
 
 def wrong_frame(log: FlightLog, segments: Segments) -> str:
-    """Return why the replayed accelerometer's axes are wrong by the field's dip; empty where they are not."""
+    """Return why the dip shows wrong accelerometer axes, or empty."""
     return accelerometer_contradicted(_log_dips(log, segments), log.onboard_attitude)
 
 

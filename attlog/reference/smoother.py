@@ -72,7 +72,7 @@ def smoothable(log: FlightLog, segments: Segments) -> list[Span]:
 
 
 def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
-    """Return why the smoother does not run by default; empty if it does."""
+    """Return why the smoother is not run by default, or empty."""
     if log.replay_imu is None:
         return "no IMU is replayed"
     force = rotation.length(log.replay_imu.acc.x)
@@ -226,7 +226,7 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
 
 
 def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
-    """Return tilt and signed heading errors (n,) in deg of attitudes (n, 4).
+    """Return tilt and signed heading errors in deg of attitudes (n, 4).
 
     NaN where the reference has no attitude.
     """
@@ -371,7 +371,7 @@ def caveat(ref: Reference) -> str:
 
 
 def _doubt(ref: Reference) -> str:
-    """Return why the reference in use is in doubt; empty if it is not."""
+    """Return why the reference in use is in doubt, or empty."""
     why = ref.faults.doubt
     if not why and ref.kind == "smoother" and unsure_of_tilt(ref):
         why = f"its tilt sigma is above {MAX_SIGMA_DEG:.0f} deg"
