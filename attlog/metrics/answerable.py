@@ -1,4 +1,4 @@
-"""Metrics that a log can answer, from the integrated gyro before filters run."""
+"""Metrics that a log can answer, found with the integrated gyro."""
 
 from __future__ import annotations
 

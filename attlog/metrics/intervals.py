@@ -353,9 +353,9 @@ def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float
 
 
 def moderated_interval(values: ArrayLike, prior: VariancePrior) -> tuple[float, float]:
-    """Return the 95 % interval of a mean with a prior variance (Smyth 2004).
+    """Return the 95 % interval of a mean with a prior variance.
 
-    Of values (k,), k >= 1.
+    Of values (k,), k >= 1 (Smyth 2004).
     """
     means, errors, dof = _moderated(np.asarray(values, np.float64)[None], prior)
     mean, half = float(means[0]), student(0.975, dof) * float(errors[0])

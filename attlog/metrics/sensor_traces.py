@@ -1,4 +1,4 @@
-"""Arrays that show the sensors themselves: spectra, vibration, sizes of gravity and field, gyro bias at rest.
+"""Figure data of the sensors: spectra, vibration, gravity, field, bias at rest.
 
 Traces without a row:
 ``spectrum``: frequency (Hz, also ``t``), x y z amplitude density, ``key`` = gyro (deg/s/sqrt(Hz)) or accelerometer
@@ -6,7 +6,7 @@ Traces without a row:
 ``vibration``: x y z standard deviation of the accelerometer (m/s^2) in windows of one second, ``clipped`` samples at
 the end of its range in them, values ``samples`` clipped in all;
 ``gravity``: low mean high of the specific force's size (m/s^2), value ``expected``;
-``field``: low mean high of the field's size (uT), value ``expected`` (world magnetic model) where place and date tell;
+``field``: low mean high of the field's size (uT), value ``expected`` (world magnetic model) with known place and date;
 ``throttle``: percent; ``rest_bias``: x y z mean rate of the gyro (deg/s) in each rest, ``t`` its middle.
 """
 
@@ -27,24 +27,24 @@ from attlog.segments.airborne import height_stream, highest_level
 Array = NDArray[np.float64]
 
 G = 9.80665
-# Full scales of accelerometers in use.
+# Usual full scales of accelerometers.
 RANGES_M_S2 = tuple(g * G for g in (4.0, 8.0, 16.0, 32.0))
-# Samples this near (share of the range) to a full scale were clipped, where no axis goes beyond it.
+# Distance from full scale (share of it) of a clipped sample, if no sample is far beyond.
 CLIPPED_SHARE = 0.01
 # Samples per segment of a spectrum: at 250 Hz a resolution of 0.25 Hz.
 SEGMENT_SAMPLES = 1024
 MIN_SENSOR_SAMPLES = 64  # fewer resolve no spectrum
-# Segments that are transformed at once.
+# Segments per call of the FFT.
 BATCH_SEGMENTS = 16
-# Segments averaged, evenly chosen over the flight: more change nothing that can be seen.
+# Largest number of averaged segments, spread evenly over the flight.
 MAX_SPECTRA = 400
-# Points of a line over the whole flight; windows grow with the log.
+# Largest number of points of a line; windows grow with the log.
 MAX_BUCKETS = 2000
 AXES = ("x", "y", "z")
 
 
 def sensor_traces(case: Case) -> list[Trace]:
-    """Return all traces of the replayed unit and of the magnetometer in use."""
+    """Return all traces of the replayed IMU and the used magnetometer."""
     log = case.log
     if log.imu is None or len(log.imus[log.imu].gyro.t) < 2:
         return []
@@ -53,7 +53,10 @@ def sensor_traces(case: Case) -> list[Trace]:
 
 
 def spectra(case: Case, imu: Imu) -> list[Trace]:
-    """Return amplitude densities by Welch's method (Hann window, half overlap) over flight, else the whole log."""
+    """Return amplitude densities in flight, else of the whole log.
+
+    By Welch's method (Hann window, half overlap).
+    """
     spans = case.segments.spans("airborne") or [(float(imu.gyro.t[0]), float(imu.gyro.t[-1]))]
     segments = [p for span in spans for p in within(imu.gyro.t, span) if p.stop - p.start >= MIN_SENSOR_SAMPLES]
     if not segments:
@@ -78,7 +81,10 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
 
 
 def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> Array:
-    """Return the mean periodogram (size // 2 + 1, k) of the segments of (n, k) that begin at ``starts``."""
+    """Return the mean periodogram (size // 2 + 1, k) of segments.
+
+    Segments of ``x`` (n, k) begin at ``starts`` and have ``size`` samples.
+    """
     total = np.zeros((size // 2 + 1, x.shape[1]))
     for begin in np.array_split(starts, len(starts) // BATCH_SEGMENTS + 1):
         segments = x[begin + np.arange(size)[:, None]].reshape(size, -1)
@@ -87,7 +93,10 @@ def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> 
 
 
 def periodogram(x: Array, step: float) -> Array:
-    """Return the one-sided power density (n // 2 + 1, k) of samples (n, k) ``step`` s apart: Hann, detrended."""
+    """Return the one-sided power density (n // 2 + 1, k) of samples (n, k).
+
+    Detrended, Hann window; samples ``step`` s apart.
+    """
     n = len(x)
     taper = np.hanning(n + 1)[:-1]
     flat = detrended(np.arange(n, dtype=np.float64), np.nan_to_num(x))
@@ -100,7 +109,10 @@ def periodogram(x: Array, step: float) -> Array:
 
 
 def vibration(imu: Imu) -> list[Trace]:
-    """Return the accelerometer's standard deviation in windows of 1 s (longer in long logs), and clipped samples."""
+    """Return standard deviation and clipped samples of the accelerometer over time.
+
+    In windows of 1 s, longer in long logs.
+    """
     t, edges = buckets(imu.acc.t, 1.0)
     if len(t) == 0:
         return []
@@ -117,7 +129,7 @@ def vibration(imu: Imu) -> list[Trace]:
 
 
 def clipped_samples(acc: Array) -> NDArray[np.bool_]:
-    """Return which samples (n,) have an axis of ``acc`` (n, 3) m/s^2 at the end of its range."""
+    """Return which samples (n,) of ``acc`` (n, 3) m/s^2 are clipped."""
     # One axis at a time, twice: in long logs copies add up.
     largest = max(float(np.abs(np.nan_to_num(x)).max(initial=0.0)) for x in acc.T)
     full = next((r for r in RANGES_M_S2 if abs(largest / r - 1.0) <= CLIPPED_SHARE), None)
@@ -129,7 +141,7 @@ def clipped_samples(acc: Array) -> NDArray[np.bool_]:
 
 
 def sizes(log: FlightLog, imu: Imu) -> list[Trace]:
-    """Return the sizes of specific force and field over time, with the expected ones at the place."""
+    """Return magnitudes of specific force and field, with the expected ones."""
     where = alignment.flight_place(log)
     g = G if where is None else earth.gravity(where[0], where[2])
     found = [size_of("gravity", imu.acc.t, np.sqrt(np.einsum("ij,ij->i", imu.acc.x, imu.acc.x)), {"expected": g})]
@@ -141,7 +153,10 @@ def sizes(log: FlightLog, imu: Imu) -> list[Trace]:
 
 
 def size_of(figure: str, t: Array, size: Array, values: dict[str, float]) -> Trace:
-    """Return smallest, mean and largest size (n,) in windows of half a second, longer in long logs."""
+    """Return smallest, mean and largest of a magnitude (n,) over time.
+
+    In windows of half a second, longer in long logs.
+    """
     good = np.isfinite(size)
     t, size = t[good], size[good]
     at, edges = buckets(t, 0.5)
@@ -163,7 +178,7 @@ def throttle(log: FlightLog) -> list[Trace]:
 
 
 def rest_bias(case: Case, imu: Imu) -> list[Trace]:
-    """Return the mean rate of the gyro in each rest: its bias and the earth's turn."""
+    """Return the mean gyro rate per rest: bias and earth rate."""
     rests = [(a, b, between(imu.gyro.t, a, b)) for a, b in case.segments.spans("rest")]
     rests = [(a, b, inside) for a, b, inside in rests if inside.stop - inside.start >= MIN_SENSOR_SAMPLES]
     if not rests:
@@ -174,7 +189,10 @@ def rest_bias(case: Case, imu: Imu) -> list[Trace]:
 
 
 def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return middles (m,) and bounds (m + 1,) of windows of ``t`` (n,), longer where MAX_BUCKETS would not do."""
+    """Return middles (m,) and bounds (m + 1,) of windows of ``t`` (n,).
+
+    At most MAX_BUCKETS windows, at least ``seconds`` long.
+    """
     if len(t) < 2:
         return np.zeros(0), np.zeros(1, np.int64)
     length = max(seconds, float(t[-1] - t[0]) / MAX_BUCKETS)
@@ -183,23 +201,26 @@ def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
     return 0.5 * (t[edges[:-1]] + t[edges[1:] - 1]), edges
 
 
-# The height over the flight, for a strip that shows it at a glance.
+# Height over the flight, for a strip.
 #
 # ``height``: ``height`` (m) above the ground, means over equal parts of the log; no row. ``top`` (m): the largest in
 # flight, as in the headline, where the log shows the ground.
 
 Span = tuple[float, float]
 
-# Parts of the log: a strip is no wider.
+# Largest number of equal parts of the log.
 MAX_HEIGHT_POINTS = 400
-# The ground is what the vehicle stood on within so long before and after a flight.
+# Time before and after a flight in which the vehicle stands on the ground.
 GROUND_S = 5.0
-# A log that ends in the air goes on for a moment after the last sign of flight: that is no ground.
+# Shortest such time: a log that ends in the air continues shortly after the last sign of flight.
 MIN_GROUND_S = 0.5
 
 
 def height_trace(case: Case) -> list[Trace]:
-    """Return the height of the headline; without known ground that of the barometer, else of GNSS."""
+    """Return the height above ground over the log.
+
+    The height of the headline; without known ground that of the barometer, else of GNSS.
+    """
     air, flights = case.segments.air, case.segments.spans("airborne")
     found = None if air is None or not flights else highest_level(air.levels, inside(air.grid.t, flights))
     if air is not None and found is not None:
@@ -216,9 +237,10 @@ def height_trace(case: Case) -> list[Trace]:
 
 
 def ground(stream: Stream, flights: list[Span]) -> Array:
-    """Return the height (n,) of the ground: straight between that before and after each flight.
+    """Return the height (n,) of the ground below a flight.
 
-    A barometer drifts by metres in minutes. Without a flight it is the median, without any ground the lowest height.
+    Linear between that before and after each flight: a barometer drifts by metres in minutes. Without a flight the
+    median, without any ground the lowest height.
     """
     t, x = stream.t, stream.x[:, 0]
     if not flights:
@@ -238,7 +260,10 @@ def ground(stream: Stream, flights: list[Span]) -> Array:
 
 
 def averaged(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return times and means (m,) of x (n,) over MAX_HEIGHT_POINTS equal parts; NaN in a part without a sample."""
+    """Return times and means (m,) of x (n,) over equal parts.
+
+    NaN in a part without a sample.
+    """
     edges = np.linspace(t[0], t[-1], min(MAX_HEIGHT_POINTS, max(len(t) // 4, 1)) + 1)
     part = np.clip(np.searchsorted(edges, t, "right") - 1, 0, len(edges) - 2)
     count = np.bincount(part, minlength=len(edges) - 1)

@@ -1,4 +1,4 @@
-"""Units of evidence of an answer, tests of two rows on common units, and sizes of errors."""
+"""Units of evidence of an answer, paired tests of rows, error sizes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Kind = Literal["log_variance", "mean_square", "slope_group", "lag_event", "step_
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Value and 95 % interval of a row on some of its units, in the unit of its answer."""
+    """Value and 95 % interval of a row on some of its units."""
 
     value: float
     ci95: tuple[float, float] | None
@@ -30,13 +30,13 @@ class Summary:
 
 @dataclass(frozen=True, slots=True)
 class UnitValues:
-    """Value per unit of evidence; rows are paired by ``ids`` (k,) of :func:`make_ids`.
+    """Values of an answer's units of evidence, paired between rows by ``ids``.
 
-    ``values`` (k,) by ``kind``: ``log_variance`` logarithm of a window's variance; ``mean_square`` mean square of a
-    block; ``slope_group`` signed slope of a group; ``lag_event`` jackknife pseudo-value of an event, ``n whole - (n -
-    1) without it`` (their mean is the lag, their scatter its jackknife variance); ``step_event`` magnitude of an
-    event's error. ``on`` is how the metric recomputes the answer on some of its units; it must pickle. Units read from
-    a file do not have it, and are summed up by their kind.
+    ``ids`` (k,) of :func:`make_ids`; ``values`` (k,) by ``kind``. ``log_variance``: logarithm of a window's variance.
+    ``mean_square``: mean square of a block. ``slope_group``: signed slope of a group. ``lag_event``: jackknife
+    pseudo-value of an event, ``n whole - (n - 1) without it`` (their mean is the lag, their scatter its jackknife
+    variance). ``step_event``: magnitude of an event's error. ``on`` recomputes the answer on some units and must
+    pickle. Units read from a file lack it and are averaged by kind.
     """
 
     kind: Kind
@@ -45,11 +45,11 @@ class UnitValues:
     on: Callable[[Ids], Summary] | None = field(default=None, repr=False, compare=False, metadata={IN_JSON: False})
 
     def of(self, ids: Ids) -> Summary:
-        """Return value and interval on some of the units (m,)."""
+        """Return value and interval on the units ``ids`` (m,)."""
         return self.on(ids) if self.on is not None else Summary(_summed_up(self.kind, self.at(ids)), None)
 
     def at(self, ids: Ids) -> Array:
-        """Return the values (m,) of units in the order of ``ids`` (m,). KeyError for an unknown one."""
+        """Return the values (m,) of units ``ids`` (m,); KeyError for unknown ones."""
         order = np.argsort(self.ids)
         place = np.searchsorted(self.ids, ids, sorter=order)
         found = order[np.minimum(place, len(order) - 1)]
@@ -59,37 +59,43 @@ class UnitValues:
 
 
 def make_ids(times: ArrayLike) -> Ids:
-    """Return ids (k,) of units that begin at ``times`` (k,) s: whole milliseconds, equal for all rows."""
+    """Return ids (k,) of units by their start ``times`` (k,) s.
+
+    Whole milliseconds, equal for all rows.
+    """
     return np.round(1000.0 * np.asarray(times, np.float64)).astype(np.int64)
 
 
 def _summed_up(kind: Kind, values: Array) -> float:
-    """Return the mean of units (k,) of a kind on its scale, of step events the median."""
+    """Return the mean of units on their scale; step events: the median."""
     if kind == "step_event":
         return float(np.median(values))
     mean = float(np.mean(values))
     return math.exp(0.5 * mean) if kind == "log_variance" else math.sqrt(mean) if kind == "mean_square" else mean
 
 
-# Do two rows differ? One test per kind of unit, on the units that both have.
+# Paired test of two rows: one test per kind of unit, on common units.
 
-# Scatter of differences of logarithms from unit to unit, measured over logs.
+# Prior variance of the difference of logarithms between units, from many logs.
 PRIORS: dict[Kind, VariancePrior] = {"log_variance": VariancePrior(0.4, 4.0), "mean_square": VariancePrior(1.0, 3.0)}
-# With fewer common units there is no test.
+# Smallest number of common units for a test.
 NEEDED: dict[Kind, int] = {"log_variance": 1, "mean_square": 3, "slope_group": 4, "lag_event": 3, "step_event": 6}
-# Up to here the signed-rank distribution is counted, beyond it is normal.
+# Largest number of values with an exact signed-rank distribution, else a normal one.
 EXACT = 60
 
 
 def p_value(a: UnitValues, b: UnitValues, common: Ids) -> float:
-    """Return two-sided p that two rows are equal on common units (k,); 1 for too few or different kinds."""
+    """Return two-sided p that two rows are equal on common units.
+
+    ``common``: ids (k,). 1 for too few units or different kinds.
+    """
     if a.kind != b.kind or len(common) < NEEDED[a.kind]:
         return 1.0
     return float(p_values(a.kind, a.at(common)[None], b.at(common)[None])[0])
 
 
 def p_values(kind: Kind, x: Array, y: Array) -> Array:
-    """Return :func:`p_value` (m,) of many pairs with values (m, k) on the same units."""
+    """Return :func:`p_value` (m,) of pairs with values (m, k)."""
     if x.shape[1] < NEEDED[kind]:
         return np.ones(len(x))
     if kind == "step_event":
@@ -108,7 +114,10 @@ def _logarithms(squares: Array) -> Array:
 
 
 def _t_of(d: Array) -> Array:
-    """Return sizes (m,) of Student's t of differences (m, k); infinite for equal differences other than zero."""
+    """Return Student's t sizes (m,) of differences (m, k).
+
+    Infinite for equal differences other than zero.
+    """
     mean = np.abs(np.mean(d, axis=1))
     error = np.std(d, axis=1, ddof=1) / math.sqrt(d.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -116,13 +125,16 @@ def _t_of(d: Array) -> Array:
 
 
 def signed_rank(d: Array) -> float:
-    """Return two-sided p of Wilcoxon's signed-rank test of differences (k,); zeros left out, ties share ranks."""
+    """Return two-sided p of Wilcoxon's signed-rank test of differences (k,).
+
+    Zeros are left out, ties share ranks.
+    """
     d = d[d != 0.0]
     n = len(d)
     if n == 0:
         return 1.0
     size = np.abs(d)
-    ordered = np.sort(size)  # twice the rank: all that are smaller, and half of those that are as large
+    ordered = np.sort(size)  # twice the mean rank of ties
     doubled = np.searchsorted(ordered, size, "left") + np.searchsorted(ordered, size, "right") + 1
     positive, total = int(np.sum(doubled[d > 0])), int(np.sum(doubled))
     if n > EXACT:
@@ -137,7 +149,10 @@ def signed_rank(d: Array) -> float:
 
 
 def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
-    """Return which p-values (m,) pass at a false discovery rate (Benjamini & Hochberg 1995)."""
+    """Return which p-values (m,) are significant at a false discovery rate.
+
+    Procedure of Benjamini & Hochberg 1995.
+    """
     m = len(p_values)
     order = np.argsort(p_values)
     passed = np.flatnonzero(p_values[order] <= rate * np.arange(1, m + 1) / m)
@@ -151,27 +166,30 @@ def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
 
 STATISTICS = {"rmse": "root mean square", "p95": "95th percentile"}
 P95 = 0.95  # probability of the percentile
-# An interval ends at this multiple of the value: one burst says nothing of larger values elsewhere.
+# Largest end of an interval over its value: one burst does not predict larger values.
 MAX_INTERVAL_RATIO = 3.0
 PIECES = 4  # two scales of changes: halves and quarters
-GROUP_S, MAX_GROUPS = 5.0, 20  # as blocks of tilt errors
+GROUP_S, MAX_GROUPS = 5.0, 20  # length as that of blocks of tilt errors
 SHORTEST_S, MIN_SAMPLES = 4.0, 8  # a second and two samples a quarter
-# No attitude is further from another, so no interval of an error ends beyond it.
+# Largest angle between two attitudes, the limit of an interval.
 HALF_TURN_DEG = 180.0
 
 
 def groups_of(n: int, duration: float) -> list[slice]:
-    """Return consecutive groups of n samples as independent evidence: 4 to 20 of 5 s; none below 4 s."""
+    """Return consecutive groups of n samples as independent evidence.
+
+    4 to 20 groups of 5 s; none for a record below 4 s.
+    """
     if duration < SHORTEST_S or n < MIN_SAMPLES:
         return []
     return interval.equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
 
 
 def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
-    """Return the RMS of an angle (n,) and its interval: t over the mean squares of its groups.
+    """Return the RMS of an angle (n,) and its 95 % interval.
 
-    The relative error of the mean square becomes a factor (delta method), so that the interval of a short, uneven
-    record does not reach below zero.
+    The t interval of the groups' mean squares. The relative error of the mean square becomes a factor (delta method),
+    so that the interval of a short, uneven record stays above zero.
     """
     squares = angle**2
     square = float(np.mean(squares))
@@ -183,7 +201,7 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
 
 
 class ErrorSize:
-    """Sizes of an error angle without sign (n,), in deg, over a record of ``duration`` s.
+    """Size of an unsigned error angle (n,) in deg over ``duration`` s.
 
     ``sigma``: the reference's own error (one sigma, RMS over the record, deg).
     """
@@ -194,12 +212,12 @@ class ErrorSize:
         self._squares: Array | None = None
 
     def of(self, name: str) -> tuple[float, interval.Interval | None]:
-        """Return one of STATISTICS with its interval; None for the interval of a short record."""
+        """Return one of STATISTICS and its interval (None for short records)."""
         whole, *parts = self._sizes(name)
         if not self.pieces:
             return whole, None
         changes = _changes(parts, whole)
-        if name != "rmse":  # where few samples reach, their changes say little: the size of the error changes too
+        if name != "rmse":  # a percentile rests on few samples: at least the changes of the RMS
             square, *squares = self._sizes("rmse")
             changes = np.maximum(changes, _changes(squares, square))
         low, high = interval.wandering_interval(whole, changes)
@@ -207,7 +225,7 @@ class ErrorSize:
         return whole, (max(low, 0.0), min(high, HALF_TURN_DEG))
 
     def _sizes(self, name: str) -> list[float]:
-        """Return the size of the whole, then of both halves and the four quarters where there are pieces."""
+        """Return the size of the whole, of both halves and four quarters."""
         halves, quarters = (interval.equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
         if name == "rmse":
             if self._squares is None:
@@ -219,15 +237,15 @@ class ErrorSize:
 
 
 def _changes(parts: list[float], whole: float) -> Array:
-    """Return how the logarithm of the mean square changes (3,) between halves, and between quarters of each.
+    """Return changes (3,) of log mean square between halves and quarters.
 
-    A part that is a thousand times smaller than the whole counts as that: its logarithm could be anything.
+    The size of a part is limited to a thousandth of the whole, as its logarithm is unbounded.
     """
     size = 2.0 * np.log(np.maximum(parts, 1e-3 * whole)) if whole > 0.0 else np.zeros(len(parts))
     return np.abs(size[1::2] - size[::2])
 
 
 def _ordered_at(values: Array, probability: float) -> Array:
-    """Return the values (n,), those at a quantile in ascending order."""
+    """Return the values (n,) partitioned around a quantile."""
     place = int(probability * (len(values) - 1))
     return np.partition(values, [place, min(place + 1, len(values) - 1)])

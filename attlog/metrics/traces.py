@@ -1,4 +1,4 @@
-"""Arrays for the figures, row by row."""
+"""Figure data of attitudes, errors and metrics, row by row."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ Array = NDArray[np.float64]
 
 ANGLES = ("roll", "pitch", "heading")
 BINS = 61  # odd: one bin is centred on zero
-# As the noise is measured: what is slower is wander.
+# Detrending window as in the metric of noise; slower motion is wander.
 WINDOW_S = 5.0
-MIN_REST_SAMPLES = 10  # fewer show no distribution
-# Values of a longer rest are counted by so many of them, spread evenly over their order.
+MIN_REST_SAMPLES = 10  # fewer give no distribution
+# Largest number of values kept for a histogram, spread evenly over their order.
 ORDERED = 20_000
 
 
 class RestTraces:
-    """``rest`` and ``spread`` traces of rows that pass one by one, where finite in the longest rest.
+    """``rest`` and ``spread`` traces of rows added one by one.
 
-    ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them.
+    From the longest rest, where finite. ``replays``: number of replayed rows to come; ``onboard``: the rows after them.
     """
 
     def __init__(self, case: Case, replays: int, onboard: Sequence[Track]) -> None:
@@ -55,7 +55,7 @@ class RestTraces:
         self._scatters: list[Scatter] = []
 
     def add(self, row: Track) -> None:
-        """Draw a row at rest; it may be released then."""
+        """Add the traces of a row, which may be released afterwards."""
         segment = self._segment(row)
         if segment is None:
             return
@@ -64,11 +64,11 @@ class RestTraces:
         self._scatters.append(Scatter.of(row.name, residual(t, angles[:, :2]).ravel()))
 
     def drawn(self) -> list[Trace]:
-        """Return all traces, the spreads in bins that are the same for all rows."""
+        """Return all traces; the spreads of all rows have equal bins."""
         return [*self._drawn, *spreads(self._scatters)]
 
     def _segment(self, row: Track) -> slice | None:
-        """Return the row's longest segment in the rest; None where it is too short or not finite."""
+        """Return the row's longest usable segment in the rest, or None."""
         if self._rest is None:
             return None
         start = max(self._rest[0], own_start(self._case, row))
@@ -81,7 +81,7 @@ class RestTraces:
 
 @dataclass(frozen=True, slots=True)
 class Scatter:
-    """Values of a row whose distribution is counted: standard deviation, and some of them in order."""
+    """Values of a row for a histogram: standard deviation, thinned values."""
 
     row: str
     size: float
@@ -89,7 +89,10 @@ class Scatter:
 
     @classmethod
     def of(cls, row: str, values: Array) -> Scatter:
-        """Return the scatter of values (n,), of which so many are kept that shares are known to 0.005 %."""
+        """Return the scatter of values (n,).
+
+        More than ORDERED values are thinned, which keeps shares to 0.005 %.
+        """
         size = float(np.std(values)) if len(values) else 0.0
         if len(values) > ORDERED:
             values = np.sort(values)[np.linspace(0, len(values) - 1, ORDERED).round().astype(np.int64)]
@@ -97,14 +100,17 @@ class Scatter:
 
 
 def close_up(name: str, t: Array, angles: Array, keep: int) -> Trace:
-    """Return angles (n, 3) in deg, each minus its straight line: noise and wander without drift."""
+    """Return detrended angles (n, 3) in deg: noise and wander without drift."""
     flat = detrended(t, angles)
     at, kept = envelope(t, flat, keep)
     return Trace("rest", name, at, {a: kept[:, k] for k, a in enumerate(ANGLES)}, ratio=len(t) / len(at))
 
 
 def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
-    """Return shares (%) of the samples of roll and pitch per bin of the angle, the same bins for all rows."""
+    """Return histograms of roll and pitch at rest in percent.
+
+    Equal bins for all rows.
+    """
     scatters = [s for s in scatters if len(s.ordered) > MIN_REST_SAMPLES]
     if not scatters:
         return []
@@ -119,24 +125,27 @@ def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
 
 
 def residual(t: Array, angles: Array) -> Array:
-    """Return angles (n, k) without a line in every 5 s; windows of under 3 samples are left out."""
+    """Return angles (n, k) detrended in windows of 5 s.
+
+    Windows of under 3 samples are left out.
+    """
     edges = np.searchsorted(t, np.arange(t[0], t[-1] + WINDOW_S, WINDOW_S))
     windows = [slice(a, b) for a, b in pairwise(edges) if b - a > 2]
     return np.concatenate([detrended(t[w], angles[w]) for w in windows] or [np.zeros((0, angles.shape[1]))])
 
 
-# Arrays of steps: one that is like most of them, and what all of them have in common.
+# Figure data of steps: a representative one, and statistics over all.
 
-# Times from the onset at which events are compared.
+# Times since the onset, s.
 GRID_S = np.linspace(-0.3, 1.2, 151)
-# The band holds four in five of the events.
+# Quantiles of band and median: the band has four in five of the events.
 SHARES = (0.1, 0.5, 0.9)
-# Events from which a band is drawn; of fewer it would be the events themselves.
+# Smallest number of events for a band.
 MIN_EVENTS_DRAWN = 3
 
 
 def step_traces(case: Case, row: Track) -> list[Trace]:
-    """Return ``step`` of the representative event and ``steps`` over the events of each axis and of all."""
+    """Return a representative step, and statistics over steps by axis."""
     if row.is_reference or case.reference.rate < step_fits.MIN_REFERENCE_HZ:
         return []
     curves = step_curves.curves(case, row, "all")
@@ -154,7 +163,7 @@ def step_traces(case: Case, row: Track) -> list[Trace]:
 
 @per_case
 def representative(case: Case) -> StepEvent | None:
-    """Return the event of median stroke about the axis with most events; None without events."""
+    """Return the median-stroke event about the axis with most events."""
     events = steps.reference_steps(case)
     if not events:
         return None
@@ -164,7 +173,10 @@ def representative(case: Case) -> StepEvent | None:
 
 
 def one_step(case: Case, row: Track, curve: Curve) -> Trace:
-    """Return the turning of row, reference and set-point about the axis of one event since its onset."""
+    """Return the turning of row, reference and set-point in one event.
+
+    About the event's axis, since its onset.
+    """
     columns = {"est": curve.row, "ref": curve.reference}
     wanted = step_curves.setpoint(case, curve)
     if wanted is not None:
@@ -174,14 +186,20 @@ def one_step(case: Case, row: Track, curve: Curve) -> Trace:
 
 
 def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
-    """Return the row's error and the reference's turning (events, times) from the onset, in % of the stroke."""
+    """Return the row's error and the reference's turning in % of stroke.
+
+    Both (events, times) on GRID_S.
+    """
     stroke = np.array([abs(c.event.delta_deg) for c in curves])[:, None]
     error = resampled_errors(curves, [c.error for c in curves]) / stroke * 100.0
     return error, resampled_errors(curves, [c.reference for c in curves]) / stroke * 100.0
 
 
 def step_statistics(row: Track, error: Array, moved: Array, axis: str) -> Trace:
-    """Return median and band of the row's error over events (events, times) in %; NaN where few reach."""
+    """Return median and band of the row's error over events.
+
+    ``error``, ``moved`` (events, times) in %; NaN where few events reach.
+    """
     enough = np.isfinite(error).sum(axis=0) >= MIN_EVENTS_DRAWN
     columns = {name: np.full(len(GRID_S), np.nan) for name in ("median", "low", "high", "ref")}
     columns["low"][enough], columns["median"][enough], columns["high"][enough] = known_steps(error[:, enough], SHARES)
@@ -190,9 +208,9 @@ def step_statistics(row: Track, error: Array, moved: Array, axis: str) -> Trace:
 
 
 def known_steps(x: Array, shares: tuple[float, ...]) -> Array:
-    """Return quantiles (len(shares), n) of the finite numbers in each column of (k, n), at least one each.
+    """Return quantiles (len(shares), n) of the finite values per column.
 
-    Equal to numpy.nanquantile, which goes through the columns one by one.
+    ``x`` (k, n) with at least one finite value per column. Equal to numpy.nanquantile, which loops over columns.
     """
     ordered, known = np.sort(x, axis=0), np.isfinite(x).sum(axis=0)
     found = np.empty((len(shares), x.shape[1]))
@@ -205,7 +223,10 @@ def known_steps(x: Array, shares: tuple[float, ...]) -> Array:
 
 
 def resampled_errors(curves: list[Curve], values: list[Array]) -> Array:
-    """Return values (n,) of each curve on the common times (events, times); NaN beyond its ends."""
+    """Return values of each curve on GRID_S (events, times).
+
+    NaN beyond a curve's ends.
+    """
     begin = STRIDE_S * np.arange(len(curves))
     seconds = [c.seconds for c in curves]
     at = GRID_S + begin[:, None]
@@ -214,14 +235,14 @@ def resampled_errors(curves: list[Curve], values: list[Array]) -> Array:
     return np.where((low <= GRID_S) & (high >= GRID_S), found, np.nan)
 
 
-# Arrays of the attitude set-point: what was demanded over the flight, and how the vehicle followed a step of it.
+# Figure data of the attitude set-point: demand over the flight, and response to a step.
 
-# Samples of the demanded angles, before they become an envelope.
+# Largest number of points of the demanded angles.
 MAX_DEMAND_POINTS = 25_000
 
 
 def demand_traces(case: Case) -> list[Trace]:
-    """Return ``demand``: roll, pitch and heading of the set-point while armed, or throughout."""
+    """Return roll, pitch and heading of the set-point while armed."""
     wanted = case.log.setpoints.attitude
     if wanted is None:
         return []
@@ -242,7 +263,7 @@ def demand_traces(case: Case) -> list[Trace]:
 
 
 def setpoint_traces(case: Case, row: Track) -> list[Trace]:
-    """Return ``setpoint``: the vehicle's response to a unit step of its set-point, with the onboard row."""
+    """Return the response to a unit step of the set-point (onboard row)."""
     blocks = setpoint.moved(case, "all") if row.name == "onboard" else None
     if blocks is None or len(blocks.axis) < setpoint.MIN_BLOCKS:
         return []
@@ -254,14 +275,14 @@ def setpoint_traces(case: Case, row: Track) -> list[Trace]:
     return [Trace("setpoint", row.name, t, columns)] if columns else []
 
 
-# Arrays for the figures: what the numbers were computed from, row by row.
+# Figure data of all rows.
 
 
 def traces(case: Case, rows: Iterable[Track]) -> list[Trace]:
-    """Return all traces of all rows, figure by figure within a row; see :class:`Trace`.
+    """Return all traces of all rows, figure by figure within a row.
 
     A reference that is no row (truth, smoother) comes first, with its attitude alone; traces of all rows together and
-    of the sensors come last.
+    of the sensors come last. See :class:`Trace`.
     """
     rows = list(rows)
     replays = [row for row in rows if row.kind != "onboard"]
@@ -271,9 +292,9 @@ def traces(case: Case, rows: Iterable[Track]) -> list[Trace]:
 
 
 class Drawing:
-    """Traces of rows that pass one by one, so that each can be released once it is drawn.
+    """Traces of rows added one by one, each released when drawn.
 
-    ``replays``: how many replayed rows will pass; ``onboard``: the rows that pass after them.
+    ``replays``: number of replayed rows to come; ``onboard``: the rows after them.
     """
 
     def __init__(self, case: Case, replays: int, onboard: Sequence[Track]) -> None:
@@ -284,7 +305,7 @@ class Drawing:
         self._rest = RestTraces(case, replays, onboard)
 
     def first(self, rows: Iterable[Track]) -> list[Trace]:
-        """Return the traces of a reference that is none of the rows."""
+        """Return the traces of a reference that is not a row."""
         reference = self.case.reference
         if reference.kind not in ("truth", "smoother") or any(row.is_reference for row in rows):
             return []
@@ -312,22 +333,22 @@ class Drawing:
         ]
 
     def last(self) -> list[Trace]:
-        """Return the traces of all rows together, of the sensors, the set-point and the height."""
+        """Return the traces of all rows together, sensors, set-point and height."""
         case = self.case
         return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case)]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], keep: int) -> list[Trace]:
-    """Return roll, pitch, heading of attitudes (n, 4); NaN after a gap or restart breaks the line."""
+    """Return roll, pitch, heading; NaN breaks the line at segment changes."""
     if len(t) == 0:
         return []
     euler = rotation.to_euler(q)
-    np.degrees(euler, out=euler)  # in place, as the gaps are: in long logs copies add up
+    np.degrees(euler, out=euler)  # in place, to save memory in long logs
     return [_enveloped("attitude", name, t, _broken(euler, run), ("roll", "pitch", "heading"), keep)]
 
 
 def own_sigma(reference: Reference, keep: int) -> list[Trace]:
-    """Return the sigma of the reference in deg: its tilt, and its heading where that is its own."""
+    """Return the reference's sigma in deg, of heading only if its own."""
     if reference.sigma is None:
         return []
     columns = {"tilt": reference.sigma.tilt_deg}
@@ -340,13 +361,16 @@ def own_sigma(reference: Reference, keep: int) -> list[Trace]:
 
 
 def difference(case: Case, row: Track, keep: int) -> list[Trace]:
-    """Return errors against the reference: total, signed heading, tilt, and differences in roll and pitch."""
+    """Return errors against the reference in deg.
+
+    Total, signed heading, tilt, and differences in roll and pitch.
+    """
     e = row.errors
     if e is None or len(e.t) == 0:
         return []
     columns, tilt = np.empty((len(e.t), 5)), _tilt(case, e.q_ref)
     columns[:, 0], columns[:, 1], columns[:, 2] = e.total, e.heading, e.tilt
-    for a in range(0, len(e.t), rotation.BLOCK_ROWS):  # in long logs copies of all of it add up
+    for a in range(0, len(e.t), rotation.BLOCK_ROWS):  # in blocks, to save memory in long logs
         own = slice(a, a + rotation.BLOCK_ROWS)
         columns[own, 3:] = np.degrees(rotation.wrap(rotation.to_euler(e.q_est[own])[:, :2] - tilt[own]))
     names = ("total", "heading", "tilt", "roll", "pitch")
@@ -355,12 +379,18 @@ def difference(case: Case, row: Track, keep: int) -> list[Trace]:
 
 @per_object
 def _tilt(case: Case, q: Array) -> Array:
-    """Return roll and pitch (n, 2) in rad of an attitude (n, 4), cached for the reference of all rows."""
+    """Return roll and pitch (n, 2) in rad of attitudes (n, 4).
+
+    Cached: all rows share the reference.
+    """
     return np.ascontiguousarray(rotation.to_euler(q)[:, :2])
 
 
 def drifts(case: Case, row: Track) -> list[Trace]:
-    """Return heading block means with their line, for the longest rest and each heading reference in the air."""
+    """Return heading block means with their line.
+
+    Of the longest rest, and against each heading reference in the air.
+    """
     records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.usable_rests(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
     keyed = [("rest", longest)]
@@ -378,7 +408,10 @@ def drifts(case: Case, row: Track) -> list[Trace]:
 
 
 def allan_curves(case: Case, row: Track) -> list[Trace]:
-    """Return the Allan deviation of the averaged angle (deg) of the longest rest from 60 s on, by axis."""
+    """Return Allan deviations (deg) of the averaged angles at rest.
+
+    By axis, in the longest rest of at least 60 s.
+    """
     segment = allan.longest_rest(case, row, "all")
     if segment is None or row.t[segment.stop - 1] - row.t[segment.start] < allan.SHORTEST_S:
         return []
@@ -399,7 +432,7 @@ def bias(row: Track, keep: int) -> list[Trace]:
 
 
 def onboard_bias(case: Case, row: Track) -> list[Trace]:
-    """Return the gyro bias in deg/s that the onboard estimator logged, with the onboard row."""
+    """Return the onboard estimator's logged gyro bias in deg/s."""
     stream = case.log.estimator.gyro_bias
     if row.name != "onboard" or stream is None:
         return []
@@ -412,6 +445,6 @@ def _enveloped(figure: str, name: str, t: Array, columns: Array, names: tuple[st
 
 
 def _broken(columns: Array, run: NDArray[np.int64]) -> Array:
-    """Put NaN into the columns (n, k) where a segment begins, which breaks the line there."""
+    """Set NaN in columns (n, k) where a segment begins; return them."""
     columns[np.flatnonzero(np.diff(run) != 0) + 1] = np.nan
     return columns

@@ -1,4 +1,4 @@
-"""Evaluated time of a row: settled phases, windows of 5 s, reasons for none."""
+"""Evaluated time of a row: settled phases, 5 s windows, absence reasons."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def rest_spans(case: Case, row: Track, window: str) -> list[Span]:
 
 
 def reason_unavailable(case: Case, phase: str, window: str) -> tuple[str, str]:
-    """Return code and reason for a window without usable time of a phase."""
+    """Return code and reason if a window lacks usable time of a phase."""
     where = f" in {window} s" if ":" in window else ""
     if phase == "idle":
         if not case.segments.spans("idle"):
@@ -125,7 +125,7 @@ def why_no_errors(case: Case, row: Track, window: str = "") -> tuple[str, str] |
 
 
 def why_no_heading(case: Case, row: Track, window: str = "") -> tuple[str, str] | None:
-    """Return code and reason if a row has tilt errors only, else None."""
+    """Return code and reason if a row's heading cannot be compared."""
     if row.heading_shared:
         return "not_applicable", f"{case.reference.heading.why}, so the reference has its heading from this row"
     if case.reference.heading.by == "nobody":
@@ -184,14 +184,14 @@ def row_segments(case: Case, row: Track) -> NDArray[np.int64]:
 
 
 def imu_of(case: Case, row: Track) -> Imu | None:
-    """Return the replayed IMU of a row, the default one for onboard rows."""
+    """Return a row's replayed IMU; for onboard rows the default one."""
     if row.imu is not None:
         return row.imu
     return case.log.replay_imu
 
 
 def logged_unit(case: Case, imu: Imu) -> int | None:
-    """Return the index of an IMU in the log; None for modified samples."""
+    """Return an IMU's index in the log; None for modified samples."""
     return next((k for k, unit in enumerate(case.log.imus) if unit is imu), None)
 
 
