@@ -1,4 +1,4 @@
-"""Errors of a row against the reference: total, heading, tilt, and coverage of the log."""
+"""Errors of a row against the reference, and coverage of the log."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ ANGLES = {
     "heading": "the part of the error about the vertical, 2 atan2(e3, e0), without its sign",
     "tilt": "the part of the error that tilts, 2 atan2(hypot(e1, e2), hypot(e0, e3))",
 }
-# Blocks in which rows are compared: from one to the next the difference of two rows in tilt keeps 0.26 of itself
-# after 5 s, in heading 0.48 (which made up to 7 % of the claims wrong), after 15 s next to nothing.
+# Length of the blocks in which rows are compared. The difference of two rows correlates from block to block by 0.26
+# after 5 s in tilt, by 0.48 in heading (which made up to 7 % of the claims wrong), and hardly after 15 s.
 BLOCK_S = {"tilt": 5.0, "heading": 15.0, "total": 15.0}
 MIN_BLOCKS = {"tilt": 4, "heading": 3, "total": 3}
 BLOCK_FILLED = 0.8  # share of a block that must be scored
@@ -47,7 +47,7 @@ _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s
     not correct are not ranked: their error grows with the flight."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
     truth or smoother: against the onboard attitude 13 to 30 % of significant pairs turned around in the remainder."""
-# What an error is called in a sentence.
+# Names of the errors in sentences.
 NAMES = {"total": "attitude", "heading": "heading", "tilt": "tilt"}
 
 
@@ -72,7 +72,7 @@ def _metric(angle: str, statistic: str) -> Metric:
 
 
 def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the sizes of one of ANGLES of a row in a window."""
+    """Return the error statistics of one of ANGLES in a window."""
     group, errors = ERRORS[angle], row.errors
     assert errors is not None
     good = _scored(case, row) & in_window(case, errors.t, window)
@@ -111,7 +111,10 @@ def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str,
 
 
 def rank_errors(case: Case) -> None:
-    """Decide, once all rows are known, which headings whose offset was removed are ranked."""
+    """Decide which heading errors without offset are ranked.
+
+    Called once all rows are known.
+    """
     for row, answer in case.undecided:
         why = _among_others(case, row, "heading")
         if why is not None:
@@ -120,7 +123,7 @@ def rank_errors(case: Case) -> None:
 
 @per_case
 def own_sigma(case: Case, angle: str, window: str) -> float:
-    """Return the reference's own error in a window (RMS of its sigma, deg); 0 where unknown."""
+    """Return the reference's RMS sigma in a window, deg; 0 if unknown."""
     reference = case.reference
     if reference.sigma is None:
         return 0.0
@@ -151,13 +154,16 @@ def _segments(case: Case, row: Track) -> NDArray[np.int64]:
 
 @per_row
 def median_step(case: Case, row: Track) -> float:
-    """Return the median time between a row's errors, s."""
+    """Return the median interval between a row's errors, s."""
     assert row.errors is not None
     return float(np.median(np.diff(row.errors.t)))
 
 
 def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
-    """Return the mean squares (k,) of an error angle in blocks of scored time, shared by all rows."""
+    """Return mean squares (k,) of an error angle in blocks.
+
+    Blocks of scored time, equal for all rows.
+    """
     errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
@@ -177,7 +183,10 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
 def _error_blocks(
     case: Case, t: Array, window: str, length: float
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the begins (k,) of the blocks of a window, and the first and end index of ``t`` (n,) in each."""
+    """Return the starts (k,) of the blocks of a window.
+
+    With the first and end index of ``t`` (n,) in each.
+    """
     scored = complement(case.reference.scoring.unscored, case.reference.scoring.start, case.reference.scoring.end)
     spans = intersect(case.segments.spans(window), scored)
     starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
@@ -187,27 +196,34 @@ def _error_blocks(
 
 @per_row
 def _block_squares(case: Case, row: Track, angle: str) -> tuple[Array, Array]:
-    """Return the squares (n,) of an error angle, 0 where not scored, and the scored samples as 0 or 1 (n,)."""
+    """Return squares (n,) of an error angle, 0 where not scored.
+
+    With the scored samples as 0 or 1 (n,).
+    """
     return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
 
 
 @per_row
 def _counted(case: Case, row: Track) -> Array:
-    """Return the scored samples as 0 or 1 (n,), one array for all angles: in long logs copies add up."""
+    """Return the scored samples as 0 or 1 (n,).
+
+    One array for all angles saves memory in long logs.
+    """
     return _scored(case, row).astype(np.float64)
 
 
 def rmse_of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float, sigma: float) -> Summary:
-    """Return the RMSE over some blocks (k,) of ``length`` s against a reference of that sigma, deg.
+    """Return the RMSE over the blocks ``wanted`` with its interval.
 
-    A block stands for several samples: quarters of a record may cut through it.
+    ``squares`` (k,) of blocks ``ids`` (k,), ``length`` s each; ``sigma`` of the reference, deg. Each block counts as
+    several samples, as quarters of a record may cut through it.
     """
     chosen = squares[np.isin(ids, wanted)]
     return Summary(*ErrorSize(np.repeat(np.sqrt(chosen), PIECES), length * len(chosen), sigma).of("rmse"))
 
 
 def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
-    """Return why an error is not ranked whatever the other rows are, else None."""
+    """Return why an error is not ranked, whatever the other rows; else None."""
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
     if angle != "tilt" and (case.reference.kind == "onboard" or case.reference.heading.by == "onboard"):
@@ -218,7 +234,10 @@ def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | N
 
 
 def _among_others(case: Case, row: Track, angle: str) -> str | None:
-    """Return why a heading error is not ranked beside rows that had to find their north, else None."""
+    """Return why a heading without offset is not ranked, else None.
+
+    Rows with a north of their own had to find it.
+    """
     if angle == "tilt" or row.heading_offset_deg is None:
         return None
     if all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
@@ -227,7 +246,7 @@ def _among_others(case: Case, row: Track, angle: str) -> str | None:
 
 
 def _too_few(units: UnitValues, angle: str) -> str | None:
-    """Return why errors of so few blocks are not ranked, else None."""
+    """Return why errors of too few blocks are not ranked, else None."""
     if len(units.ids) >= MIN_BLOCKS[angle]:
         return None
     needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
@@ -245,7 +264,10 @@ COVERAGE_METRIC = Metric(
 
 
 def compute_coverage(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the share of the log in which a row was compared; empty for parts of a log."""
+    """Return the share of the log in which a row was compared.
+
+    Empty for windows other than ``all``.
+    """
     if window != "all":
         return {}
     absent = why_no_errors(case, row)

@@ -19,13 +19,13 @@ Array = NDArray[np.float64]
 
 SHORTEST_S = 60.0  # averaging times of 15 s then have 4 intervals
 POINTS_PER_DECADE = 12  # smooth on logarithmic axes
-BLOCK = 1 << 14  # samples at once: they stay in the cache
+BLOCK = 1 << 14  # samples per block, which fits the cache
 WALK_TAU_S = (0.3, 3.0)  # averaging times around 1 s, half a decade either way
-# White rate noise falls as tau^-1/2; outside these slopes the number would not be an angle random walk.
+# Slopes of an angle random walk: white rate noise falls as tau^-1/2.
 WALK_SLOPE = (-0.7, -0.3)
 # 0.664: the floor of flicker noise over its bias instability (IEEE Std 952, C.1.3).
 FLICKER = math.sqrt(2.0 * math.log(2.0) / math.pi)
-# The record must be this many times longer than the averaging time of the floor.
+# Smallest ratio of the record to the averaging time of the floor.
 MIN_RATIO = 10.0
 
 _SHARED = """Overlapping Allan deviation of the rate of the row's heading in the longest rest of at least 60 s,
@@ -50,7 +50,10 @@ ALLAN_METRICS: tuple[Metric, ...] = (
 
 @dataclass(slots=True)
 class Deviation:
-    """Allan deviation over averaging times ``tau`` (k,) s with 95 % interval and degrees of freedom (k,)."""
+    """Allan deviation by averaging time ``tau`` (k,) s.
+
+    With 95 % interval and degrees of freedom; all (k,).
+    """
 
     tau: Array
     sigma: Array
@@ -60,9 +63,10 @@ class Deviation:
 
 
 def deviation(phase: Array, step: float) -> Deviation:
-    """Return the overlapping Allan deviation of the rate of ``phase`` (n,), sampled every ``step`` s.
+    """Return the overlapping Allan deviation of the rate of ``phase`` (n,).
 
-    NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29 (Howe, Allan and Barnes 1981).
+    Samples are ``step`` s apart. NIST SP 1065 equation 11; degrees of freedom for white rate noise by equation 29
+    (Howe, Allan and Barnes 1981).
     """
     n = len(phase)
     largest = (n - 1) // 4
@@ -77,7 +81,10 @@ def deviation(phase: Array, step: float) -> Deviation:
 
 
 def _mean_square(phase: Array, k: int) -> float:
-    """Return the mean square second difference over ``k`` samples, in blocks that stay in the cache."""
+    """Return the mean square second difference over ``k`` samples.
+
+    In blocks that fit the processor's cache.
+    """
     count, total = len(phase) - 2 * k, 0.0
     for a in range(0, count, BLOCK):
         b = min(a + BLOCK, count)
@@ -92,7 +99,7 @@ def average_deviation(angle: Array, step: float) -> Deviation:
 
 
 def longest_rest(case: Case, row: Track, window: str) -> slice | None:
-    """Return the longest finite segment of one rest without a gap, None without any."""
+    """Return the longest finite segment at rest without a gap, or None."""
     return _longest_segment(case, row, rest_spans(case, row, window))
 
 
@@ -105,13 +112,16 @@ def _longest_segment(case: Case, row: Track, spans: list[Span]) -> slice | None:
 
 @per_row
 def heading_deviation(case: Case, row: Track, segment: slice) -> Deviation:
-    """Return the deviation of the row's heading in one segment, in deg."""
+    """Return the Allan deviation of a row's heading in one segment."""
     t = row.t[segment]
     return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
 
 
 def random_walk(d: Deviation) -> tuple[float, float]:
-    """Return the deviation at 1 s (rate units) and the slope of the curve around it on logarithmic axes."""
+    """Return the deviation at 1 s (rate units) and the curve's slope.
+
+    On logarithmic axes, around 1 s.
+    """
     near = (d.tau >= WALK_TAU_S[0]) & (d.tau <= WALK_TAU_S[1]) & (d.sigma > 0)
     if near.sum() < 3:
         return math.nan, math.nan
@@ -120,7 +130,7 @@ def random_walk(d: Deviation) -> tuple[float, float]:
 
 
 def compute_allan(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return random walk and bias instability of one row's heading in its longest rest."""
+    """Return random walk and bias instability of a row's heading."""
     segment = longest_rest(case, row, window)
     if segment is None:
         return ALLAN.without(*reason_unavailable(case, "rest", window), window)
@@ -158,7 +168,10 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
 
 
 def floor_answer(d: Deviation, length: float, window: str) -> Answer:
-    """Return the bias instability by the floor of a deviation over a rest of ``length`` s."""
+    """Return the bias instability by the floor of a deviation.
+
+    ``length``: duration of the rest, s.
+    """
     lowest = int(np.argmin(d.sigma))
     tau, unit = float(d.tau[lowest]), "deg/h"
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 SAMPLES, STEP_S = 3000, 0.004  # 12 s at 250 Hz: some ms a run
 MAG_EVERY = 5  # 50 Hz, as usual for compasses
-# From the smallest to the largest of 6 the median lies with 97 % (1 - 2 / 2^6), whatever the distribution; 5: 94 %.
+# Number of runs. The range of 6 contains the median with 97 % (1 - 2 / 2^6) for any distribution; that of 5 with 94 %.
 REPEATS = 6
 
 _MEASURED = f"""Processor time of the filter's own loop per IMU sample, on the machine that made this result: median of
@@ -28,7 +28,7 @@ COST_METRICS = (Metric("cost_ns", "Cost per update", "ns", "low", paragraph(_MEA
 
 
 def compute_cost(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the time per update of one row's filter, over the whole log only."""
+    """Return the time per update of a row's filter (whole log only)."""
     if window != "all":
         return {}
     times = measure_cost(row)
@@ -55,9 +55,9 @@ COST = MetricGroup("cost", "", COST_METRICS, compute_cost)
 
 
 def measure_cost(row: Track) -> Array | None:
-    """Return nanoseconds per update (k,) of repeated runs, or of the one replay that cannot be repeated.
+    """Return times per update in ns (k,) of repeated runs.
 
-    None for onboard rows.
+    Of the one replay if it cannot be repeated; None for onboard rows.
     """
     if row.kind != "replay" or not row.ns_per_update:
         return None
@@ -69,16 +69,19 @@ def measure_cost(row: Track) -> Array | None:
 
 @functools.cache
 def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], uses_mag: bool) -> tuple[float, ...]:
-    """Return nanoseconds per update of each run, measured once per process."""
+    """Return times per update in ns of repeated runs.
+
+    Measured once per process.
+    """
     t = STEP_S * np.arange(SAMPLES)
     swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
     acc = np.array([0.0, 0.0, -9.81]) + swing
     mag = np.where(np.arange(SAMPLES)[:, None] % MAG_EVERY == 0, np.array([20.0, 0.0, 40.0]) + swing, np.nan)
     asked = estimators.EstimatorSpec(estimators.get(estimator), params=dict(parameters))
     runs = []
-    if asked.estimator.process is not None:  # what is wrong with it, its own process says
+    if asked.estimator.process is not None:  # its own process reports its errors
         runs.append(estimators.estimate(asked, t, 0.3 * swing, acc, mag if uses_mag else None))
-    # The samples are cleaned once: only the filter's own loop is timed.
+    # Samples are cleaned once, so that only the filter's loop is timed.
     made = prepare(t, 0.3 * swing, acc, mag if uses_mag else None, hold_mag=asked.estimator.hold_mag)
     values = {name: value for name, (value, _) in asked.resolved().items()}
     while len(runs) < REPEATS:

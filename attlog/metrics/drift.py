@@ -1,4 +1,4 @@
-"""Yaw drift: mean slope of the heading error of a record, significant or bounded."""
+"""Yaw drift at rest and in the air: mean slope of the heading error."""
 
 from __future__ import annotations
 
@@ -45,18 +45,21 @@ from attlog.segments.model import DRIFT_AFTER_START_S, converged_spans
 
 Array = NDArray[np.float64]
 
-# Block means are over 1 s, over half a second in records under 20 s.
+# Length of blocks; shorter ones in records under 20 s.
 BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
-# A record makes one group for each 10 s, 4 at least and 12 at most.
+# Length of a group, and limits of their number.
 GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
 MIN_BLOCKS = 3  # a slope of fewer has no residual
-# An uncalibrated gyro turns by as much: 1 deg/s.
+# Resolution: 1 deg/s, the bias of an uncalibrated gyro.
 RESOLUTION = Resolution(60.0, "60 deg/min", "seconds")
 
 
 @dataclass(slots=True)
 class HeadingBlocks:
-    """Block means ``t`` s and ``e`` deg (unwrapped within a segment), with segment numbers; all (n,)."""
+    """Block means ``e`` deg of a heading error at ``t`` s.
+
+    All (n,); ``e`` is unwrapped within each ``segment``.
+    """
 
     t: Array
     e: Array
@@ -65,17 +68,17 @@ class HeadingBlocks:
 
     @property
     def seconds(self) -> float:
-        """Time covered, s."""
+        """Covered time, s."""
         return len(self.t) * self.block_s
 
 
 @dataclass(slots=True)
 class Drift:
-    """Mean drift of one record in deg/min, of groups with ``slopes`` in the times ``spans`` (s).
+    """Mean drift of a record in deg/min, from slopes of groups.
 
-    ``value`` is None where the record is too short. ``changes``: first and last slope of slopes that rise or fall
-    steadily. ``residual``: RMS (deg) without the mean slope and each segment's offset. Of pooled records ``range`` is
-    the least and the largest, and ``agree`` whether one drift explains them.
+    ``slopes`` of the groups in the times ``spans`` (s). ``value`` is None if the record is too short. ``changes``:
+    first and last slope if slopes rise or fall steadily. ``residual``: RMS (deg) without the mean slope and each
+    segment's offset. For pooled records, ``range``: smallest and largest value; ``agree``: one drift explains all.
     """
 
     value: float | None
@@ -91,20 +94,20 @@ class Drift:
 
     @property
     def significant(self) -> bool:
-        """Whether the interval excludes zero."""
+        """True if the interval excludes zero."""
         return self.ci95 is not None and not self.ci95[0] <= 0.0 <= self.ci95[1]
 
     @property
     def less_than(self) -> float | None:
-        """Bound of the size of the drift: the larger end of the interval, deg/min."""
+        """Upper bound of the drift's magnitude by its interval, deg/min."""
         return None if self.ci95 is None else max(abs(self.ci95[0]), abs(self.ci95[1]))
 
 
 def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBlocks:
-    """Return means over 1 s (0.5 s in short records) of a heading error (n,) in deg, unwrapped by segment.
+    """Return block means of a heading error (n,) in deg.
 
-    ``t`` (n,) s ascends within a segment, which ends at a gap or a reset of the heading reference: nothing is averaged
-    across. Half-filled blocks are left out.
+    Over 1 s (0.5 s in short records), unwrapped by segment. ``t`` (n,) s ascends within a segment, which ends at a gap
+    or a reset of the heading reference: no block crosses these. Half-filled blocks are left out.
     """
     good = np.isfinite(e_deg)
     t, e_deg, segment = t[good], e_deg[good], segment[good]
@@ -126,16 +129,16 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBl
 
 
 def _segments(blocks: HeadingBlocks) -> list[slice]:
-    """Return which blocks belong to each segment."""
+    """Return the range of blocks of each segment."""
     return model.segment_slices(np.ones(len(blocks.t), bool), blocks.segment)
 
 
 def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
-    """Return the mean drift of a record: t over the slopes of groups (Ibragimov & Mueller 2010).
+    """Return the mean drift of a record from slopes of groups.
 
-    One group for each 10 s of the record, 4 to 12; each segment is cut into max(1, round(segment / (record / groups)))
-    equal ones, each with its own offset; groups under 3 blocks are left out. Fewer than 4 groups or less than
-    ``shortest_s``: no value.
+    The t interval over slopes of Ibragimov & Mueller 2010. One group for each 10 s of the record, 4 to 12. Each segment
+    is cut into max(1, round(segment / (record / groups))) equal ones, each with its own offset; groups under 3 blocks
+    are left out. No value for fewer than 4 groups or less than ``shortest_s``.
     """
     record = blocks.seconds
     target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
@@ -161,7 +164,7 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
 
 
 def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
-    """Return the heading error (n,) in deg without a drift and without each segment's own offset."""
+    """Return the heading error (n,) without drift and segment offsets, deg."""
     rest = blocks.e - deg_per_min / 60.0 * blocks.t
     for own in _segments(blocks):
         rest[own] -= np.mean(rest[own])
@@ -169,7 +172,10 @@ def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
 
 
 def drift_line(blocks: HeadingBlocks) -> Array:
-    """Return the least-squares line (n,) with one slope and an offset per segment, for figures."""
+    """Return the least-squares line (n,), for figures.
+
+    One slope, and an offset per segment.
+    """
     u, v = blocks.t.copy(), blocks.e.copy()
     for own in _segments(blocks):
         u[own] -= np.mean(u[own])
@@ -179,10 +185,10 @@ def drift_line(blocks: HeadingBlocks) -> Array:
 
 
 def pool_drifts(records: list[Drift]) -> Drift:
-    """Pool several records of one log: the mean weighted by their length.
+    """Pool the records of a log: mean weighted by length.
 
-    Where the records agree (chi-squared of their values, 95 %) the interval is that of the weighted mean (Satterthwaite
-    degrees of freedom); otherwise it spans all of theirs, and ``range`` holds the least and the largest.
+    If the records agree (chi-squared test, 95 %) the interval is that of the weighted mean (Satterthwaite degrees of
+    freedom). Otherwise it covers all of their intervals, and ``range`` has the smallest and largest value.
     """
     usable = [r for r in records if r.value is not None and r.ci95 is not None]
     if len(usable) <= 1:
@@ -221,14 +227,14 @@ def _line(t: Array, e: Array) -> float:
 
 
 def reason_too_short(found: Drift, shortest_s: float) -> str:
-    """Return why a record gives no drift: its time, or the segments it is broken into."""
+    """Return why a record has no drift: short time or short segments."""
     if found.seconds < shortest_s - DRIFT_SLACK_S:
         return f"{found.seconds:.0f} s; {shortest_s:.0f} are needed"
     return f"{found.seconds:.0f} s in segments too short for {MIN_GROUPS} slopes"
 
 
 def drift_answer(found: Drift, window: str, against: str) -> Answer:
-    """Return the Answer of a drift that has a value: significant or bounded."""
+    """Return the answer for a drift with a value: significant or bounded."""
     reason = None
     if found.range is not None and not found.agree:
         reason = f"the rests of this log disagree: {found.range[0]:+.2f} to {found.range[1]:+.2f} deg/min"
@@ -258,7 +264,7 @@ def drift_answer(found: Drift, window: str, against: str) -> Answer:
 
 
 def _units(found: Drift) -> UnitValues | None:
-    """Return the slopes of the groups, paired between rows by the times at which their groups begin."""
+    """Return slopes of groups, paired between rows by the groups' start times."""
     ids = make_ids([start for start, _ in found.spans])
     if found.value is None or len(set(ids.tolist())) < len(ids):
         return None
@@ -267,14 +273,14 @@ def _units(found: Drift) -> UnitValues | None:
 
 
 def drift_on_groups(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
-    """Return the drift on some groups of a record; on all of them ``whole``."""
+    """Return the drift on some groups; ``whole`` on all of them."""
     chosen = np.isin(ids, wanted)
     if chosen.all():
         return whole
     return Summary(float(np.mean(slopes[chosen])), interval.mean_interval(slopes[chosen]))
 
 
-# Yaw drift at rest: the heading should not move, so every slope is the row's own.
+# Yaw drift at rest: the true heading is constant, so that every slope is the row's.
 
 _TEXT = paragraph(
     """Mean slope of the row's own heading while the vehicle stands still: the heading itself should be constant.
@@ -302,7 +308,10 @@ REST_DRIFT_METRICS: tuple[Metric, ...] = (
 
 @per_row
 def rest_blocks(case: Case, row: Track, spans: tuple[Span, ...]) -> HeadingBlocks:
-    """Return block means of the row's heading in deg in the usable spans of one rest, about its mean in each."""
+    """Return block means of a row's heading in one rest, deg.
+
+    Relative to its mean in each segment of the usable ``spans``.
+    """
     resets_of = row_segments(case, row)
     t, e, label = [], [], []
     for k, segment in enumerate(s for span in spans for s in within(row.t, span, resets_of)):
@@ -324,7 +333,7 @@ def _whole(case: Case, window: str) -> list[Span]:
 
 @per_row
 def usable_rests(case: Case, row: Track, window: str) -> list[tuple[Span, tuple[Span, ...]]]:
-    """Return each rest of the window with the spans in which the row has settled."""
+    """Return each rest of a window with its settled spans."""
     whole = _whole(case, window)
     restarts = row.t[1:][np.diff(row.segment) != 0].tolist() if row.kind != "onboard" else []
     starts = [row.start, *restarts]
@@ -333,7 +342,7 @@ def usable_rests(case: Case, row: Track, window: str) -> list[tuple[Span, tuple[
 
 
 def rest_records(case: Case, row: Track, window: str) -> list[Drift]:
-    """Return the drift of each rest of the window, in time order, each with its own record."""
+    """Return the drift of each rest of a window in time order."""
     found = []
     for (t0, t1), usable in usable_rests(case, row, window):
         one = fit_drift(rest_blocks(case, row, usable), DRIFT_REST_S)
@@ -352,7 +361,10 @@ def _reason_rest_too_short(one: Drift, usable_s: float) -> str:
 
 @per_case
 def long_enough(case: Case, window: str) -> int:
-    """Return in how many rests a row that runs from the log's first sample can show a drift."""
+    """Return the number of rests long enough for a drift.
+
+    For a row that runs from the log's first sample.
+    """
     whole = _whole(case, window)
     starts = [t0 for t0, _ in case.segments.spans("all")]
     first = (
@@ -365,7 +377,7 @@ def long_enough(case: Case, window: str) -> int:
 
 
 def compute_rest_drift(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the yaw drift of one row at rest."""
+    """Return the yaw drift of a row at rest."""
     found = rest_records(case, row, window)
     if not found:
         return REST_DRIFT.without(*reason_unavailable(case, "rest", window), window)
@@ -387,7 +399,10 @@ def compute_rest_drift(case: Case, row: Track, window: str) -> dict[str, Answer]
 
 
 def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> Answer:
-    """Return the Answer without a rest long enough: the longest, and the turn from first to last rest."""
+    """Return the answer if no rest is long enough.
+
+    With the longest rest, and the heading change from first to last rest.
+    """
     longest = max(pooled.records, key=lambda r: r.usable_s)
     reason = f"the longest rest has {longest.reason}"
     if change:
@@ -398,7 +413,10 @@ def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> A
 
 
 def bias_beside(row: Track, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
-    """Return the gyro z bias that a drift implies and the filter's own mean z bias estimate, deg/s."""
+    """Return gyro z biases in deg/s, for comparison with a drift.
+
+    The one that the drift implies, and the filter's mean estimate.
+    """
     beside: dict[str, float] = {}
     if drift_deg_per_min is not None:
         beside["implied_bias_dps"] = drift_deg_per_min / 60.0
@@ -412,7 +430,10 @@ def bias_beside(row: Track, drift_deg_per_min: float | None, spans: list[tuple[f
 
 
 def heading_change(case: Case, row: Track, window: str) -> dict[str, float]:
-    """Return the heading of the last rest minus that of the first, deg; empty for fewer than two."""
+    """Return the heading of the last rest minus that of the first, deg.
+
+    Empty for fewer than two rests.
+    """
     spans = intersect([whole for whole, _ in usable_rests(case, row, window)], [(row.start, np.inf)])
     if len(spans) < 2:
         return {}
@@ -422,7 +443,7 @@ def heading_change(case: Case, row: Track, window: str) -> dict[str, float]:
     return {"heading_change_deg": float(np.degrees(rotation.heading_angle(rotation.earth_error(means[1], means[0]))))}
 
 
-# Yaw drift in the air: the slope of the heading error against each heading reference that the log holds.
+# Yaw drift in the air: slope of the heading error against each logged heading reference.
 
 HEADING_REFERENCES = {
     "onboard": "the onboard heading",
@@ -442,7 +463,7 @@ ABSENT = {
     "yaw_estimator": ("not_applicable", "the autopilot logged no valid yaw estimator, or the reference contradicts it"),
     "course": ("no_gnss", "needs GNSS velocity of a plane faster than 5 m/s"),
 }
-# Beyond this pitch the direction of the nose says little about heading.
+# Pitch above which the direction of the nose hardly determines the heading.
 STEEP_RAD = math.radians(60.0)
 
 AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
@@ -468,9 +489,10 @@ AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
 
 
 def heading_error(row: Track, heading_reference: HeadingReference) -> tuple[Array, NDArray[np.int64]]:
-    """Return the row's heading minus the reference's in deg at its times, and their segments; both (n,).
+    """Return a row's heading error in deg at the heading reference's times.
 
-    NaN where the row has no attitude within 0.5 s on each side or its nose points steeply up or down.
+    With segment numbers; both (n,). NaN without an attitude within 0.5 s on each side or if the nose points steeply up
+    or down.
     """
     q, before = rotation.slerp_in_segments(row.t, row.q, None, heading_reference.t)
     w, x, y, z = q.T
@@ -488,7 +510,10 @@ def heading_error(row: Track, heading_reference: HeadingReference) -> tuple[Arra
 
 
 def error_blocks(case: Case, row: Track, name: str, window: str) -> HeadingBlocks | None:
-    """Return means of the heading error against a heading reference in scored flight, None without it."""
+    """Return block means of a heading error in scored flight.
+
+    None without the heading reference ``name``.
+    """
     spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
     return _error_blocks(case, row, name, spans)
 
@@ -512,12 +537,12 @@ def _error_blocks(case: Case, row: Track, name: str, spans: list[tuple[float, fl
 
 
 def split_at_steep(segment: NDArray[np.int64], keep: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return segments (n,) that also end where samples between kept ones were left out."""
+    """Return segments (n,) that also end where samples were left out."""
     return model.merge_numbers(segment, np.concatenate([[0], np.cumsum(~keep)])[: len(keep)])
 
 
 def compute_air_drift(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the yaw drift of one row in flight against each heading reference."""
+    """Return a row's yaw drift in flight against each heading reference."""
     return {f"drift_air_deg_per_min.{name}": _against(case, row, name, window) for name in HEADING_REFERENCES}
 
 

@@ -45,7 +45,10 @@ T_95 = 1.96  # normal: sigma is from many blocks
 
 
 def why_no_motion(case: Case, row: Track, window: str) -> tuple[str, str] | None:
-    """Return code and reason where GNSS has no velocity, or the row no north of its own."""
+    """Return code and reason if a heading error by GNSS is unavailable.
+
+    Without GNSS velocity, or for a row without a north of its own.
+    """
     if _motion_of(case, row) is None:
         return "no_gnss", "the log holds no GNSS velocity with a 3D fix"
     if own_north(row) is None:
@@ -54,7 +57,7 @@ def why_no_motion(case: Case, row: Track, window: str) -> tuple[str, str] | None
 
 
 def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the heading error of one row by GNSS acceleration."""
+    """Return the heading error of a row by GNSS acceleration."""
     turned = own_north(row) or 0.0
     whole, parts = _offsets(case, row, window)
     wrong = [_record(part, turned) for part in parts if _shifted(part, turned).wrong]
@@ -80,7 +83,7 @@ def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answe
 
 
 def _motion_of(case: Case, row: Track) -> GnssMotion | None:
-    """Return the GNSS motion by the unit of a row."""
+    """Return force and GNSS velocities with the row's IMU."""
     imu = imu_of(case, row)
     return None if imu is None else _motion_by(case, imu)
 
@@ -92,7 +95,7 @@ def _motion_by(case: Case, imu: Imu) -> GnssMotion | None:
 
 @per_row
 def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """Return the heading error over the flight and of each 30 s."""
+    """Return the heading error over the flight and per 30 s."""
     motion = _motion_of(case, row)
     assert motion is not None
     segment = model.merge_numbers(model.number_segments(row.t), row.segment)
@@ -101,7 +104,10 @@ def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[H
 
 
 def own_north(row: Track) -> float | None:
-    """Return the heading taken out of a row with one north of its own, deg; None for other rows."""
+    """Return the heading offset removed from a row, deg.
+
+    None for rows that have no single north of their own.
+    """
     if row.heading_offset_deg is None:
         return 0.0
     one = len(row.segment) > 0 and row.segment[0] == row.segment[-1]
@@ -109,14 +115,14 @@ def own_north(row: Track) -> float | None:
 
 
 def _shifted(found: HeadingOffset, turned: float) -> HeadingOffset:
-    """Return the offset of the heading as the filter gave it."""
+    """Return the heading error before removal of the heading offset."""
     if not turned:
         return found
     return replace(found, offset_deg=float((found.offset_deg + turned + 180.0) % 360.0 - 180.0))
 
 
 def _record(found: HeadingOffset, turned: float) -> SpanAnswer:
-    """Return one of the 30 s in which the heading is wrong."""
+    """Return the answer for 30 s with a wrong heading."""
     value, half = _shifted(found, turned).offset_deg, T_95 * found.sigma_deg
     return SpanAnswer(found.t0, found.t1, found.t1 - found.t0, value, (value - half, value + half))
 

@@ -1,4 +1,4 @@
-"""Lag of a row in steps with its interval, step gain and distortion."""
+"""Lag, gain and distortion of a row in steps."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ Array = NDArray[np.float64]
 
 
 AXES = (*steps.AXES, "all")
-# The interval of a lag beside its jackknife: clock and input delay (common to all rows of a log), a share of the
-# shape error, a share of what the aiding changes.
+# Terms of a lag's interval beside the jackknife: error of clock and input delay (common to all rows of a log, s), share
+# of the shape error, share of the delay that the aiding explains.
 COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
-# The same of a gain: scale and low-pass of the logged gyro. Between it and a gyro made from the truth gains differ by
-# 0.002 in the median and 0.006 in nine of ten, while the jackknife alone (0.002) held the gain in 60 to 70 %.
+# Common error of gains by scale and low-pass of the logged gyro. Gains with the logged gyro and with one from the truth
+# differ by 0.002 (median) and 0.006 (90 %); the interval of the jackknife alone (0.002) contained the gain in 60 to 70
+# % of the cases.
 COMMON_GAIN = 0.006
 _LAG = paragraph(
     """Delay of the row in steps{axis}, positive = late. Each step (a fast attitude change: at least 5 deg, yaw 10 deg,
@@ -51,7 +52,10 @@ _DISTORTION = paragraph(
 
 
 def metric_id(kind: str, axis: str) -> str:
-    """Return ``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``; no axis for all events together."""
+    """Return the id of a metric: ``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``.
+
+    Without the axis for all events together.
+    """
     middle = "" if axis == "all" else f"_{axis}"
     return {"lag": f"lag{middle}_ms", "gain": f"step_gain{middle}", "distortion": f"distortion{middle}_pct"}[kind]
 
@@ -64,17 +68,17 @@ _KINDS: tuple[tuple[str, str, str, Literal["zero", "one", "low"], str], ...] = (
 PURE_GAIN = (0.95, 1.05)
 MAX_DISTORTION = 0.15  # a first-order lag of 50 ms has less
 MAX_SHARE, MAX_SHARE_UNSOUND, MAX_SHARE_HEAVY = 0.7, 0.25, 0.15  # of the step's rate
-# Where the specific force exceeds 2 g in more than this share of the time, a filter follows acceleration.
+# Share of the time above 2 g of specific force beyond which a filter follows acceleration.
 HEAVY = 0.02
 RESOLUTIONS = {
-    # a third of what the attitude loop of a usual autopilot has to spare
+    # a third of the delay margin of an autopilot's attitude loop
     "lag": Resolution(50.0, "a lag of 50 ms", "steps"),
     "gain": Resolution(1.0, "whether the step is followed at all", "steps"),
 }
 
 
 def _wording(axis: str) -> Wording:
-    """Return the words of a comparison of the lag in one of AXES."""
+    """Return the words of a comparison of lags."""
     about = "" if axis == "all" else f" in {axis}"
     return Wording("lags", f"less{about}", f"more{about}", f"lag{about}", none=1.0)
 
@@ -97,10 +101,10 @@ UNITS = {kind: unit for kind, _, unit, _, _ in _KINDS}
 
 
 def input_delay(case: Case, row: Track) -> float:
-    """Return the delay of the logged sensors (s) to subtract: of replays, where the reference does not share it.
+    """Return the delay of the logged sensors to subtract, s.
 
-    A filter that corrects it (``imu_lag_corrected_ms`` of its quality) is forgiven what it left. An attitude computed
-    elsewhere has the delay that its user gives.
+    For replays, without what the filter corrects itself (``imu_lag_corrected_ms`` of its quality). An attitude computed
+    elsewhere has the delay given by its user.
     """
     if is_recorded(row.estimator):
         return 1e-3 * float(row.parameters.get("delay", 0.0))
@@ -111,7 +115,10 @@ def input_delay(case: Case, row: Track) -> float:
 
 
 def common_s(case: Case) -> float:
-    """Return the error of every delay of a log, s: the usual, and 2 sigma of an external truth's clock."""
+    """Return the error common to all delays of a log, s.
+
+    COMMON_S, and 2 sigma of an external truth's clock.
+    """
     fit = case.reference.fit
     return COMMON_S if fit is None else math.hypot(COMMON_S, 2.0 * fit.offset_sigma_s)
 
@@ -123,14 +130,17 @@ def half_width(found: Fit, common: float = COMMON_S) -> float:
 
 
 def lag_on_events(sums: NormalEquations, own: Ids, numbers: Ids, delay: float, common: float, ids: Ids) -> Summary:
-    """Return the lag in ms on the events ``ids``; ``own`` are the ids of the events ``numbers`` of ``sums``."""
+    """Return the lag in ms on the events ``ids``.
+
+    ``own``: ids of the events ``numbers`` of ``sums``.
+    """
     found = sums.fit(numbers[np.isin(own, ids)])
     lag, half = 1000 * (found.delay - delay), 1000 * half_width(found, common)
     return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 
 
 def compute_lag(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return lag, gain and distortion of one row in a window with steps."""
+    """Return lag, gain and distortion of a row, by axis."""
     found = evidence(case, row, window)
     answers: dict[str, Answer] = {}
     for axis in AXES:
@@ -219,10 +229,10 @@ def _lag_answer(
 
 
 def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float, earliest: float) -> str | None:
-    """Return why the lag (s) of a fit may not be judged, else None.
+    """Return why a fitted ``lag`` (s) is no pure delay, else None.
 
-    ``sound``: the row neither diverged nor failed to settle. A causal filter cannot come before ``earliest`` (s) by
-    more than ``half_width`` (s).
+    ``sound``: the row neither diverged nor failed to settle. A causal filter cannot precede ``earliest`` (s) by more
+    than ``half_width`` (s).
     """
     if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
         return f"follows {100 * found.gain:.0f} % of the step ({PURE_GAIN[0]:.2f} to {PURE_GAIN[1]:.2f} can be judged)"
@@ -242,7 +252,7 @@ def why_no_pure_delay(found: Fit, *, sound: bool, half_width: float, lag: float,
 
 
 def sample_step(case: Case, row: Track) -> float:
-    """Return the time between samples of the replayed IMU, else of the row, s."""
+    """Return the sampling interval of the replayed IMU, else the row, s."""
     imu = case.log.replay_imu
     t = row.t if imu is None else imu.gyro.t
     return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

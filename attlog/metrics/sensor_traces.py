@@ -93,9 +93,9 @@ def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> 
 
 
 def periodogram(x: Array, step: float) -> Array:
-    """Return the one-sided power density (n // 2 + 1, k) of samples (n, k).
+    """Return the one-sided power density of samples (n, k).
 
-    Detrended, Hann window; samples ``step`` s apart.
+    (n // 2 + 1, k) for samples ``step`` s apart; detrended, Hann window.
     """
     n = len(x)
     taper = np.hanning(n + 1)[:-1]
@@ -189,9 +189,9 @@ def rest_bias(case: Case, imu: Imu) -> list[Trace]:
 
 
 def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return middles (m,) and bounds (m + 1,) of windows of ``t`` (n,).
+    """Return middles (m,) and bounds (m + 1,) of time windows.
 
-    At most MAX_BUCKETS windows, at least ``seconds`` long.
+    Of ``t`` (n,): at most MAX_BUCKETS, at least ``seconds`` long.
     """
     if len(t) < 2:
         return np.zeros(0), np.zeros(1, np.int64)

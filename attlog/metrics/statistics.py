@@ -22,7 +22,7 @@ Kind = Literal["log_variance", "mean_square", "slope_group", "lag_event", "step_
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Value and 95 % interval of a row on some of its units."""
+    """Value and 95 % interval of a row on some units."""
 
     value: float
     ci95: tuple[float, float] | None

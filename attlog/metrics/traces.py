@@ -242,7 +242,7 @@ MAX_DEMAND_POINTS = 25_000
 
 
 def demand_traces(case: Case) -> list[Trace]:
-    """Return roll, pitch and heading of the set-point while armed."""
+    """Return the set-point's roll, pitch and heading while armed, else throughout."""
     wanted = case.log.setpoints.attitude
     if wanted is None:
         return []

@@ -89,7 +89,7 @@ def rest_spans(case: Case, row: Track, window: str) -> list[Span]:
 
 
 def reason_unavailable(case: Case, phase: str, window: str) -> tuple[str, str]:
-    """Return code and reason if a window lacks usable time of a phase."""
+    """Return code and reason if a phase has no usable time."""
     where = f" in {window} s" if ":" in window else ""
     if phase == "idle":
         if not case.segments.spans("idle"):
