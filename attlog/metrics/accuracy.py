@@ -223,7 +223,7 @@ def rmse_of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float, sigma: 
 
 
 def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
-    """Return why an error is not ranked, whatever the other rows; else None."""
+    """Return why an error is unranked whatever the other rows; else None."""
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"
     if angle != "tilt" and (case.reference.kind == "onboard" or case.reference.heading.by == "onboard"):

@@ -1,4 +1,4 @@
-"""Yaw drift at rest and in the air: mean slope of the heading error."""
+"""Yaw drift at rest and in the air: heading error slopes."""
 
 from __future__ import annotations
 
@@ -430,7 +430,7 @@ def bias_beside(row: Track, drift_deg_per_min: float | None, spans: list[tuple[f
 
 
 def heading_change(case: Case, row: Track, window: str) -> dict[str, float]:
-    """Return the heading of the last rest minus that of the first, deg.
+    """Return the heading change from first to last rest, deg.
 
     Empty for fewer than two rests.
     """

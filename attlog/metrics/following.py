@@ -1,4 +1,7 @@
-"""Whether a row follows motion and gravity corrects it: a frozen filter must not win by quietness."""
+"""Tests whether a row follows motion and is corrected by gravity.
+
+A frozen filter must not win by low noise.
+"""
 
 from __future__ import annotations
 
@@ -20,16 +23,16 @@ from attlog.metrics.windows import imu_of, within
 from attlog.reference.model import Track
 from attlog.segments import model
 
-# A filter tried on a vehicle that stands still: does it follow a turn, does gravity correct it?
+# Filters run on a vehicle at rest: response to a turn, and correction by gravity.
 #
-# On the log's own rest, or on made samples at the log's rate.
+# On the log's own rest, or on synthetic samples at the log's rate.
 
-GRAVITY_M_S2 = 9.81  # made samples need no more digits
-# A field that points north and down; filters take its direction.
+GRAVITY_M_S2 = 9.81  # of synthetic samples
+# Synthetic field to north and down; filters use its direction only.
 MADE_FIELD = (0.2, 0.0, 0.4)
-# Made samples come at the rate of the log, within these.
+# Limits of the rate of synthetic samples, otherwise the log's.
 MADE_RATE_HZ = (20.0, 200.0)
-MIN_STILL_SAMPLES = 20  # fewer are no rest to try a filter on
+MIN_STILL_SAMPLES = 20  # smallest number of samples of a rest
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +47,10 @@ class StillSamples:
 
 
 def level_samples(case: Case, row: Track, seconds: float) -> StillSamples | None:
-    """Return samples of a level, still vehicle without noise; None for rows that are no replay."""
+    """Return noise-free samples of a level vehicle at rest.
+
+    None for rows that are no replay.
+    """
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
         return None
@@ -55,7 +61,10 @@ def level_samples(case: Case, row: Track, seconds: float) -> StillSamples | None
 
 
 def rest_samples(case: Case, row: Track, shortest: float, longest: float) -> StillSamples | None:
-    """Return the end of the log's longest rest, up to ``longest`` s; None under ``shortest`` s."""
+    """Return the end of the log's longest rest, at most ``longest`` s.
+
+    None under ``shortest`` s.
+    """
     imu = imu_of(case, row)
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
     if row.kind != "replay" or rest is None or imu is None:
@@ -74,7 +83,10 @@ def rest_samples(case: Case, row: Track, shortest: float, longest: float) -> Sti
 
 
 def final_attitude(row: Track, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
-    """Return the attitude (4,) with which the row's filter ends. AttlogError where it cannot be run."""
+    """Return the final attitude (4,) of the row's filter.
+
+    AttlogError if it cannot be run.
+    """
     estimator = estimators.get(row.estimator)
     stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
     aids = estimators.Aids(velocity=stands)
@@ -84,14 +96,17 @@ def final_attitude(row: Track, still: StillSamples, gyro: Array, acc: Array, mag
     return rotation.normalize(found.q[-1])
 
 
-# The pulse and what precedes it: docs/metrics.md, Noise.
+# Rate and length of the pulse: docs/metrics.md, Noise.
 RATE_DPS, PULSE_S = 20.0, 1.0
-# The filter runs so long on the rest before the pulse, at least and at most.
+# Shortest and longest time at rest with the pulse.
 SETTLE_S, LONGEST_S = 1.0, 8.0
 
 
 def add_pulse(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
-    """Return a pulse in the last second of ``t``: rates (n, 3) rad/s, and fixed vectors (n, 3) in body axes."""
+    """Return a rotation pulse in the last second of ``t``.
+
+    Rates (n, 3) rad/s, and earth-fixed ``vectors`` (n, 3) in the turning body axes.
+    """
     on = t > t[-1] - PULSE_S
     rate = np.zeros((len(t), 3))
     rate[on, axis] = np.radians(RATE_DPS)
@@ -102,10 +117,10 @@ def add_pulse(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
 
 @per_row
 def pulse_gains(case: Case, row: Track) -> Array | None:
-    """Return which shares (3,) of a pulse about body x, y, z the row's filter shows; None without a replay.
+    """Return the gains (3,) of a pulse about body x, y, z.
 
-    On the end of the log's longest rest, else on made samples. Real filters show 1.00, accelerometer-only ones 0.2 to
-    0.7, a frozen one 0.
+    At the end of the log's longest rest, else on synthetic samples. Real filters have 1.00, those with an accelerometer
+    alone 0.2 to 0.7, a frozen one 0. None without a replay.
     """
     rest = rest_samples(case, row, SETTLE_S + PULSE_S, LONGEST_S) or level_samples(case, row, LONGEST_S)
     if rest is None:
@@ -126,19 +141,19 @@ def pulse_gains(case: Case, row: Track) -> Array | None:
     return shown if np.isfinite(shown).all() else None
 
 
-STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0  # settling, a tilt of 10 deg, and the time to come back
-# Integrated gyro keeps 1.00 of the tilt, ``mekf``, which may take it for a bias of the accelerometer, 0.33 to 0.50 (6
-# logs), all others 0.00 to 0.32.
+STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0  # settling, tilt by 10 deg, and recovery
+# Largest share of a corrected filter. Integrated gyro has 1.00, ``mekf``, which may explain the tilt by an
+# accelerometer bias, 0.33 to 0.50 (6 logs), all others 0.00 to 0.32.
 MAX_LEFT = 0.8
 UNCORRECTED = "it is not corrected by gravity"
 
 
 @per_row
 def tilt_left(case: Case, row: Track) -> float | None:
-    """Return the share of a tilt in the gyro alone that is left 10 s later; None without a causal replay.
+    """Return the share of a false tilt left after 10 s.
 
-    A level, still vehicle for 20 s, then 20 deg/s about x for 0.5 s in the gyro alone: the accelerometer goes on to
-    show level, and a filter corrected by it comes back.
+    Synthetic samples of a level vehicle: 20 s at rest, then 20 deg/s about x for 0.5 s in the gyro alone. The
+    accelerometer stays level, so that a filter corrected by it returns. None without a causal replay.
     """
     rest = level_samples(case, row, STILL_S + TILT_PULSE_S + AFTER_S) if row.causal else None
     if rest is None:
@@ -156,7 +171,7 @@ def tilt_left(case: Case, row: Track) -> float | None:
 
 
 def why_uncorrected(case: Case, row: Track) -> str | None:
-    """Return that gravity does not correct a row, else None."""
+    """Return a reason if gravity does not correct a row, else None."""
     left = tilt_left(case, row)
     return UNCORRECTED if left is not None and left > MAX_LEFT else None
 
@@ -165,15 +180,16 @@ Array = NDArray[np.float64]
 
 MIN_GAIN, MAX_GAIN = 0.8, 1.2
 MOVING_DPS = 5.0  # slower turns are mostly noise
-# The frozen-filter guard: docs/metrics.md, Noise.
+# See docs/metrics.md, Noise.
 MIN_MOTION_SAMPLES = 20
 
 
 def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) -> Array:
-    """Return gains (4,) of an estimate's turning on that of the reference, (n - 1, 3) in rad between samples.
+    """Return gains (4,) of an estimate's rotation on the reference's.
 
-    Body x, y, z and all axes together. Regression through the origin, over samples where the reference turns faster
-    than 5 deg/s; steps between segments (gaps, resets) are cut out. NaN where fewer than 20 samples move.
+    About body x, y, z and all axes together; ``ref`` (n - 1, 3) in rad between samples. Regression through the origin
+    where the reference turns faster than 5 deg/s, without steps between segments (gaps, resets). NaN for fewer than 20
+    such samples.
     """
     dt = np.diff(t)
     limit = np.radians(MOVING_DPS) * dt
@@ -195,16 +211,20 @@ def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) ->
 
 @per_object
 def _turns(case: Case, q: Array) -> Array:
-    """Return the turns (n - 1, 3) rad of an attitude between samples, cached for the reference of all rows."""
+    """Return rotations (n - 1, 3) rad between samples of an attitude.
+
+    Cached: all rows share the reference.
+    """
     return rotation.increments(q)
 
 
 @per_row
 def why_not_following(case: Case, row: Track, axis: str) -> str | None:
-    """Return why nothing shows that a row follows motion about roll, pitch or heading; None where something does.
+    """Return why a row is not known to follow motion, else None.
 
-    By its steps, else by regression, else by a pulse at rest. One gain of 0.8 to 1.2 is enough: acceleration bends
-    real filters in steps (gain 0.75), the pulse then shows that they are not frozen.
+    ``axis``: roll, pitch or heading. By its steps, by regression, or by a pulse at rest: one gain of 0.8 to 1.2
+    suffices. Acceleration lowers gains of real filters in steps (to 0.75); the pulse then shows that they are not
+    frozen.
     """
     found: list[str] = []
     for gain, how in _gains(case, row, ("roll", "pitch", "heading").index(axis)):
@@ -217,7 +237,7 @@ def why_not_following(case: Case, row: Track, axis: str) -> str | None:
 
 
 def _gains(case: Case, row: Track, axis: int) -> Iterator[tuple[float, str]]:
-    """Yield the gains of a row about one axis that are known, the best evidence first."""
+    """Yield the known gains of a row about one axis, best first."""
     step = step_fits.fits(case, row, "all").get(steps.AXES[axis])
     if step is not None and len(step.events) >= step_solution.MIN_EVENTS:
         yield step.plain_gain, f"in {len(step.events)} steps"
@@ -230,7 +250,7 @@ def _gains(case: Case, row: Track, axis: int) -> Iterator[tuple[float, str]]:
 
 
 def unrank_frozen(case: Case, row: Track, axis: str, answer: Answer) -> Answer:
-    """Return the answer, not ranked where nothing shows that the row follows motion about that axis."""
+    """Return the answer, not ranked if the row may be frozen."""
     if answer.value is not None and answer.ranked:
         why = why_not_following(case, row, axis)
         answer.ranked, answer.reason = why is None, why or answer.reason

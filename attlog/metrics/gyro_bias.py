@@ -1,8 +1,8 @@
-"""Gyro bias that is subtracted for every filter alike, before any of them runs.
+"""Common gyro bias, subtracted for all filters before they run.
 
-A raw gyro is off by up to some deg/s, which no attitude filter is made for: the one that happens to estimate the
-largest bias would win. As an autopilot calibrates at rest, the mean rate of the last rest before take-off (of the first
-rests where nothing flew) is subtracted, or what the onboard estimator itself subtracted.
+A raw gyro has a bias of up to some deg/s, for which no attitude filter is made: the filter that happens to estimate the
+largest bias would win. Like an autopilot's calibration at rest, the mean rate of the last rest before take-off (of the
+first rests if nothing flew) is subtracted, or the bias that the onboard estimator subtracted.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ Choice = Literal["rest", "none", "onboard"]
 # Rising times (n,) s and finite vectors (n, 3).
 Samples = tuple[Array, Array]
 
-# So much rest is used at most: what is nearest to take-off; the rest of the rests can still show a drift.
+# Longest rest used, nearest to take-off; the remaining rest can still show a drift.
 MAX_REST_S = 30.0
 SHORTEST_S = 1.0  # less rest gives no bias
-# The interval comes from means over blocks of 1 s, shorter ones where there are fewer than four.
+# Length of blocks for the interval; shorter ones if there are fewer than four.
 BLOCK_S, MIN_BLOCKS = 1.0, 4
-# A vector that the mean rate would turn by less does not show whether the vehicle turned.
+# Smallest predicted turn of a vector that tests whether the vehicle turned.
 MIN_TURN_DEG = 3.0
-TURNED_SHARE = 0.3  # of the gyro's turn in gravity or field: the vehicle itself turned
-# A span is looked at for as long as the mean rate turns by this: a full turn looks like none.
+TURNED_SHARE = 0.3  # observed over predicted turn of gravity or field, above which the vehicle turned
+# Largest predicted turn: a full turn looks like none.
 MAX_TURN_DEG = 90.0
 
 
 @dataclass(slots=True)
 class CommonBias:
-    """A gyro bias in body axes (FRD) that is subtracted for every replay of one IMU.
+    """Gyro bias in body axes (FRD), subtracted for all replays of an IMU.
 
-    ``asked`` is the option, ``taken`` what was possible and ``why`` the reason of another. ``dps`` (3) deg/s, of
-    ``onboard`` the mean over the log; ``half95_dps`` (3) half the 95 % interval over ``seconds`` s of rest between
-    ``t0_s`` and ``t1_s``, which excludes changes in flight. ``landed_dps`` (3): mean rate of the rests after the
-    flight. ``flew``: the rest ends before a take-off.
+    ``asked``: the option; ``taken``: the one used; ``why``: reason of a difference. ``dps`` (3): deg/s, for ``onboard``
+    the mean over the log. ``half95_dps`` (3): half the 95 % interval over ``seconds`` s of rest between ``t0_s`` and
+    ``t1_s``, without changes in flight. ``landed_dps`` (3): mean rate of the rests after the flight. ``flew``: the rest
+    ends before a take-off.
     """
 
     asked: Choice
@@ -59,11 +59,11 @@ class CommonBias:
     landed_dps: list[float] | None = None
     why: str = ""
     flew: bool = False
-    # Of ``onboard``: times (m,) s and values (m, 3) rad/s, each held until the next.
+    # For ``onboard``: times (m,) s and values (m, 3) rad/s, each valid until the next.
     over_time: tuple[Array, Array] | None = field(default=None, repr=False, metadata={IN_JSON: False})
 
     def at(self, t: Array) -> Array:
-        """Return the bias (n, 3) in rad/s that is subtracted at times ``t`` (n,) s."""
+        """Return the subtracted bias (n, 3) in rad/s at times ``t`` (n,)."""
         if self.over_time is not None:
             known, x = self.over_time
             return np.asarray(x[np.maximum(np.searchsorted(known, t, side="right") - 1, 0)])
@@ -71,12 +71,12 @@ class CommonBias:
 
 
 def no_common_bias(why: str = "") -> CommonBias:
-    """Return a bias of nothing."""
+    """Return a bias of zero."""
     return CommonBias("none", "none", why=why)
 
 
 def common_bias(log: FlightLog, segments: Segments, imu: Imu, asked: Choice) -> CommonBias:
-    """Return the bias for the replay of one IMU by the option ``asked``."""
+    """Return the bias for the replay of an IMU by option."""
     found = (
         no_common_bias() if asked == "none" else _onboard(log, imu) if asked == "onboard" else _rest(log, segments, imu)
     )
@@ -133,13 +133,13 @@ def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
 
 
 def _flight(segments: Segments) -> Span:
-    """Return first take-off and last landing, s; infinite where nothing flew."""
+    """Return first take-off and last landing, s; infinite without flight."""
     flown = segments.spans("airborne")
     return (flown[0][0], flown[-1][1]) if flown else (np.inf, np.inf)
 
 
 def _nearest(spans: list[Span], latest: bool) -> list[Span]:
-    """Return up to MAX_REST_S of the spans in the order of time: the latest, or the first ones."""
+    """Return up to MAX_REST_S of the latest or first spans, in order."""
     left, found = MAX_REST_S, []
     for a, b in reversed(spans) if latest else spans:
         length = min(b - a, left)
@@ -151,7 +151,7 @@ def _nearest(spans: list[Span], latest: bool) -> list[Span]:
 
 
 def _blocks(t: Array, x: Array) -> Array:
-    """Return means (k, 3) of neighbouring samples (n, 3): blocks of 1 s, but at least four."""
+    """Return block means (k, 3) of samples: 1 s, at least four blocks."""
     k = min(max(int((t[-1] - t[0]) / BLOCK_S), MIN_BLOCKS), len(t))
     return np.array([part.mean(axis=0) for part in np.array_split(x, k)])
 
@@ -170,14 +170,17 @@ def _enough(inside: slice) -> bool:
 
 
 def _vectors(log: FlightLog, imu: Imu) -> list[Samples]:
-    """Return specific force and field, which show a turn beside the gyro."""
+    """Return specific force and field, which reveal a rotation without the gyro."""
     streams: list[Stream] = [imu.acc] if log.mag is None else [imu.acc, log.mags[log.mag].field]
     known = [(s.t_best, s.x, s.x.any(axis=1)) for s in streams]
     return [model.select_rising(t[there], x[there]) for t, x, there in known]
 
 
 def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:
-    """Return whether gravity or field turned as the gyro: a steady turn, as of a boat at anchor."""
+    """Return whether gravity or field turned with the gyro.
+
+    A steady turn, as of a boat at anchor, otherwise looks like rest.
+    """
     inside = between(gyro[0], *span)
     if not _enough(inside):
         return False
@@ -186,7 +189,7 @@ def turned(gyro: Samples, vectors: list[Samples], span: Span) -> bool:
 
 
 def _follows(t: Array, v: Array, rate: Array, span: Span) -> bool:
-    """Return whether vectors (n, 3) turn in the span as on a body that turns at ``rate`` (3,)."""
+    """Return whether vectors (n, 3) turn as the constant ``rate`` (3,) predicts."""
     size = float(np.sqrt(rate @ rate))
     length = min(span[1] - span[0], np.radians(MAX_TURN_DEG) / max(size, 1e-9))
     ends = [between(t, a, a + 0.2 * length) for a in (span[0], span[0] + 0.8 * length)]

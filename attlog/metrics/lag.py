@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 AXES = (*steps.AXES, "all")
 # Terms of a lag's interval beside the jackknife: error of clock and input delay (common to all rows of a log, s), share
-# of the shape error, share of the delay that the aiding explains.
+# of the shape error, share of the delay change by aiding.
 COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
 # Common error of gains by scale and low-pass of the logged gyro. Gains with the logged gyro and with one from the truth
 # differ by 0.002 (median) and 0.006 (90 %); the interval of the jackknife alone (0.002) contained the gain in 60 to 70
