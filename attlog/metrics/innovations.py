@@ -1,8 +1,8 @@
-"""Innovations of an onboard filter that was run again, by aid, and resets of its attitude.
+"""Innovations of a re-run onboard filter by aid, and its attitude resets.
 
-An innovation is the difference of a measurement and its prediction: the filter's own prediction error, known without
-any reference. Its root mean square falls with a better filter. The test ratio relates it to the gate, so that a larger
-noise or gate lowers the ratio by itself.
+An innovation is a measurement minus its prediction: the filter's own prediction error, known without any reference. Its
+root mean square is smaller for a better filter. The test ratio is relative to the gate, so that a larger noise or gate
+lowers the ratio by itself.
 """
 
 from __future__ import annotations
@@ -24,14 +24,17 @@ from attlog.reference.model import Track
 from attlog.segments import resets
 
 Array = NDArray[np.float64]
-# Blocks of evidence: innovations of GNSS at 5 Hz are correlated over some 2 s.
+# Length of blocks: innovations of GNSS at 5 Hz are correlated over some 2 s.
 BLOCK_S = 5.0
-# Fewer samples of an aid in a window have no statistics.
+# Smallest number of an aid's samples in a window.
 MIN_SAMPLES = 20
 
 
 class AidGroup(NamedTuple):
-    """Innovations of one sensor: ``channels`` of :data:`attlog.estimators.rerun.AIDS`, times ``factor`` in ``unit``."""
+    """Innovations of one sensor.
+
+    ``channels`` of :data:`attlog.estimators.rerun.AIDS`; ``factor`` converts them to ``unit``.
+    """
 
     title: str
     unit: str
@@ -50,7 +53,7 @@ AID_GROUPS: Mapping[str, AidGroup] = {
 
 
 class Statistic(NamedTuple):
-    """A statistic of an aid's innovations; ``unit`` None: the aid's own."""
+    """Statistic of an aid's innovations; ``unit`` None: that of the aid."""
 
     noun: str
     unit: str | None
@@ -102,7 +105,10 @@ def _metric(statistic: str, aid: str) -> Metric:
 
 @dataclass(frozen=True, slots=True)
 class AidSamples:
-    """Innovations ``e`` (n,) of one aid at ``t`` (n,) s with test ratios; ``channel`` (n,): number of its axis."""
+    """Innovations ``e`` (n,) of one aid at ``t`` (n,) s.
+
+    ``channel`` (n,): number of the axis.
+    """
 
     t: Array
     e: Array
@@ -112,7 +118,7 @@ class AidSamples:
 
 @per_row
 def _samples(case: Case, row: Track) -> dict[str, AidSamples]:
-    """Return the innovations of a re-run by group of aids, empty for other rows."""
+    """Return the innovations of a re-run by aid; empty for other rows."""
     tables = rerun.innovations(row.aux)
     found = {}
     for aid, group in AID_GROUPS.items():
@@ -126,7 +132,10 @@ def _samples(case: Case, row: Track) -> dict[str, AidSamples]:
 
 
 def compute_innovations(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the statistics of each aid that a re-run fused, and its resets; empty for other rows."""
+    """Return the statistics of each fused aid, and resets, of a re-run.
+
+    Empty for other rows.
+    """
     aids = _samples(case, row)
     answers: dict[str, Answer] = {}
     for aid, samples in aids.items():
@@ -183,14 +192,17 @@ def _answers(aid: str, s: AidSamples, window: str) -> dict[str, Answer]:
 
 
 def _lag_one(e: Array) -> float | None:
-    """Return the correlation of successive values (n,), None for too few or for equal ones."""
+    """Return the correlation of successive values (n,), None if undefined."""
     d = e - np.mean(e)
     power = float(d @ d)
     return float(d[1:] @ d[:-1]) / power if len(e) >= MIN_SAMPLES and power > 0.0 else None
 
 
 def _rms_interval(squares: Array, value: float) -> tuple[float, float] | None:
-    """Return the t interval of the root of block mean squares (k,), None for fewer than three blocks."""
+    """Return the t interval of the RMS from block mean squares (k,).
+
+    None for fewer than three blocks.
+    """
     k, centre = len(squares), value**2
     if k < 3:
         return None

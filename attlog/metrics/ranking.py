@@ -1,4 +1,4 @@
-"""Answers too uncertain to show, duplicate rows, and the best and worst row of each column."""
+"""Answers too uncertain to show, duplicate rows, best and worst rows."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from attlog.metrics.statistics import Ids, Kind, UnitValues
 from attlog.reference.model import Track
 
 TOO_UNCERTAIN = "too_uncertain"
-# A flight of usual length, and the steps that a pilot may be asked for. What would need more is too noisy.
+# Flight time, steps and windows that a user can record; an answer that needs more is too noisy.
 ENOUGH_S, ENOUGH_STEPS, ENOUGH_WINDOWS = 300.0, 30, 4
-# The ends of an interval that are further apart than this do not even show how many digits the value has.
+# Largest ratio of an interval's ends; beyond it, not even the number of digits is known.
 MAX_INTERVAL_RATIO = 100.0
 PERFECT = {"zero": 0.0, "one": 1.0}
 
 
 def mark_not_ranked(metric: Metric, answer: Answer) -> bool:
-    """Withdraw the value of an answer too uncertain to show; return whether it was. The detail keeps it.
+    """Withdraw an answer too uncertain to show; return whether it was withdrawn.
 
-    "No significant drift, below 500 deg/min" is true and of no use. An answer whose interval excludes perfect stays,
-    however wide; records that disagree are a range.
+    "No significant drift, below 500 deg/min" is true and of no use. The value stays in the detail. An answer whose
+    interval excludes perfect is kept at any width, as are records that disagree.
     """
     limit = metric.resolution
     if limit is None or answer.value is None or answer.ci95 is None or answer.disagree is not None:
@@ -51,12 +51,15 @@ def _resolved(limit: Resolution, better: str, low: float, high: float) -> bool:
 
 
 def _beyond(better: str, ci95: tuple[float, float]) -> float:
-    """Return how far from perfect the farther end of an interval is."""
+    """Return the distance of an interval's farther end from perfect."""
     return max(abs(end - PERFECT.get(better, 0.0)) for end in ci95)
 
 
 def _why(limit: Resolution, better: str, answer: Answer) -> str:
-    """Return the reason: too short where more would do, by the square root of its length; else too noisy."""
+    """Return the reason: too short or few, else too noisy.
+
+    Too short if more data would do, by the square root of its length.
+    """
     times = (_beyond(better, answer.ci95 or (0.0, 0.0)) / limit.size) ** 2
     few, more = "too few", ""
     if limit.evidence == "windows":
@@ -72,21 +75,21 @@ def _why(limit: Resolution, better: str, answer: Answer) -> str:
     return f"{evidence} {few if short else 'too noisy'} to show even {limit.even}{more if short else ''}"
 
 
-# Which rows are the same filter twice? By the equation that their files declare, or by attitudes that are equal.
+# Duplicate rows: filters with a common declared equation, or equal attitudes.
 
 Array = NDArray[np.float64]
 
-# Attitudes this close at every sample are equal: what the order of sums leaves is far below.
+# Largest angle between equal attitudes at every sample; the order of sums makes far less.
 EQUAL_DEG = 1e-6
 EXCERPT_SAMPLES = 100  # samples of an excerpt
 
 
 @dataclass(slots=True)
 class Duplicates:
-    """Rows of one filter, ``by`` an ``equation`` (of ``source``) or equal ``attitudes``.
+    """Rows of one filter, ``by`` declared ``equation`` or equal ``attitudes``.
 
-    ``differ``: parameters known to all whose values differ, one value for each row. ``apart_deg``: largest angle
-    between their attitudes, None where it was not measured.
+    ``source``: of the equation. ``differ``: parameters common to all rows with different values, one value per row.
+    ``apart_deg``: largest angle between their attitudes, None if not measured.
     """
 
     rows: list[str]
@@ -97,10 +100,10 @@ class Duplicates:
 
 
 class DuplicateSearch:
-    """Find duplicates among rows that pass one by one: replays of the same samples, equal or declared so.
+    """Search for duplicates among replays that are added one by one.
 
-    An excerpt of each passed row is kept. Where another looks the same there, ``again`` runs the earlier row once more:
-    rare, and cheaper than keeping all.
+    Replays of the same samples with equal attitudes or a common declared equation. Only an excerpt of each row is kept.
+    If the excerpts agree, ``again`` re-runs the earlier row: rare, and cheaper than keeping all.
     """
 
     def __init__(self, again: Callable[[Track], Track]) -> None:
@@ -109,7 +112,7 @@ class DuplicateSearch:
         self._groups: list[_Group] = []
 
     def add(self, row: Track) -> None:
-        """Take an excerpt of a row; it may be released then."""
+        """Add a row, which may be released afterwards."""
         if row.kind != "replay" or row.status == "failed":
             return
         self._rows.append(row)
@@ -125,8 +128,7 @@ class DuplicateSearch:
     def found(self) -> list[Duplicates]:
         """Return equal attitudes first, then filters that share an equation.
 
-        Rows of one filter with other parameters are listed only where their attitudes are equal, or beside another
-        filter.
+        Rows of one filter with other parameters are listed only if their attitudes are equal, or beside another filter.
         """
         groups = [group for group in self._groups if len(group.rows) > 1]
         equal = {row.name for group in groups for row in group.rows}
@@ -145,7 +147,10 @@ class DuplicateSearch:
         return found
 
     def _angle(self, group: _Group, row: Track, excerpt: _Excerpt) -> float:
-        """Return the largest angle in deg between a row and the first of a group; infinite if unknown."""
+        """Return the largest angle in deg between a row and a group.
+
+        To the group's first row; infinite if unknown.
+        """
         first, seen = group.rows[0], group.excerpt
         if first.imu is not row.imu or seen.n != excerpt.n or not np.array_equal(seen.t, excerpt.t):
             return np.inf
@@ -160,7 +165,7 @@ class DuplicateSearch:
 
 @dataclass(frozen=True, slots=True)
 class _Excerpt:
-    """Attitudes (m, 4) of a row at times (m,), spread over its ``n`` samples."""
+    """Attitudes (m, 4) at times (m,), spread over a row's ``n`` samples."""
 
     n: int
     t: Array
@@ -169,7 +174,7 @@ class _Excerpt:
 
 @dataclass(slots=True)
 class _Group:
-    """Rows equal to the first of them, its excerpt, and the largest angle found."""
+    """Rows equal to the first, its excerpt, and the largest angle."""
 
     rows: list[Track]
     excerpt: _Excerpt
@@ -182,22 +187,25 @@ def _excerpt(row: Track) -> _Excerpt:
 
 
 def _largest_deg(a: Array, b: Array) -> float:
-    """Return the largest angle in deg between attitudes (n, 4); infinite for none or one that is not finite."""
+    """Return the largest angle in deg between attitudes (n, 4).
+
+    Infinite without attitudes or for one that is not finite.
+    """
     largest = float(np.max(np.degrees(rotation.total_angle(rotation.earth_error(a, b))))) if len(a) else np.inf
     return largest if np.isfinite(largest) else np.inf
 
 
 def _differ(group: Sequence[Track]) -> dict[str, list[float | str]]:
-    """Return the parameters known to every row of a group whose values differ."""
+    """Return the parameters common to a group's rows whose values differ."""
     names = [name for name in group[0].parameters if all(name in row.parameters for row in group)]
     values = {name: [row.parameters[name] for row in group] for name in names}
     return {name: own for name, own in values.items() if any(a != b for a, b in combinations(own, 2))}
 
 
-# Who is best, who is worst in a column? One rule for the table's stars, the sentences and the bars.
+# Best and worst rows of a column: one rule for the table's stars, the sentences and the bars.
 #
 # A family is one column in one window: all rows that may be ranked, pair by pair, on the units of
-# evidence that they all have. A pair differs significantly where its test stands among those of the family
+# evidence common to all. A pair differs significantly where its test is significant among those of the family
 # (Benjamini & Hochberg, 5 %), the shown values have the same order, and they differ by more than the
 # log resolves. The best rows are those that no row is significantly better than.
 
@@ -206,17 +214,20 @@ Table = Mapping[str, Mapping[str, Mapping[str, Answer]]]
 # window -> metric id -> row names
 Marks = dict[str, dict[str, list[str]]]
 
-# Couples whose differences are held at once.
+# Largest number of pairs whose differences are in memory at once.
 MAX_COUPLES = 4096
-MIN_COVERAGE_PCT = 50.0  # a row scored on less is not best
-MIN_UNITS = 0.5  # of the units of the best covered row
-# Common events below which rows are not compared, and keep the values of their own events.
+MIN_COVERAGE_PCT = 50.0  # smallest coverage of a best row
+MIN_UNITS = 0.5  # share of the largest number of units
+# Smallest number of common events; with fewer, rows are not compared and keep their values.
 MIN_COMMON_UNITS: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
 
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Compared rows of one column, and the pairs (better, worse) that differ significantly."""
+    """Compared rows of one column.
+
+    ``significant``: pairs (better, worse) that differ significantly.
+    """
 
     rows: list[str]
     significant: list[tuple[str, str]]
@@ -228,13 +239,13 @@ class Family:
 
     @property
     def best(self) -> list[str]:
-        """Rows that no row is significantly better than."""
+        """Rows without a significantly better row."""
         beaten = {worse for _, worse in self.significant}
         return [name for name in self.rows if name not in beaten]
 
     @property
     def worst(self) -> list[str]:
-        """The one row that is better than no other and not among the best; else none."""
+        """The only row not better than another, if not the best; else empty."""
         winners = {better for better, _ in self.significant}
         last = [name for name in self.rows if name not in winners]
         return last if len(last) == 1 and last[0] not in self.best else []
@@ -242,9 +253,10 @@ class Family:
 
 @dataclass(slots=True)
 class Ranking:
-    """Marks of a table. ``best`` leaves out columns in which all rows are too close to rank, and rows alone.
+    """Best, worst and compared rows by window and metric.
 
-    ``worst`` names one row or none; ``ranked`` all rows that were compared in a column.
+    ``best`` lacks columns whose rows are too close to rank, and single rows. ``worst`` has at most one row per column;
+    ``ranked``: all compared rows.
     """
 
     best: Marks = field(default_factory=dict)
@@ -253,13 +265,19 @@ class Ranking:
 
 
 def may_be_best(row: Track) -> bool:
-    """Return whether a row can be best: a sound replay, not the reference, scored on half of its time or more."""
+    """Return whether a row can be best.
+
+    A sound replay, not the reference, scored on half of its time or more.
+    """
     covered = row.coverage_pct is None or row.coverage_pct >= MIN_COVERAGE_PCT
     return row.kind == "replay" and not row.is_reference and row.status == "ok" and covered
 
 
 def distance(answer: Answer, better: str) -> tuple[float, float, float]:
-    """Return (low, value, high) of how far an answer is from perfect, smaller is better."""
+    """Return (low, value, high) of an answer's distance from perfect.
+
+    Smaller is better.
+    """
     value = answer.value if answer.value is not None else float("nan")
     low, high = answer.ci95 if answer.ci95 is not None else (value, value)
     low, high = min(low, value), max(high, value)
@@ -274,9 +292,10 @@ def distance(answer: Answer, better: str) -> tuple[float, float, float]:
 
 
 def floor(a: Answer, b: Answer) -> float:
-    """Return the difference below which two answers are the same: the larger floor of both rows.
+    """Return the difference below which two answers are equal.
 
-    With a ``gyro_share`` g: variances add, so that the larger must exceed sqrt(smaller^2 + g^2).
+    The larger floor of both rows. With a ``gyro_share`` g variances add, so that the larger must exceed sqrt(smaller^2
+    + g^2).
     """
     share, smaller = max(a.gyro_share, b.gyro_share), min(abs(a.value or 0.0), abs(b.value or 0.0))
     hidden = math.hypot(smaller, share) - smaller
@@ -284,10 +303,10 @@ def floor(a: Answer, b: Answer) -> float:
 
 
 def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:
-    """Return the rows that can be compared unit by unit, and the units that all of them have.
+    """Return the rows to compare unit by unit, and their common units.
 
-    Rows with less than half of the units of the best covered are left out, then the least covered ones until the common
-    units are half of it.
+    Rows with less than half of the largest number of units are left out, then those with the fewest, until the common
+    units are half of that number.
     """
     ids = {name: a.units.ids for name, a in answers.items() if a.units is not None}
     most = max(map(len, ids.values()), default=0)
@@ -301,7 +320,10 @@ def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:
 
 
 def family(answers: Mapping[str, Answer], better: str) -> Family:
-    """Compare the ranked answers of a column by row; values move to the common units where rows differ."""
+    """Compare the ranked answers of a column by row.
+
+    Values are recomputed on the common units if rows differ in theirs.
+    """
     ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}
     if not any(a.units is not None for a in ranked.values()):
         return _by_intervals(ranked, better)
@@ -319,7 +341,10 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
 
 
 def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
-    """Return the p of all couples of rows on common units, in the order of ``combinations``; 1 across kinds."""
+    """Return the p-values of all pairs of rows on common units.
+
+    In the order of ``combinations``; 1 for different kinds.
+    """
     kinds = [one.kind for one in units]
     values = np.array([one.at(common) for one in units])
     first, second = np.triu_indices(len(units), 1)
@@ -333,7 +358,7 @@ def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
 
 
 def _restrict(answer: Answer, common: Ids) -> None:
-    """Recompute an answer on some of its units: values side by side mean the same time."""
+    """Recompute an answer on the units ``common`` to all rows."""
     if answer.units is None:
         return
     summary = answer.units.of(common)
@@ -343,7 +368,7 @@ def _restrict(answer: Answer, common: Ids) -> None:
 
 
 def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
-    """Compare a column without units: rows whose intervals do not meet differ significantly."""
+    """Compare a column without units: disjoint intervals differ significantly."""
     found = {name: distance(a, better) for name, a in answers.items()}
     disjoint = [(a, b) for a, b in combinations(found, 2) if found[a][2] < found[b][0] or found[b][2] < found[a][0]]
     return Family(list(answers), _in_order(disjoint, answers, better))
@@ -352,9 +377,9 @@ def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
 def _in_order(
     couples: Iterable[tuple[str, str]], answers: Mapping[str, Answer], better: str, ordered: bool = False
 ) -> list[tuple[str, str]]:
-    """Return pairs as (better, worse) by their shown values; those within the floor do not differ.
+    """Return pairs as (better, worse) by their shown values.
 
-    ``ordered`` keeps only pairs that come in as (better, worse) already.
+    Pairs within the floor are left out. ``ordered``: keep only pairs that are (better, worse) on input.
     """
     found = []
     for a, b in couples:
@@ -366,7 +391,7 @@ def _in_order(
 
 
 def rank(table: Table, rows: Iterable[Track], metrics: Mapping[str, Metric]) -> Ranking:
-    """Compare all rows in all columns: the best, the worst, and those compared."""
+    """Return the best, worst and compared rows of all columns."""
     names = [row.name for row in rows if may_be_best(row) and row.name in table]
     found = Ranking()
     for window in dict.fromkeys(w for name in names for w in table[name]):
@@ -383,7 +408,10 @@ def rank(table: Table, rows: Iterable[Track], metrics: Mapping[str, Metric]) -> 
 
 
 def _family(answers: Mapping[str, Answer], metric: Metric, deciding: Family | None) -> Family:
-    """Return the family of a column; where another column decides, its pairs that have the same order here."""
+    """Return the family of a column.
+
+    If another column decides: its pairs that have the same order here.
+    """
     if not metric.decided_by:
         return family(answers, metric.better)
     ranked = {name: a for name, a in answers.items() if a.value is not None and a.ranked}

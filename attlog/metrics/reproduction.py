@@ -1,4 +1,4 @@
-"""The onboard filter run again beside what flew: metrics for gates and tables, lines for the figure."""
+"""Onboard filter re-run compared with the logged one: metrics and figure data."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from attlog.reference.model import Track
 Array = NDArray[np.float64]
 # Name in ``Track.aux`` of the table (m, 3) with time, tilt and heading (deg) between re-run and onboard attitude.
 DIFFERENCE = "onboard_difference"
-# Points of a line.
+# Largest number of points of a line.
 MAX_POINTS = 4000
-# Units of the figures and their size in those of a re-run.
+# Units of figures by unit of a re-run, with the factor.
 FIGURE_UNITS = {"rad": ("deg", float(np.degrees(1.0))), "gauss": ("uT", 100.0)}
-# Aids that the onboard filter tests together.
+# Aids with a common innovation test in the onboard filter.
 TESTED_TOGETHER = {
     "compass": ("mag_x", "mag_y", "mag_z", "heading"),
     "velocity": ("velocity_n", "velocity_e", "velocity_d"),
@@ -57,7 +57,10 @@ METRICS = (
 
 
 def compute(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return how closely a re-run follows in the window where they were taken; empty for other rows and windows."""
+    """Return the agreement of a re-run with the onboard attitude.
+
+    In the window in which it was measured; empty for other rows and windows.
+    """
     found = row.reproduction
     if found is None or window != ("airborne" if found.airborne else "all"):
         return {}
@@ -73,16 +76,17 @@ METRIC_GROUPS = (MetricGroup("reproduction", "Onboard filter run again", METRICS
 
 
 def rerun_traces(case: Case, row: Track, logged: Mapping[str, Array]) -> list[Trace]:
-    """Return the lines of a re-run and, with the row ``onboard``, of what the filter ``logged`` of itself.
+    """Return traces of a re-run and of the logged onboard filter.
 
-    ``logged``: tables by name with the log's time in the first column: ``sigma`` (tilt, heading in rad), innovations.
-    ``key`` of a trace: ``difference``, ``bias``, ``sigma``, ``ratio`` (root of the test ratio), ``innovation``.
+    ``logged``: tables by name with the log's time in the first column: ``sigma`` (tilt, heading in rad), innovations;
+    they have the row name ``onboard``. ``key`` of a trace: ``difference``, ``bias``, ``sigma``, ``ratio`` (root of the
+    test ratio), ``innovation``.
     """
     found = []
 
     def add(name: str, key: str, t: Array, columns: Mapping[str, Array]) -> None:
         at, kept = envelope(t, np.column_stack(list(columns.values())), MAX_POINTS)
-        pauses = np.flatnonzero(~without_pauses(at)) + 1  # an aid that is not fused for a while breaks the line
+        pauses = np.flatnonzero(~without_pauses(at)) + 1  # pauses of an aid break the line
         at, kept = np.insert(at, pauses, at[pauses]), np.insert(kept, pauses, np.nan, axis=0)
         found.append(Trace("rerun", name, at, {c: kept[:, k] for k, c in enumerate(columns)}, key))
 

@@ -1,4 +1,4 @@
-"""Attitude error after a step, as an angle about the axis of the step."""
+"""Attitude error after a step, about the axis of the step."""
 
 from __future__ import annotations
 
@@ -24,19 +24,20 @@ from attlog.reference.model import AttitudeErrors, Track
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-# The error before the onset is the mean over this time; a constant heading offset is none.
+# Averaging time of the error before the onset, which removes a constant heading offset.
 BEFORE_S = 0.3
 
-# A set-point that was not logged for longer is not drawn.
+# Largest gap of a set-point in figures.
 SETPOINT_HOLE_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """One event at the slower one's times ``t`` (n,) s within its window, in deg, positive along the stroke.
+    """Turning and error of a row in one event, deg.
 
-    ``reference`` (n,) is its turning since the onset, ``error`` (n,) the row's error relative to its mean over 0.3 s
-    before the onset; negative: the row shows too little.
+    At the slower one's times ``t`` (n,) s in the event's window, positive along the stroke. ``reference`` (n,): turning
+    of the reference since the onset. ``error`` (n,): the row's error relative to its mean over 0.3 s before the onset,
+    negative if the row turns too little.
     """
 
     event: StepEvent
@@ -46,25 +47,29 @@ class Curve:
 
     @property
     def row(self) -> Array:
-        """Turning of the row since the onset (n,)."""
+        """Turning (n,) of the row since the onset."""
         return self.reference + self.error
 
     @property
     def seconds(self) -> Array:
-        """Time (n,) since the onset."""
+        """Time (n,) since the onset, s."""
         return self.t - self.event.onset
 
 
 def curves(case: Case, row: Track, window: str) -> list[Curve]:
-    """Return the events of a window that the row and the reference cover without a gap."""
+    """Return the events of a window covered without a gap.
+
+    By the row and the reference.
+    """
     return _curves(case, row, step_fits.first_with(case, row, window))
 
 
 @dataclass(frozen=True, slots=True)
 class EventSamples:
-    """An event with the samples ``own`` (n,) of a row's errors, ``before`` (m,) its onset, ``body`` axis (3,).
+    """Samples of a row's errors in one event.
 
-    ``turned`` (n,) deg: turning of the reference about that axis since the onset.
+    ``own`` (n,): indices in the event, ``before`` (m,): before its onset; ``body`` (3,): axis of the event. ``turned``
+    (n,) deg: turning of the reference about it since the onset.
     """
 
     event: StepEvent
@@ -80,9 +85,10 @@ def _curves(case: Case, row: Track, window: str) -> list[Curve]:
 
 
 def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]:
-    """Return the error rotation q_est q_ref^* against its mean before the onset, about the stroke's axis.
+    """Return the row's error in events, about each stroke's axis.
 
-    All events at once: a row may have hundreds.
+    The error rotation q_est q_ref^* relative to its mean before the onset. All events are computed at once, as a row
+    may have hundreds.
     """
     errors, ref = row.errors, step_fits.reference_turning(case)
     found = [] if errors is None else _all_covered(case, errors, events)
@@ -102,7 +108,7 @@ def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]
 
 
 def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
-    """Return the events that a row and the reference show without a gap."""
+    """Return the events that row and reference cover without a gap."""
     ref, broken = step_fits.reference_turning(case), np.zeros(len(errors.t), np.int64)
     np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite_rows(errors.q_est)[1:], out=broken[1:])
     found = [_covered(errors.t, broken, ref, event) for event in events]
@@ -110,7 +116,10 @@ def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) ->
 
 
 def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
-    """Return the samples of an event at times (n,) in segments (n,); None where they are too few."""
+    """Return the samples of an event, None if too few.
+
+    At times ``t`` (n,) in segments (n,).
+    """
     body = axis_of(ref, event)
     if body is None:
         return None
@@ -134,14 +143,20 @@ def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
 
 
 def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Array:
-    """Return the turning of the reference (n,) deg about an event's axis (3,) since its onset, at times (n,)."""
+    """Return the reference's turning (n,) deg since an event's onset.
+
+    About the event's axis ``body`` (3,), at times ``t`` (n,).
+    """
     near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
     along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
     return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
 
 
 def setpoint(case: Case, curve: Curve) -> Array | None:
-    """Return the set-point's turning (n,) deg about the event's axis since the onset; None where not logged."""
+    """Return the set-point's turning (n,) deg since an event's onset.
+
+    About the event's axis; None where not logged.
+    """
     wanted, ref = case.log.setpoints.attitude, step_fits.reference_turning(case)
     body = axis_of(ref, curve.event)
     if wanted is None or len(wanted.t) < 2 or body is None:
@@ -159,13 +174,13 @@ def _largest_hole(t: Array, within: Array) -> float:
     return float(np.max(np.diff(t[max(int(i) - 1, 0) : int(j) + 1]), initial=0.0))
 
 
-# How wrong is the attitude after a step? The angle off about its axis, 0.5 s and 1.0 s later.
+# Error about the axis of a step, 0.5 s and 1.0 s later.
 
 AFTER_S = (0.5, 1.0)  # the event window ends 1 s after 90 %
-# The error is the mean over so long on both sides, of one sample at least.
+# Half the averaging time of the error; at least one sample.
 NEAR_S = 0.05
 
-# So much does a smoother's own error change within a second: 0.02 to 0.06 deg (RMS) on six flights with truth.
+# Change of a smoother's own error within a second: 0.02 to 0.06 deg (RMS) on six flights with truth.
 SMOOTHED_DEG = 0.05
 
 _ERROR = """How far the attitude is off {after:.1f} s after a step: the row's error relative to its own
@@ -199,7 +214,7 @@ STEP_ERROR_METRICS: tuple[Metric, ...] = tuple(
 
 @dataclass(frozen=True, slots=True)
 class EventErrors:
-    """Signed errors (k,) in deg of k events with these ids, and their strokes (k,) in deg."""
+    """Signed errors and strokes (k,) in deg of events by id."""
 
     ids: Ids
     deg: Array
@@ -207,7 +222,10 @@ class EventErrors:
 
 
 def errors_after(found: list[Curve], after: float) -> EventErrors:
-    """Return the error of each event that is covered ``after`` s past 90 % of its stroke."""
+    """Return the error of each event ``after`` s past 90 % of its stroke.
+
+    Of the events that are covered until then.
+    """
     kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
     return EventErrors(
         make_ids([c.event.onset for c, _ in kept]),
@@ -222,9 +240,10 @@ def _after(case: Case, row: Track, window: str, after: float) -> EventErrors:
 
 
 def error_at(curve: Curve, at: float) -> float | None:
-    """Return the mean error (deg) over +-50 ms around a time in s, else the nearest sample's.
+    """Return the mean error (deg) over +-50 ms around a time in s.
 
-    None beyond the event's window, which a neighbouring step may have cut.
+    Without samples there, that of the nearest one. None beyond the event's window, which may end early at the next
+    step.
     """
     near = np.abs(curve.t - at) <= NEAR_S
     if near.any():
@@ -236,9 +255,9 @@ def error_at(curve: Curve, at: float) -> float | None:
 
 
 def error_on_events(errors: EventErrors, values: Array, least: float, sigma: float, ids: Ids) -> Summary:
-    """Return the median of ``values`` (k,) on the events ``ids``; its interval ends at ``least`` at the lowest.
+    """Return the median of ``values`` (k,) on the events ``ids``.
 
-    ``sigma``: error of the reference itself, in the unit of the values.
+    ``least``: lower limit of the interval. ``sigma``: error of the reference itself, in the unit of the values.
     """
     chosen = values[np.isin(errors.ids, ids)]
     value, ci95 = float(np.median(chosen)), interval.median_interval(chosen)
@@ -249,7 +268,7 @@ def error_on_events(errors: EventErrors, values: Array, least: float, sigma: flo
 
 
 def compute_step_error(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the errors of one row after the steps of a window."""
+    """Return the errors of a row after the steps of a window."""
     found = curves(case, row, window)
     answers: dict[str, Answer] = {}
     for after in AFTER_S:
@@ -263,7 +282,10 @@ def compute_step_error(case: Case, row: Track, window: str) -> dict[str, Answer]
 def _answer(
     errors: EventErrors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float
 ) -> Answer:
-    """Return the answer in one unit; ``own_deg``: the reference's own error, below which rows are equal."""
+    """Return the answer in one unit.
+
+    ``own_deg``: the reference's own error, below which rows are equal.
+    """
     count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
     if count < MIN_EVENTS:
         reason = too_few(count)

@@ -1,7 +1,7 @@
-"""Fit of delay, gain, misalignment and aiding over step events.
+"""Least-squares fit of delay, gain, misalignment and aiding over step events.
 
-The products (12, 12) of one event hold its centred columns (:mod:`attlog.metrics.step_products`) at the fitted delay.
-Any choice of events is solved from their sum: all, all but one, one axis, or those that two rows share.
+Each event contributes a matrix (12, 12): products of its centred columns (:mod:`attlog.metrics.step_products`) at the
+fitted delay. Their sum solves any choice of events: all, all but one, one axis, or those common to two rows.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ Index = NDArray[np.int64]
 
 
 Y, SLOPE, GAIN, AID = 0, 1, 2, slice(6, 12)
-# Slope, gain and misalignment come first: a fit without aiding takes these alone.
+# Number of leading coefficients in a fit without aiding: slope, gain, misalignment.
 PLAIN = 5
-# Prior sigma of misalignment (rad) and aiding: larger values need much evidence.
+# Prior sigma of misalignment (rad) and aiding.
 SCALES = np.concatenate([np.full(3, np.radians(5.0)), step_sensors.RIDGE])
-RIDGE_WEIGHT = 10.0  # lines of evidence that the prior is worth
-TINY = 1e-10  # of the power: against singularity only
+RIDGE_WEIGHT = 10.0  # weight of the prior in samples
+TINY = 1e-10  # share of the power, against singularity
 MIN_EVENTS = 3  # a jackknife of fewer has no interval
 
 
 @dataclass(slots=True)
 class Fit:
-    """Delay (s, positive: the estimate is late), gain and what else was fitted.
+    """Fitted delay (s, positive: late), gain and further parameters.
 
-    ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate, ``shape_s`` is the
-    residual over the RMS of its slope, ``moved_s`` what the aiding changes the delay by, ``plain_gain`` the gain
-    without it. ``left_out`` (events, 3) are delay, gain and distortion with one event left out each, ``each`` (events,)
-    the delays of the single ones, ``events`` (events,) their numbers in ``sums``.
+    ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate. ``shape_s``: residual
+    over the RMS of the rate's slope. ``moved_s``: change of the delay by the aiding; ``plain_gain``: gain without
+    aiding. ``x``: coefficients. ``left_out`` (events, 3): delay, gain and distortion without each event; ``each``
+    (events,): delay of each event alone; ``events`` (events,): their numbers in ``sums``.
     """
 
     delay: float
@@ -63,7 +63,10 @@ class Fit:
     at_edge: bool = False
 
     def half_width(self, column: int) -> float:
-        """Return half the 95 % jackknife interval of delay (s), gain or distortion; inf under 3 events."""
+        """Return half the 95 % jackknife interval of a column of ``left_out``.
+
+        Infinite under 3 events.
+        """
         values = self.left_out[:, column]
         k = len(values)
         if k < MIN_EVENTS or not np.isfinite(values).all():
@@ -73,10 +76,11 @@ class Fit:
 
 @dataclass(slots=True)
 class NormalEquations:
-    """Products (k, 12, 12) of k events at ``delay`` s; ``plain`` has the slope of the bare rate.
+    """Products (k, 12, 12) of k events at ``delay`` s.
 
-    ``lines`` (k,) samples and ``seconds`` (k,) of each event; ``ridge`` (11, 11) what a fit adds to the normal matrix;
-    ``kept`` (11,) is set where misalignment and aiding are not free.
+    ``plain``: products with the slope of the bare rate. ``lines`` (k,): samples of each event; ``seconds`` (k,): its
+    duration. ``ridge`` (11, 11) is added to the normal matrix. ``kept`` (11,): coefficients, set if misalignment and
+    aiding are fixed.
     """
 
     products: Array
@@ -92,11 +96,14 @@ class NormalEquations:
     axis: Index = field(default_factory=lambda: np.zeros(0, np.int64))
 
     def keeping(self, x: Array) -> NormalEquations:
-        """Return the sums with misalignment and aiding fixed at coefficients ``x`` (11,)."""
+        """Return the equations with misalignment and aiding fixed at ``x`` (11,)."""
         return replace(self, kept=x)
 
     def solve(self, total: Array) -> Array:
-        """Return coefficients (..., 11) of slope, gain, misalignment and aiding of products (..., 12, 12)."""
+        """Return coefficients (..., 11) for products (..., 12, 12).
+
+        Slope, gain, misalignment and aiding.
+        """
         normal, right = total[..., 1:, 1:] + self.ridge, total[..., 1:, Y]
         if self.kept is None:
             return _solved(normal, right)
@@ -105,12 +112,15 @@ class NormalEquations:
         return x
 
     def step(self, x: Array) -> Array:
-        """Return the change of delay (...,) in s by coefficients ``x`` (..., k): slope over gain."""
+        """Return the change of delay (...,) in s: slope over gain.
+
+        For coefficients ``x`` (..., k).
+        """
         gain = np.where(self.slow_row & (np.abs(x[..., 1]) > 0.1), x[..., 1], 1.0)
         return np.asarray(-x[..., 0] / gain)
 
     def without_aiding(self, number: Index) -> tuple[float, float]:
-        """Return delay (s) and gain of some events where only gain and misalignment are fitted."""
+        """Return delay (s) and gain of events, fitted without aiding."""
         total = self.plain[number].sum(axis=0)
         free = PLAIN if self.kept is None else 2
         x = np.zeros(SCALES.size + 2)
@@ -121,7 +131,7 @@ class NormalEquations:
         return self.delay + float(self.step(x)), float(x[1])
 
     def fit(self, number: Index) -> Fit:
-        """Return the fit of the events with these numbers (at least one)."""
+        """Return the fit of the events ``number`` (at least one)."""
         total = self.products[number].sum(axis=0)
         x = self.solve(total)
         delay = self.delay + float(self.step(x))
@@ -145,7 +155,10 @@ class NormalEquations:
         )
 
     def _without_each(self, number: Index, total: Array) -> Array:
-        """Return delay, gain and distortion (k, 3) of ``total`` (12, 12) without each event."""
+        """Return delay, gain and distortion (k, 3) without each event.
+
+        ``total`` (12, 12): summed products of the events ``number``.
+        """
         others = total - self.products[number]
         x = self.solve(others)
         distortion = _ratio(residual_squares(others, x), others[:, GAIN, GAIN])
@@ -153,7 +166,10 @@ class NormalEquations:
 
 
 def ridge(total: Array, variance: float, lines: int) -> Array:
-    """Return what is added to the normal matrix (11, 11): weights of misalignment and aiding, and a trace."""
+    """Return the ridge (11, 11) of the normal matrix.
+
+    Prior weights of misalignment and aiding, and a trace against singularity.
+    """
     power = float(total[GAIN, GAIN])
     weights = np.zeros(SCALES.size + 2)
     weights[2:] = RIDGE_WEIGHT * max(variance, 1e-9 * power / max(lines, 1)) / SCALES**2
@@ -161,7 +177,7 @@ def ridge(total: Array, variance: float, lines: int) -> Array:
 
 
 def residual_squares(total: Array, x: Array) -> Array:
-    """Return the squares (...) that coefficients (..., 11) leave of the row's rate."""
+    """Return the sum of squared residuals (...) for coefficients (..., 11)."""
     explained = _form(total[..., 1:, 1:], x) - 2.0 * np.sum(x * total[..., 1:, Y], axis=-1)
     return np.asarray(np.maximum(total[..., Y, Y] + explained, 0.0))
 
@@ -175,12 +191,12 @@ def _form(normal: Array, x: Array) -> Array:
 
 
 def _ratio(squares: ArrayLike, of: ArrayLike) -> Array:
-    """Return the root (...) of squares over others; inf where these are none."""
+    """Return the root (...) of a ratio of squares; infinite over zero."""
     part, whole = np.maximum(squares, 0.0), np.asarray(of, np.float64)
     return np.asarray(np.sqrt(np.divide(part, whole, out=np.full(np.shape(whole), math.inf), where=whole > 0)))
 
 
-# What did a row show in the steps? One linear fit of its turning to the reference's, all events together.
+# Fit of a row's turning to the reference's over all events together.
 #
 # Body rates w are summed increments of attitude over a span h; u is the event's axis.
 # Minimised over delay tau, gain k, body misalignment phi, aiding gains a_j
@@ -190,14 +206,17 @@ def _ratio(squares: ArrayLike, of: ArrayLike) -> Array:
 #
 # Gauss-Newton in tau; everything else is linear.
 
-# A delay is looked for up to this far on both sides.
+# Searched range of delays, either way, and its coarse grid.
 RANGE_S, COARSE_S = 0.25, 0.025
-SLOPE_S, LARGEST_STEP_S = 0.008, 0.020  # half span of the slope, and how far a step may trust it
-ENOUGH_S, MOST_STEPS = 3e-5, 20  # step that ends the iteration, and its longest
+SLOPE_S, LARGEST_STEP_S = 0.008, 0.020  # half span of the slope, largest Gauss-Newton step
+ENOUGH_S, MOST_STEPS = 3e-5, 20  # step that ends the iteration, largest number of steps
 
 
 def fit(groups: EventBatches) -> dict[str, Fit]:
-    """Return the fit of all events (``all``) and, with its misalignment and aiding kept, of each axis."""
+    """Return the fit of all events (``all``) and of each axis.
+
+    Those of an axis keep the misalignment and aiding of ``all``.
+    """
     delay, at_edge = _start(groups)
     sums = _sums(groups, delay, None)
     for _ in range(MOST_STEPS):
@@ -225,14 +244,20 @@ def fit(groups: EventBatches) -> dict[str, Fit]:
 
 
 def _start(groups: EventBatches) -> tuple[float, bool]:
-    """Return the delay of the largest correlation on a coarse grid, and whether that is the grid's end."""
+    """Return the delay of the largest correlation on a coarse grid.
+
+    And whether it is at an end of the grid.
+    """
     grid = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
     best = int(np.argmax(groups.correlations(grid)))
     return float(grid[best]), best in (0, len(grid) - 1)
 
 
 def _sums(groups: EventBatches, delay: float, last: tuple[Array, float] | None) -> NormalEquations:
-    """Return the products at a delay; ``last`` are coefficients and residual squares of the step before."""
+    """Return the normal equations at a delay.
+
+    ``last``: coefficients and squared residuals of the previous iteration.
+    """
     aids = np.zeros(len(step_sensors.NAMES)) if last is None else last[0][PLAIN:]
     products, count = groups.products(delay, SLOPE_S, aids)
     total, lines = products.sum(axis=0), max(int(count.sum()), 1)
@@ -250,36 +275,39 @@ def _sums(groups: EventBatches, delay: float, last: tuple[Array, float] | None) 
     )
 
 
-MIN_REFERENCE_HZ = 5.0  # slower ones show no step of 0.2 s
+MIN_REFERENCE_HZ = 5.0  # slower ones resolve no step of 0.2 s
 
 
 def fits(case: Case, row: Track, window: str) -> dict[str, Fit]:
-    """Return the fits of a row over the events of a window: per axis and ``all``."""
+    """Return the fits of a row in a window, per axis and ``all``."""
     found = evidence(case, row, window)
     return {} if found is None else found.fits
 
 
 @dataclass(slots=True)
 class RowFits:
-    """The fits of a row per axis and ``all``, and the events that their numbers mean."""
+    """Fits of a row per axis and ``all``, with their events."""
 
     fits: dict[str, Fit]
     events: list[steps.StepEvent]
 
 
 def evidence(case: Case, row: Track, window: str) -> RowFits | None:
-    """Return the fits of a row in the events of a window; None without any that it covers."""
+    """Return the fits of a row in a window; None without events."""
     return _evidence(case, row, first_with(case, row, window)) if events_in(case, row, window) else None
 
 
 def first_with(case: Case, row: Track, window: str) -> str:
-    """Return ``all`` where it holds the same events, else the window: fits are not computed again."""
+    """Return ``all`` if it has the same events, else the window.
+
+    Equal fits are then computed once.
+    """
     return "all" if events_in(case, row, window) == events_in(case, row, "all") else window
 
 
 @per_row
 def events_in(case: Case, row: Track, window: str) -> list[steps.StepEvent]:
-    """Return the events of a window for which this row is scored."""
+    """Return the events of a window in which this row is scored."""
     return steps.steps_in_window(case, scored_events(case, row), window)
 
 
@@ -294,7 +322,10 @@ def _evidence(case: Case, row: Track, window: str) -> RowFits | None:
 
 @per_object
 def timing(case: Case, t: Array) -> Timing:
-    """Return :class:`Timing` of the times (n,) of rows; replays of one unit share it."""
+    """Return :class:`Timing` of times (n,).
+
+    Cached: replays of one IMU share them.
+    """
     return Timing.of(t)
 
 
@@ -305,7 +336,7 @@ def reference_turning(case: Case) -> SummedTurning:
 
 
 def scored_events(case: Case, row: Track) -> list[steps.StepEvent]:
-    """Return the events of the reference for which this row is scored (after a restart it settles first)."""
+    """Return the reference's events in which this row is scored."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:
         return []
@@ -315,7 +346,7 @@ def scored_events(case: Case, row: Track) -> list[steps.StepEvent]:
 
 
 def why_no_events(case: Case, row: Track, window: str) -> tuple[str, str] | None:
-    """Return code and reason where a window has no events for a row, else None."""
+    """Return code and reason if a row has no events, else None."""
     rate = case.reference.rate
     if rate < MIN_REFERENCE_HZ:
         return (
@@ -333,5 +364,8 @@ def why_no_events(case: Case, row: Track, window: str) -> tuple[str, str] | None
 
 
 def too_few(count: int, where: str = "") -> str:
-    """Return the reason where there are fewer than MIN_EVENTS; ``where`` follows with a blank before it."""
+    """Return the reason for fewer than MIN_EVENTS.
+
+    ``where`` begins with a blank.
+    """
     return f"{count} step{'' if count == 1 else 's'}{where}; at least {MIN_EVENTS} are needed"
