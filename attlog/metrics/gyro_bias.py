@@ -40,7 +40,7 @@ MAX_TURN_DEG = 90.0
 
 @dataclass(slots=True)
 class CommonBias:
-    """Gyro bias in body axes (FRD), common to all replays of an IMU.
+    """Gyro bias (body axes, FRD) common to all replays of an IMU.
 
     ``asked``: the option; ``taken``: the one used; ``why``: reason of a difference. ``dps`` (3): deg/s, for ``onboard``
     the mean over the log. ``half95_dps`` (3): half the 95 % interval over ``seconds`` s of rest between ``t0_s`` and
@@ -151,7 +151,7 @@ def _nearest(spans: list[Span], latest: bool) -> list[Span]:
 
 
 def _blocks(t: Array, x: Array) -> Array:
-    """Return means (k, 3) over blocks of 1 s, at least four blocks."""
+    """Return means (k, 3) over blocks of 1 s, at least four."""
     k = min(max(int((t[-1] - t[0]) / BLOCK_S), MIN_BLOCKS), len(t))
     return np.array([part.mean(axis=0) for part in np.array_split(x, k)])
 

@@ -1,4 +1,4 @@
-"""Metrics, the groups that are computed together, their answers, and the case they look at."""
+"""Metrics, their groups and answers, and the case that they evaluate."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 P = ParamSpec("P")
 
-# Why an answer has no value.
+# Reasons for an answer without a value.
 CODES = (
     "no_rest",
     "rest_too_short",
@@ -51,9 +51,9 @@ CODES = (
 
 @dataclass(frozen=True, slots=True)
 class SpanAnswer:
-    """The value of a metric over one span [t0, t1] s, of which ``usable_s`` could be used.
+    """Value of a metric over the span [t0, t1] s.
 
-    ``value`` with ``ci95``, or None with the ``reason``.
+    ``usable_s`` s of it were used. ``value`` with ``ci95``, or None with the ``reason``.
     """
 
     t0: float
@@ -66,11 +66,11 @@ class SpanAnswer:
 
 @dataclass(slots=True)
 class Answer:
-    """The value of one metric for one row and window.
+    """Value of one metric for one row and window.
 
-    With a value: ``n`` independent units of evidence over ``seconds`` and the 95 % interval ``ci95``. Without:
-    ``code`` (of CODES) and ``reason``. A value that is not ``ranked`` is never the best; ``reason`` then says why.
-    ``detail`` is for people only. In the value's own unit:
+    With a value: ``n`` independent units of evidence over ``seconds`` and the 95 % interval ``ci95``. Without: ``code``
+    (of CODES) and ``reason``. A value that is not ``ranked`` is never the best; ``reason`` then says why. ``detail`` is
+    for people only. In the value's own unit:
 
     - ``floor``: smallest difference that counts in a ranking
     - ``counts_as_zero_below``: smallest value that differs from zero
@@ -113,16 +113,16 @@ class Answer:
 
 
 def missing(code: str, reason: str, unit: str, window: str, **detail: Any) -> Answer:
-    """Return an answer without a value: the reason, and what would be needed."""
+    """Return an answer without a value, with code and reason."""
     return Answer(None, unit, window, code=code, reason=reason, detail=detail)
 
 
 @dataclass(frozen=True, slots=True)
 class Resolution:
-    """The coarsest answer worth showing; one that includes perfection and reaches farther is withheld.
+    """Coarsest answer worth showing.
 
-    ``size`` is the distance from perfection in the metric's unit, ``even`` the same in words ("a lag of 50 ms"),
-    ``evidence`` what a longer log would add.
+    An answer is withdrawn if its interval includes perfection and reaches farther than ``size`` from it, in the
+    metric's unit. ``even``: that size in words ("a lag of 50 ms"). ``evidence``: what a longer log adds.
     """
 
     size: float
@@ -132,9 +132,9 @@ class Resolution:
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """Words of a comparison: "A ``verb`` 24 % ``more`` than B", or ``less``; ``noun`` follows "in".
+    """Words of a comparison: "A ``verb`` 24 % ``more`` than B", or ``less``.
 
-    ``more`` is the better one. A difference whose interval ends below ``none`` is no difference.
+    ``noun`` follows "in". ``more`` is the better one. Differences whose interval ends below ``none`` do not count.
     """
 
     verb: str
@@ -146,11 +146,11 @@ class Wording:
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A column of the table. ``definition`` is the report's paragraph.
+    """Column of the table; ``definition`` is its paragraph in the report.
 
-    ``name`` carries the unit (``noise_roll_deg``); ``better`` is the best value. ``decided_by`` names the metric whose
-    comparison of rows decides this one too. ``wording`` None: made of the title. ``scale``: how two values are
-    compared. ``asked``: where ``compare`` asks it. ``covers``: whether an answer reports its coverage.
+    ``name`` carries the unit (``noise_roll_deg``); ``better`` is the best value. ``decided_by``: the metric whose
+    comparison of rows also applies to this one. ``wording`` None: made of the title. ``scale``: how two values are
+    compared. ``asked``: windows in which ``compare`` uses it. ``covers``: whether an answer reports its coverage.
     """
 
     name: str
@@ -168,10 +168,10 @@ class Metric:
 
 @dataclass(frozen=True, slots=True)
 class MetricGroup:
-    """Metrics that one function computes, and what that needs.
+    """Metrics that one function computes, with its requirements.
 
-    It is asked in ``windows`` and any ``T0:T1``, in every window where there are none. Each of ``needs`` returns the
-    code and reason of what a case, row and window lack, or None. ``topic`` is its heading in a report.
+    Computed in ``windows`` and any ``T0:T1``, or in every window if ``windows`` is empty. Each of ``needs`` returns
+    code and reason of what a case, row and window lack, or None. ``topic``: heading in a report.
     """
 
     name: str
@@ -182,7 +182,10 @@ class MetricGroup:
     needs: tuple[Callable[[Case, Track, str], tuple[str, str] | None], ...] = ()
 
     def ask(self, case: Case, row: Track, window: str) -> dict[str, Answer]:
-        """Return the answers for one row and window by metric; empty where the group means nothing."""
+        """Return the answers for one row and window by metric.
+
+        Empty if the group does not apply to the window.
+        """
         if self.windows and window not in self.windows and ":" not in window:
             return {}
         for need in self.needs:
@@ -198,13 +201,12 @@ class MetricGroup:
 
 @dataclass(slots=True)
 class Case:
-    """One log made ready for any set of filters; only ``rows`` depend on a filter.
+    """One log prepared for any set of filters; only ``rows`` depend on them.
 
-    ``heading_references``: headings by name for drift in the air. ``imus``: units to replay, by what is appended to
-    the filter's name. ``gyro_bias``: what is subtracted from their gyros before any filter runs, by unit index.
-    ``settings``: resolved configuration as plain values. ``timing``: seconds by stage. ``rows``: those of one
-    evaluation so far. ``undecided``: answers whose rank depends on later rows. ``of_log`` and ``of_row`` cache what
-    functions marked :func:`per_case` and :func:`per_row` return.
+    ``heading_references``: headings by name for drift in the air. ``imus``: IMUs to replay, by suffix of the filter's
+    name. ``gyro_bias``: common bias by IMU index. ``settings``: resolved configuration as plain values. ``timing``:
+    seconds by stage. ``rows``: those of one evaluation so far. ``undecided``: answers whose rank depends on later rows.
+    ``of_log``, ``of_row``: caches of functions marked :func:`per_case` and :func:`per_row`.
     """
 
     log: FlightLog
@@ -222,19 +224,22 @@ class Case:
     undecided: list[tuple[Track, Answer]] = field(default_factory=list, repr=False)
 
     def bias_of(self, imu: Imu) -> CommonBias:
-        """Return what is subtracted from a unit's gyro; a unit with changed samples has its own bias at rest."""
+        """Return the common bias of an IMU.
+
+        An IMU with modified samples has its own bias at rest.
+        """
         known = self.gyro_bias.get(imu.index)
         if known is None or known.asked != "rest" or any(imu is own for own in self.log.imus):
             return known or no_common_bias()
         return common_bias(self.log, self.segments, imu, known.asked)
 
     def gyro_of(self, imu: Imu) -> Array:
-        """Return a unit's rates (n, 3) in rad/s without the common bias, as filters receive them."""
+        """Return an IMU's rates (n, 3) in rad/s without the common bias."""
         taken = self.bias_of(imu)
         return imu.gyro.x if taken.taken == "none" else imu.gyro.x - taken.at(imu.gyro.t_best)
 
     def looked_at_with(self, rows: list[Track]) -> Case:
-        """Return the case with the rows of one evaluation and a shared cache."""
+        """Return the case with other rows, sharing the cache."""
         return replace(self, rows=rows, undecided=[])
 
     def compared_with(self, reference: Reference, heading_references: dict[str, HeadingReference]) -> Case:
@@ -252,7 +257,10 @@ class Case:
         )
 
     def done_with(self, row: Track) -> None:
-        """Release the arrays of a row that was run: in a long log rows are larger than the log."""
+        """Release the arrays of an evaluated row unless it is onboard.
+
+        In a long log rows are larger than the log.
+        """
         if row.kind != "onboard":
             self.of_row.pop(row, None)
             row.release()
@@ -264,7 +272,10 @@ class Case:
 
 
 def per_case(compute: Callable[Concatenate[Case, P], T]) -> Callable[Concatenate[Case, P], T]:
-    """Cache a function of a case (and of values such as spans); it must not read ``case.rows``."""
+    """Cache a function of a case and of values such as spans.
+
+    It must not read ``case.rows``.
+    """
 
     @functools.wraps(compute)
     def cached(case: Case, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -274,7 +285,7 @@ def per_case(compute: Callable[Concatenate[Case, P], T]) -> Callable[Concatenate
 
 
 def per_row(compute: Callable[Concatenate[Case, Track, P], T]) -> Callable[Concatenate[Case, Track, P], T]:
-    """Cache a function of a case and one of its rows (and of values such as spans)."""
+    """Cache a function of a case, a row, and values such as spans."""
 
     @functools.wraps(compute)
     def cached(case: Case, row: Track, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -285,9 +296,9 @@ def per_row(compute: Callable[Concatenate[Case, Track, P], T]) -> Callable[Conca
 
 
 def per_object(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Concatenate[Case, Any, P], T]:
-    """Cache a function of a case and an array or a unit (and of values) while that object lives.
+    """Cache a function of a case and an array or IMU while that lives.
 
-    Replays of one unit share the array of times. Neither the function nor its callers may hold or change the object.
+    Replays of one IMU share the array of times. Neither the function nor its callers may hold or change the object.
     """
 
     @functools.wraps(compute)
@@ -316,7 +327,7 @@ def _key(compute: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, A
 
 
 def _frozen(value: Any) -> Hashable:
-    """Return a hashable form: tuples of lists, bounds of slices."""
+    """Return a hashable form of lists and slices."""
     if isinstance(value, list):
         return tuple(map(_frozen, value))
     key: Hashable = (slice, value.start, value.stop, value.step) if isinstance(value, slice) else value
@@ -324,7 +335,10 @@ def _frozen(value: Any) -> Hashable:
 
 
 def named(metrics: Iterable[Metric], name: str) -> Metric:
-    """Return the metric of an id, or the first variant of it (``drift_air_deg_per_min``). KeyError for others."""
+    """Return the metric of an id, or its first variant.
+
+    A variant follows a dot (``drift_air_deg_per_min.truth``). KeyError for unknown ids.
+    """
     some = [metric for metric in metrics if name in (metric.name, metric.name.partition(".")[0])]
     if not some:
         raise KeyError(name)

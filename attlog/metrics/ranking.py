@@ -245,7 +245,7 @@ class Family:
 
     @property
     def worst(self) -> list[str]:
-        """The only row not better than another, if not the best; else empty."""
+        """The only row better than no other, unless best; else empty."""
         winners = {better for better, _ in self.significant}
         last = [name for name in self.rows if name not in winners]
         return last if len(last) == 1 and last[0] not in self.best else []

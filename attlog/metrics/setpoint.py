@@ -1,4 +1,4 @@
-"""Response of the attitude to its set-point: a causal impulse response by regularised least squares.
+"""Attitude response to its set-point: causal impulse response by regularised least squares.
 
 Changes of the attitude are a sum of earlier changes of the set-point,
 
@@ -29,27 +29,28 @@ from attlog.metrics.windows import within
 from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
-# Times (n,) evenly spaced, set-point (n, 2) and attitude (n, 2) in deg: roll and pitch.
+# Evenly spaced times (n,), set-point (n, 2) and attitude (n, 2) in deg: roll and pitch.
 SetpointSegment = tuple[Array, Array, Array]
 
 MEMORY_S = 1.0  # length of the impulse response
-# The response is expected to fall by e in this time.
+# Prior decay time (to 1/e) of the impulse response.
 DECAY_S = 0.25
-# A response as short as this is still likely: the scale of the prior.
+# Shortest likely response: scale of the prior.
 SHARP_S = 0.05
 BLOCK_S = 1.0  # as long as the memory: neighbours are nearly independent
-# Seconds in which the set-point varies less, with the second before, show nothing of the response.
+# Smallest standard deviation of the set-point in a block and the second before.
 MOVING_DEG = 1.0
 BAND = 0.05  # the usual 5 % band of settling
-# The step response is divided by its mean from here to its end.
+# Start of the part whose mean scales the step response.
 LEVEL_S = 0.8
 
 
 @dataclass(slots=True)
 class ResponseEquations:
-    """Normal equations of k blocks of one second: ``xx`` (k, m, m), ``xy`` (k, m), ``yy`` and ``count`` (k,).
+    """Normal equations of k blocks of one second.
 
-    ``axis`` (k,) is 0 for roll, 1 for pitch; ``step`` the spacing of the m lags in s.
+    ``xx`` (k, m, m), ``xy`` (k, m), ``yy`` and ``count`` (k,) over m lags ``step`` s apart. ``axis`` (k,): 0 roll, 1
+    pitch.
     """
 
     xx: Array
@@ -60,14 +61,17 @@ class ResponseEquations:
     step: float
 
     def only(self, which: NDArray[np.bool_]) -> ResponseEquations:
-        """Return a choice (k,) of the blocks."""
+        """Return the blocks marked by ``which`` (k,)."""
         return ResponseEquations(
             self.xx[which], self.xy[which], self.yy[which], self.count[which], self.axis[which], self.step
         )
 
 
 def blocks_of(segments: list[SetpointSegment]) -> ResponseEquations | None:
-    """Return the blocks of both axes in which the set-point moved; None without any. Segments share one spacing."""
+    """Return the blocks in which the set-point moved, or None.
+
+    Of roll and pitch; all segments have one sampling interval.
+    """
     if not segments:
         return None
     step = float(segments[0][0][1] - segments[0][0][0])
@@ -96,7 +100,10 @@ def _normal(x: Array, y: Array, begin: int, size: int, lags: int) -> tuple[Array
 
 
 def step_response(blocks: ResponseEquations) -> tuple[Array, Array]:
-    """Return times (m,) s and the response to a unit step at 0, scaled to 1 at its end; NaN without a level."""
+    """Return times (m,) s and the response to a unit step.
+
+    The step is at 0, the response scaled to 1 at its end; NaN without a level.
+    """
     xx, xy, yy = blocks.xx.sum(axis=0), blocks.xy.sum(axis=0), float(blocks.yy.sum())
     prior = np.linalg.inv(_prior(len(xy), blocks.step))
     noise, h = yy / max(float(blocks.count.sum()), 1.0), np.zeros(len(xy))
@@ -110,21 +117,21 @@ def step_response(blocks: ResponseEquations) -> tuple[Array, Array]:
     return t, np.asarray(step / (level if level > LEAST_LEVEL else np.nan), np.float64)
 
 
-# The noise that weighs the prior is that of the fit before.
+# Iterations; the prior is weighted by the noise of the previous fit.
 ROUNDS = 3
-LEAST_LEVEL = 0.2  # below, the attitude does not follow its set-point
+LEAST_LEVEL = 0.2  # lower levels: the attitude does not follow its set-point
 
 
 def _prior(count: int, step: float) -> Array:
-    """Return the prior covariance (m, m) of the impulse response's samples."""
+    """Return the prior covariance (m, m) of the impulse response."""
     decay = np.exp(-step * np.arange(count) / DECAY_S)
     return np.asarray((step / SHARP_S) ** 2 * np.minimum(decay[:, None], decay[None, :]), np.float64)
 
 
 def response_features(t: Array, step: Array) -> Array:
-    """Return delay to 50 % (s), rise from 10 to 90 % (s), peak, settling time (s) of a step response.
+    """Return delay, rise (s), peak and settling time (s) of a step response.
 
-    ``t`` (m,) s, ``step`` (m,) ends at 1; NaN where it never gets there.
+    Delay to 50 %, rise from 10 to 90 %. ``t`` (m,) s, ``step`` (m,) ends at 1. NaN where a level is not reached.
     """
 
     def reached(level: float) -> float:
@@ -142,7 +149,10 @@ def response_features(t: Array, step: Array) -> Array:
 
 
 def _settled(t: Array, step: Array) -> float:
-    """Return the time (s) from which the response stays within 5 % of 1, interpolated between samples."""
+    """Return the time (s) after which the response stays within 5 %.
+
+    Interpolated between samples.
+    """
     outside = np.flatnonzero(np.abs(step - 1.0) > BAND)
     if len(outside) == 0:
         return 0.0
@@ -153,13 +163,13 @@ def _settled(t: Array, step: Array) -> float:
     return float(t[i] + (t[i + 1] - t[i]) * (edge - step[i]) / (step[i + 1] - step[i]))
 
 
-# How does the vehicle follow its attitude set-point? Step response by a causal model, and tracking error.
+# Set-point tracking: step response by a causal model, and tracking error.
 #
-# A property of vehicle and controller, not of a filter: answered for the onboard row only.
+# A property of vehicle and controller, not of a filter: for the onboard row only.
 
-MIN_RATE_HZ = 8.0  # slower ones show no rise
+MIN_RATE_HZ = 8.0  # slower ones resolve no rise
 FINEST_S = 0.01  # step of the response at most rates
-# Seconds (of roll and of pitch) in which the set-point moved.
+# Smallest number of blocks (of roll and pitch) with a moving set-point.
 MIN_BLOCKS = 8
 JACKKNIFE_GROUPS = 10  # each is a tenth of the evidence
 
@@ -202,7 +212,10 @@ SETPOINT_METRICS: tuple[Metric, ...] = (
 
 
 def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
-    """Return times and attitudes (set-point, onboard) of each segment without gaps, evenly spaced."""
+    """Return times, set-point and onboard attitudes by segment.
+
+    Evenly spaced, without gaps.
+    """
     step = max(1.0 / min(setpoint.rate, attitude.rate), FINEST_S)
     found = []
     for span in spans:
@@ -217,7 +230,7 @@ def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tu
 
 
 def angles(segments: list[tuple[Array, Array, Array]]) -> list[SetpointSegment]:
-    """Return roll and pitch (n, 2) in deg of set-point and attitude, unwrapped."""
+    """Return unwrapped roll and pitch (n, 2) of both attitudes in deg."""
     found = []
     for t, *attitudes in segments:
         wanted, flown_ = (np.degrees(np.unwrap(rotation.to_euler(q)[:, :2], axis=0)) for q in attitudes)
@@ -226,7 +239,10 @@ def angles(segments: list[tuple[Array, Array, Array]]) -> list[SetpointSegment]:
 
 
 def commanded_angles(case: Case, window: str) -> list[Span]:
-    """Return where the vehicle flies, armed, in a mode that commands an attitude, or an unknown one."""
+    """Return the spans of armed flight with a commanded attitude.
+
+    By mode; unknown modes count.
+    """
     spans = case.segments.spans("airborne" if window == "all" else window)
     armed, mode = case.segments.spans("armed"), case.log.state.mode
     if armed:
@@ -239,7 +255,10 @@ def commanded_angles(case: Case, window: str) -> list[Span]:
 
 
 def flown_angles(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tuple[str, str] | None]:
-    """Return set-point and onboard attitude in flight, or code and reason where there is none."""
+    """Return set-point and onboard attitude in flight by segment.
+
+    With code and reason if there are none.
+    """
     log = case.log
     attitude = log.onboard_attitude
     if log.setpoints.attitude is None or len(log.setpoints.attitude.t) < 2 or attitude is None or len(attitude.t) < 2:
@@ -258,7 +277,7 @@ def _segments(case: Case, spans: list[Span]) -> list[tuple[Array, Array, Array]]
 
 
 def moved(case: Case, window: str) -> ResponseEquations | None:
-    """Return the seconds of a window's flight in which the set-point moved; None without any."""
+    """Return the blocks of a window's flight with a moving set-point."""
     return _moved(case, commanded_angles(case, window)) if flown_angles(case, window)[0] else None
 
 
@@ -268,7 +287,10 @@ def _moved(case: Case, spans: list[Span]) -> ResponseEquations | None:
 
 
 def compute_setpoint(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return how the vehicle follows its set-point; empty for rows other than ``onboard``."""
+    """Return the tracking of the set-point by the vehicle.
+
+    Empty for rows other than ``onboard``.
+    """
     if row.name != "onboard":
         return {}
     segments, absent = flown_angles(case, window)
@@ -304,7 +326,7 @@ def compute_setpoint(case: Case, row: Track, window: str) -> dict[str, Answer]:
 
 
 def _left_out(blocks: ResponseEquations) -> Array:
-    """Return the features (groups, 4) with one group of neighbouring seconds left out each."""
+    """Return the features (groups, 4) without each group of blocks."""
     found = []
     for group in interval.equal_groups(len(blocks.axis), min(JACKKNIFE_GROUPS, len(blocks.axis))):
         keep = np.ones(len(blocks.axis), bool)

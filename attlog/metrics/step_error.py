@@ -222,7 +222,7 @@ class EventErrors:
 
 
 def errors_after(found: list[Curve], after: float) -> EventErrors:
-    """Return the error of each event ``after`` s past 90 % of its stroke.
+    """Return each event's error ``after`` s past 90 % of its stroke.
 
     Of the events that are covered until then.
     """
@@ -240,7 +240,7 @@ def _after(case: Case, row: Track, window: str, after: float) -> EventErrors:
 
 
 def error_at(curve: Curve, at: float) -> float | None:
-    """Return the mean error (deg) over +-50 ms around a time in s.
+    """Return the mean error (deg) within 50 ms of a time.
 
     Without samples there, that of the nearest one. None beyond the event's window, which may end early at the next
     step.

@@ -279,7 +279,7 @@ MIN_REFERENCE_HZ = 5.0  # slower ones resolve no step of 0.2 s
 
 
 def fits(case: Case, row: Track, window: str) -> dict[str, Fit]:
-    """Return the fits of a row in a window, per axis and ``all``."""
+    """Return a row's fits in a window, per axis and ``all``."""
     found = evidence(case, row, window)
     return {} if found is None else found.fits
 
