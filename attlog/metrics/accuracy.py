@@ -111,10 +111,7 @@ def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str,
 
 
 def rank_errors(case: Case) -> None:
-    """Decide which heading errors without offset are ranked.
-
-    Called once all rows are known.
-    """
+    """Decide which heading errors without offset are ranked."""
     for row, answer in case.undecided:
         why = _among_others(case, row, "heading")
         if why is not None:
@@ -160,10 +157,7 @@ def median_step(case: Case, row: Track) -> float:
 
 
 def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
-    """Return mean squares (k,) of an error angle in blocks.
-
-    Blocks of scored time, equal for all rows.
-    """
+    """Return mean squares (k,) of an error angle in blocks."""
     errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
@@ -183,10 +177,7 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
 def _error_blocks(
     case: Case, t: Array, window: str, length: float
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Return the starts (k,) of the blocks of a window.
-
-    With the first and end index of ``t`` (n,) in each.
-    """
+    """Return the starts (k,) of the blocks of a window."""
     scored = complement(case.reference.scoring.unscored, case.reference.scoring.start, case.reference.scoring.end)
     spans = intersect(case.segments.spans(window), scored)
     starts = [t0 + length * np.arange(int((t1 - t0) // length)) for t0, t1 in spans]
@@ -196,19 +187,13 @@ def _error_blocks(
 
 @per_row
 def _block_squares(case: Case, row: Track, angle: str) -> tuple[Array, Array]:
-    """Return squares (n,) of an error angle, 0 where not scored.
-
-    With the scored samples as 0 or 1 (n,).
-    """
+    """Return squares (n,) of an error angle, 0 where not scored."""
     return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
 
 
 @per_row
 def _counted(case: Case, row: Track) -> Array:
-    """Return the scored samples as 0 or 1 (n,).
-
-    One array for all angles saves memory in long logs.
-    """
+    """Return the scored samples as 0 or 1 (n,)."""
     return _scored(case, row).astype(np.float64)
 
 
@@ -234,10 +219,7 @@ def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | N
 
 
 def _among_others(case: Case, row: Track, angle: str) -> str | None:
-    """Return why a heading without offset is not ranked, else None.
-
-    Rows with a north of their own had to find it.
-    """
+    """Return why a heading without offset is not ranked, else None."""
     if angle == "tilt" or row.heading_offset_deg is None:
         return None
     if all(r.heading_offset_deg is not None for r in case.rows if r.kind == "replay"):
@@ -264,10 +246,7 @@ COVERAGE_METRIC = Metric(
 
 
 def compute_coverage(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the share of the log in which a row was compared.
-
-    Empty for windows other than ``all``.
-    """
+    """Return the share of the log in which a row was compared."""
     if window != "all":
         return {}
     absent = why_no_errors(case, row)

@@ -50,10 +50,7 @@ ALLAN_METRICS: tuple[Metric, ...] = (
 
 @dataclass(slots=True)
 class Deviation:
-    """Allan deviation by averaging time ``tau`` (k,) s.
-
-    With 95 % interval and degrees of freedom; all (k,).
-    """
+    """Allan deviation by averaging time ``tau`` (k,) s."""
 
     tau: Array
     sigma: Array
@@ -81,10 +78,7 @@ def deviation(phase: Array, step: float) -> Deviation:
 
 
 def _mean_square(phase: Array, k: int) -> float:
-    """Return the mean square second difference over ``k`` samples.
-
-    In blocks that fit the processor's cache.
-    """
+    """Return the mean square second difference over ``k`` samples."""
     count, total = len(phase) - 2 * k, 0.0
     for a in range(0, count, BLOCK):
         b = min(a + BLOCK, count)
@@ -118,10 +112,7 @@ def heading_deviation(case: Case, row: Track, segment: slice) -> Deviation:
 
 
 def random_walk(d: Deviation) -> tuple[float, float]:
-    """Return the deviation at 1 s (rate units) and the curve's slope.
-
-    On logarithmic axes, around 1 s.
-    """
+    """Return the Allan deviation at 1 s and the slope around it."""
     near = (d.tau >= WALK_TAU_S[0]) & (d.tau <= WALK_TAU_S[1]) & (d.sigma > 0)
     if near.sum() < 3:
         return math.nan, math.nan
@@ -168,10 +159,7 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
 
 
 def floor_answer(d: Deviation, length: float, window: str) -> Answer:
-    """Return the bias instability by the floor of a deviation.
-
-    ``length``: duration of the rest, s.
-    """
+    """Return the bias instability by the floor of a deviation."""
     lowest = int(np.argmin(d.sigma))
     tau, unit = float(d.tau[lowest]), "deg/h"
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:

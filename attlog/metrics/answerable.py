@@ -128,10 +128,7 @@ def looked_up(case: Case, group: MetricGroup, name: str, windows: tuple[str, ...
 
 
 def refused(answer: Answer) -> Availability:
-    """Return the reason of an answer without a value.
-
-    A filter with a larger error may still have a significant one.
-    """
+    """Return the reason of an answer without a value."""
     larger = "; only a larger error would be significant" if answer.code == TOO_UNCERTAIN else ""
     return Availability((), ((answer.reason or "") + larger,), (answer.code or "",))
 

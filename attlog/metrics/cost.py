@@ -69,10 +69,7 @@ def measure_cost(row: Track) -> Array | None:
 
 @functools.cache
 def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], uses_mag: bool) -> tuple[float, ...]:
-    """Return times per update in ns of repeated runs.
-
-    Measured once per process.
-    """
+    """Return times per update in ns of repeated runs."""
     t = STEP_S * np.arange(SAMPLES)
     swing = np.sin(np.outer(t, [1.0, 1.3, 0.7]))
     acc = np.array([0.0, 0.0, -9.81]) + swing

@@ -172,10 +172,7 @@ def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
 
 
 def drift_line(blocks: HeadingBlocks) -> Array:
-    """Return the least-squares line (n,), for figures.
-
-    One slope, and an offset per segment.
-    """
+    """Return the least-squares line (n,), for figures."""
     u, v = blocks.t.copy(), blocks.e.copy()
     for own in _segments(blocks):
         u[own] -= np.mean(u[own])
@@ -308,10 +305,7 @@ REST_DRIFT_METRICS: tuple[Metric, ...] = (
 
 @per_row
 def rest_blocks(case: Case, row: Track, spans: tuple[Span, ...]) -> HeadingBlocks:
-    """Return block means of a row's heading in one rest, deg.
-
-    Relative to its mean in each segment of the usable ``spans``.
-    """
+    """Return block means of a row's heading in one rest, deg."""
     resets_of = row_segments(case, row)
     t, e, label = [], [], []
     for k, segment in enumerate(s for span in spans for s in within(row.t, span, resets_of)):
@@ -399,10 +393,7 @@ def compute_rest_drift(case: Case, row: Track, window: str) -> dict[str, Answer]
 
 
 def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> Answer:
-    """Return the answer if no rest is long enough.
-
-    With the longest rest, and the heading change from first to last rest.
-    """
+    """Return the answer if no rest is long enough."""
     longest = max(pooled.records, key=lambda r: r.usable_s)
     reason = f"the longest rest has {longest.reason}"
     if change:
@@ -430,10 +421,7 @@ def bias_beside(row: Track, drift_deg_per_min: float | None, spans: list[tuple[f
 
 
 def heading_change(case: Case, row: Track, window: str) -> dict[str, float]:
-    """Return the heading change from first to last rest, deg.
-
-    Empty for fewer than two rests.
-    """
+    """Return the heading change from first to last rest, deg."""
     spans = intersect([whole for whole, _ in usable_rests(case, row, window)], [(row.start, np.inf)])
     if len(spans) < 2:
         return {}
@@ -510,10 +498,7 @@ def heading_error(row: Track, heading_reference: HeadingReference) -> tuple[Arra
 
 
 def error_blocks(case: Case, row: Track, name: str, window: str) -> HeadingBlocks | None:
-    """Return block means of a heading error in scored flight.
-
-    None without the heading reference ``name``.
-    """
+    """Return block means of a heading error in scored flight."""
     spans = intersect(case.segments.spans("airborne"), case.segments.spans(window))
     return _error_blocks(case, row, name, spans)
 

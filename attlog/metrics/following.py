@@ -1,7 +1,4 @@
-"""Tests whether a row follows motion and is corrected by gravity.
-
-A frozen filter must not win by low noise.
-"""
+"""Tests whether a row follows motion and is corrected by gravity."""
 
 from __future__ import annotations
 
@@ -47,10 +44,7 @@ class StillSamples:
 
 
 def level_samples(case: Case, row: Track, seconds: float) -> StillSamples | None:
-    """Return noise-free samples of a level vehicle at rest.
-
-    None for rows that are no replay.
-    """
+    """Return noise-free samples of a level vehicle at rest."""
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
         return None
@@ -61,10 +55,7 @@ def level_samples(case: Case, row: Track, seconds: float) -> StillSamples | None
 
 
 def rest_samples(case: Case, row: Track, shortest: float, longest: float) -> StillSamples | None:
-    """Return the end of the log's longest rest, at most ``longest`` s.
-
-    None under ``shortest`` s.
-    """
+    """Return the end of the log's longest rest, at most ``longest`` s."""
     imu = imu_of(case, row)
     rest = max(case.segments.of("rest"), key=lambda s: s.seconds, default=None)
     if row.kind != "replay" or rest is None or imu is None:
@@ -83,10 +74,7 @@ def rest_samples(case: Case, row: Track, shortest: float, longest: float) -> Sti
 
 
 def final_attitude(row: Track, still: StillSamples, gyro: Array, acc: Array, mag: Array | None) -> Array:
-    """Return the final attitude (4,) of the row's filter.
-
-    AttlogError if it cannot be run.
-    """
+    """Return the filter's final attitude (4,); AttlogError if it cannot run."""
     estimator = estimators.get(row.estimator)
     stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
     aids = estimators.Aids(velocity=stands)
@@ -211,10 +199,7 @@ def _gains_of(t: Array, q_est: Array, ref: Array, segment: NDArray[np.int64]) ->
 
 @per_object
 def _turns(case: Case, q: Array) -> Array:
-    """Return rotations (n - 1, 3) rad between samples of an attitude.
-
-    Cached: all rows share the reference.
-    """
+    """Return rotations (n - 1, 3) rad between samples of an attitude."""
     return rotation.increments(q)
 
 

@@ -45,10 +45,7 @@ T_95 = 1.96  # normal: sigma is from many blocks
 
 
 def why_no_motion(case: Case, row: Track, window: str) -> tuple[str, str] | None:
-    """Return code and reason if a heading error by GNSS is unavailable.
-
-    Without GNSS velocity, or for a row without a north of its own.
-    """
+    """Return code and reason if a heading error by GNSS is unavailable."""
     if _motion_of(case, row) is None:
         return "no_gnss", "the log holds no GNSS velocity with a 3D fix"
     if own_north(row) is None:
@@ -104,10 +101,7 @@ def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[H
 
 
 def own_north(row: Track) -> float | None:
-    """Return the heading offset removed from a row, deg.
-
-    None for rows that have no single north of their own.
-    """
+    """Return the heading offset removed from a row, deg."""
     if row.heading_offset_deg is None:
         return 0.0
     one = len(row.segment) > 0 and row.segment[0] == row.segment[-1]

@@ -105,10 +105,7 @@ def _metric(statistic: str, aid: str) -> Metric:
 
 @dataclass(frozen=True, slots=True)
 class AidSamples:
-    """Innovations ``e`` (n,) of one aid at ``t`` (n,) s.
-
-    ``channel`` (n,): number of the axis.
-    """
+    """Innovations ``e`` (n,) of one aid at ``t`` (n,) s."""
 
     t: Array
     e: Array
@@ -132,10 +129,7 @@ def _samples(case: Case, row: Track) -> dict[str, AidSamples]:
 
 
 def compute_innovations(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the statistics of each fused aid, and resets, of a re-run.
-
-    Empty for other rows.
-    """
+    """Return the statistics of each fused aid, and resets, of a re-run."""
     aids = _samples(case, row)
     answers: dict[str, Answer] = {}
     for aid, samples in aids.items():
@@ -199,10 +193,7 @@ def _lag_one(e: Array) -> float | None:
 
 
 def _rms_interval(squares: Array, value: float) -> tuple[float, float] | None:
-    """Return the t interval of the RMS from block mean squares (k,).
-
-    None for fewer than three blocks.
-    """
+    """Return the t interval of the RMS from block mean squares (k,)."""
     k, centre = len(squares), value**2
     if k < 3:
         return None

@@ -143,10 +143,7 @@ def _beta(a: float, b: float, x: float) -> float:
 
 
 def _betas(a: float, b: float, x: Array) -> Array:
-    """Return :func:`_beta` of values x (m,).
-
-    The continued fractions of all values are iterated together.
-    """
+    """Return :func:`_beta` of values x (m,)."""
     found, inside = np.where(np.isnan(x), x, x >= 1.0), (x > 0.0) & (x < 1.0)
     mirrored = inside & (x > (a + 1.0) / (a + b + 2.0))
     if mirrored.any():
@@ -209,10 +206,7 @@ MAX_NEIGHBOUR_CORRELATION = 0.6
 
 
 def mean_interval(values: ArrayLike) -> Interval | None:
-    """Return the t interval of the mean of independent values (k,).
-
-    None for fewer than two.
-    """
+    """Return the t interval of the mean of independent values (k,)."""
     x = np.asarray(values, np.float64)
     if len(x) < 2:
         return None
@@ -263,10 +257,7 @@ def widen_by_reference(value: float, ci95: Interval, sigma: float) -> Interval:
 
 
 def jackknife_interval(value: float, left_out: ArrayLike) -> Interval | None:
-    """Return the t interval around ``value`` from leave-one-out values (k,).
-
-    None for fewer than three.
-    """
+    """Return the t interval around ``value`` from leave-one-out values (k,)."""
     x = np.asarray(left_out, np.float64)
     k = len(x)
     if k < 3 or not np.isfinite(x).all():
@@ -353,19 +344,13 @@ def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float
 
 
 def moderated_interval(values: ArrayLike, prior: VariancePrior) -> tuple[float, float]:
-    """Return the 95 % interval of a mean with a prior variance.
-
-    Of values (k,), k >= 1 (Smyth 2004).
-    """
+    """Return the 95 % interval of a mean with a prior variance."""
     means, errors, dof = _moderated(np.asarray(values, np.float64)[None], prior)
     mean, half = float(means[0]), student(0.975, dof) * float(errors[0])
     return mean - half, mean + half
 
 
 def moderated_p_value(values: Array, prior: VariancePrior) -> Array:
-    """Return two-sided p (m,) that means of values (m, k) are zero.
-
-    With a prior variance (Smyth 2004); k >= 1.
-    """
+    """Return two-sided p (m,) that means of values (m, k) are zero."""
     means, errors, dof = _moderated(values, prior)
     return students_two_sided(means / errors, dof)

@@ -52,10 +52,7 @@ _DISTORTION = paragraph(
 
 
 def metric_id(kind: str, axis: str) -> str:
-    """Return the id of a metric: ``lag_roll_ms``, ``step_gain_roll``, ``distortion_roll_pct``.
-
-    Without the axis for all events together.
-    """
+    """Return an id as ``lag_roll_ms``; without the axis for all events."""
     middle = "" if axis == "all" else f"_{axis}"
     return {"lag": f"lag{middle}_ms", "gain": f"step_gain{middle}", "distortion": f"distortion{middle}_pct"}[kind]
 

@@ -132,9 +132,10 @@ class Resolution:
 
 @dataclass(frozen=True, slots=True)
 class Wording:
-    """Words of a comparison: "A ``verb`` 24 % ``more`` than B", or ``less``.
+    """Words of a comparison, as "A ``verb`` 24 % ``more`` than B".
 
-    ``noun`` follows "in". ``more`` is the better one. Differences whose interval ends below ``none`` do not count.
+    ``more`` is the better one; ``less`` the other. ``noun`` follows "in". Differences whose interval ends below
+    ``none`` do not count.
     """
 
     verb: str
@@ -182,10 +183,7 @@ class MetricGroup:
     needs: tuple[Callable[[Case, Track, str], tuple[str, str] | None], ...] = ()
 
     def ask(self, case: Case, row: Track, window: str) -> dict[str, Answer]:
-        """Return the answers for one row and window by metric.
-
-        Empty if the group does not apply to the window.
-        """
+        """Return the answers for one row and window by metric."""
         if self.windows and window not in self.windows and ":" not in window:
             return {}
         for need in self.needs:
@@ -201,7 +199,7 @@ class MetricGroup:
 
 @dataclass(slots=True)
 class Case:
-    """One log prepared for any set of filters; only ``rows`` depend on them.
+    """One log prepared for any filters; only ``rows`` depend on them.
 
     ``heading_references``: headings by name for drift in the air. ``imus``: IMUs to replay, by suffix of the filter's
     name. ``gyro_bias``: common bias by IMU index. ``settings``: resolved configuration as plain values. ``timing``:
@@ -257,10 +255,7 @@ class Case:
         )
 
     def done_with(self, row: Track) -> None:
-        """Release the arrays of an evaluated row unless it is onboard.
-
-        In a long log rows are larger than the log.
-        """
+        """Release the arrays of an evaluated row unless it is onboard."""
         if row.kind != "onboard":
             self.of_row.pop(row, None)
             row.release()
@@ -285,7 +280,7 @@ def per_case(compute: Callable[Concatenate[Case, P], T]) -> Callable[Concatenate
 
 
 def per_row(compute: Callable[Concatenate[Case, Track, P], T]) -> Callable[Concatenate[Case, Track, P], T]:
-    """Cache a function of a case, a row, and values such as spans."""
+    """Cache a function of a case, a row, and plain values."""
 
     @functools.wraps(compute)
     def cached(case: Case, row: Track, /, *args: P.args, **kwargs: P.kwargs) -> T:
@@ -296,7 +291,7 @@ def per_row(compute: Callable[Concatenate[Case, Track, P], T]) -> Callable[Conca
 
 
 def per_object(compute: Callable[Concatenate[Case, Any, P], T]) -> Callable[Concatenate[Case, Any, P], T]:
-    """Cache a function of a case and an array or IMU while that lives.
+    """Cache a function of an array or IMU while that object lives.
 
     Replays of one IMU share the array of times. Neither the function nor its callers may hold or change the object.
     """
@@ -335,10 +330,7 @@ def _frozen(value: Any) -> Hashable:
 
 
 def named(metrics: Iterable[Metric], name: str) -> Metric:
-    """Return the metric of an id, or its first variant.
-
-    A variant follows a dot (``drift_air_deg_per_min.truth``). KeyError for unknown ids.
-    """
+    """Return the metric or first variant of an id; KeyError for none."""
     some = [metric for metric in metrics if name in (metric.name, metric.name.partition(".")[0])]
     if not some:
         raise KeyError(name)

@@ -56,10 +56,7 @@ def _beyond(better: str, ci95: tuple[float, float]) -> float:
 
 
 def _why(limit: Resolution, better: str, answer: Answer) -> str:
-    """Return the reason: too short or few, else too noisy.
-
-    Too short if more data would do, by the square root of its length.
-    """
+    """Return the reason: too short or few, else too noisy."""
     times = (_beyond(better, answer.ci95 or (0.0, 0.0)) / limit.size) ** 2
     few, more = "too few", ""
     if limit.evidence == "windows":
@@ -147,10 +144,7 @@ class DuplicateSearch:
         return found
 
     def _angle(self, group: _Group, row: Track, excerpt: _Excerpt) -> float:
-        """Return the largest angle in deg between a row and a group.
-
-        To the group's first row; infinite if unknown.
-        """
+        """Return the largest angle in deg between a row and a group."""
         first, seen = group.rows[0], group.excerpt
         if first.imu is not row.imu or seen.n != excerpt.n or not np.array_equal(seen.t, excerpt.t):
             return np.inf
@@ -187,10 +181,7 @@ def _excerpt(row: Track) -> _Excerpt:
 
 
 def _largest_deg(a: Array, b: Array) -> float:
-    """Return the largest angle in deg between attitudes (n, 4).
-
-    Infinite without attitudes or for one that is not finite.
-    """
+    """Return the largest angle in deg between attitudes (n, 4)."""
     largest = float(np.max(np.degrees(rotation.total_angle(rotation.earth_error(a, b))))) if len(a) else np.inf
     return largest if np.isfinite(largest) else np.inf
 
@@ -224,10 +215,7 @@ MIN_COMMON_UNITS: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
 
 @dataclass(frozen=True, slots=True)
 class Family:
-    """Compared rows of one column.
-
-    ``significant``: pairs (better, worse) that differ significantly.
-    """
+    """Compared rows of one column."""
 
     rows: list[str]
     significant: list[tuple[str, str]]
@@ -274,10 +262,7 @@ def may_be_best(row: Track) -> bool:
 
 
 def distance(answer: Answer, better: str) -> tuple[float, float, float]:
-    """Return (low, value, high) of an answer's distance from perfect.
-
-    Smaller is better.
-    """
+    """Return (low, value, high) of an answer's distance from perfect."""
     value = answer.value if answer.value is not None else float("nan")
     low, high = answer.ci95 if answer.ci95 is not None else (value, value)
     low, high = min(low, value), max(high, value)
@@ -341,10 +326,7 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
 
 
 def _p_of_all(units: Sequence[UnitValues], common: Ids) -> NDArray[np.float64]:
-    """Return the p-values of all pairs of rows on common units.
-
-    In the order of ``combinations``; 1 for different kinds.
-    """
+    """Return the p-values of all pairs of rows on common units."""
     kinds = [one.kind for one in units]
     values = np.array([one.at(common) for one in units])
     first, second = np.triu_indices(len(units), 1)

@@ -57,10 +57,7 @@ METRICS = (
 
 
 def compute(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the agreement of a re-run with the onboard attitude.
-
-    In the window in which it was measured; empty for other rows and windows.
-    """
+    """Return the agreement of a re-run with the onboard attitude."""
     found = row.reproduction
     if found is None or window != ("airborne" if found.airborne else "all"):
         return {}

@@ -53,10 +53,7 @@ def sensor_traces(case: Case) -> list[Trace]:
 
 
 def spectra(case: Case, imu: Imu) -> list[Trace]:
-    """Return amplitude densities in flight, else of the whole log.
-
-    By Welch's method (Hann window, half overlap).
-    """
+    """Return Welch amplitude densities in flight, else of the whole log."""
     spans = case.segments.spans("airborne") or [(float(imu.gyro.t[0]), float(imu.gyro.t[-1]))]
     segments = [p for span in spans for p in within(imu.gyro.t, span) if p.stop - p.start >= MIN_SENSOR_SAMPLES]
     if not segments:
@@ -81,10 +78,7 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
 
 
 def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> Array:
-    """Return the mean periodogram (size // 2 + 1, k) of segments.
-
-    Segments of ``x`` (n, k) begin at ``starts`` and have ``size`` samples.
-    """
+    """Return the mean periodogram (size // 2 + 1, k) of segments."""
     total = np.zeros((size // 2 + 1, x.shape[1]))
     for begin in np.array_split(starts, len(starts) // BATCH_SEGMENTS + 1):
         segments = x[begin + np.arange(size)[:, None]].reshape(size, -1)
@@ -93,10 +87,7 @@ def _mean_power(x: Array, starts: NDArray[np.int64], size: int, step: float) -> 
 
 
 def periodogram(x: Array, step: float) -> Array:
-    """Return the one-sided power density of samples (n, k).
-
-    (n // 2 + 1, k) for samples ``step`` s apart; detrended, Hann window.
-    """
+    """Return the one-sided Hann power density of samples (n, k)."""
     n = len(x)
     taper = np.hanning(n + 1)[:-1]
     flat = detrended(np.arange(n, dtype=np.float64), np.nan_to_num(x))
@@ -109,10 +100,7 @@ def periodogram(x: Array, step: float) -> Array:
 
 
 def vibration(imu: Imu) -> list[Trace]:
-    """Return standard deviation and clipped samples of the accelerometer over time.
-
-    In windows of 1 s, longer in long logs.
-    """
+    """Return standard deviation and clipped samples of the accelerometer over time."""
     t, edges = buckets(imu.acc.t, 1.0)
     if len(t) == 0:
         return []
@@ -153,10 +141,7 @@ def sizes(log: FlightLog, imu: Imu) -> list[Trace]:
 
 
 def size_of(figure: str, t: Array, size: Array, values: dict[str, float]) -> Trace:
-    """Return smallest, mean and largest of a magnitude (n,) over time.
-
-    In windows of half a second, longer in long logs.
-    """
+    """Return smallest, mean and largest of a magnitude (n,) over time."""
     good = np.isfinite(size)
     t, size = t[good], size[good]
     at, edges = buckets(t, 0.5)
@@ -260,10 +245,7 @@ def ground(stream: Stream, flights: list[Span]) -> Array:
 
 
 def averaged(t: Array, x: Array) -> tuple[Array, Array]:
-    """Return times and means (m,) of x (n,) over equal parts.
-
-    NaN in a part without a sample.
-    """
+    """Return times and means (m,) of x (n,) over equal parts."""
     edges = np.linspace(t[0], t[-1], min(MAX_HEIGHT_POINTS, max(len(t) // 4, 1)) + 1)
     part = np.clip(np.searchsorted(edges, t, "right") - 1, 0, len(edges) - 2)
     count = np.bincount(part, minlength=len(edges) - 1)

@@ -68,10 +68,7 @@ class ResponseEquations:
 
 
 def blocks_of(segments: list[SetpointSegment]) -> ResponseEquations | None:
-    """Return the blocks in which the set-point moved, or None.
-
-    Of roll and pitch; all segments have one sampling interval.
-    """
+    """Return the blocks in which the set-point moved, or None."""
     if not segments:
         return None
     step = float(segments[0][0][1] - segments[0][0][0])
@@ -129,9 +126,10 @@ def _prior(count: int, step: float) -> Array:
 
 
 def response_features(t: Array, step: Array) -> Array:
-    """Return delay, rise (s), peak and settling time (s) of a step response.
+    """Return delay, rise, peak and settling time of a step response.
 
-    Delay to 50 %, rise from 10 to 90 %. ``t`` (m,) s, ``step`` (m,) ends at 1. NaN where a level is not reached.
+    Delay to 50 %, rise from 10 to 90 %; times in s. ``t`` (m,) s, ``step`` (m,) ends at 1. NaN where a level is not
+    reached.
     """
 
     def reached(level: float) -> float:
@@ -149,10 +147,7 @@ def response_features(t: Array, step: Array) -> Array:
 
 
 def _settled(t: Array, step: Array) -> float:
-    """Return the time (s) after which the response stays within 5 %.
-
-    Interpolated between samples.
-    """
+    """Return the time (s) after which the response stays within 5 %."""
     outside = np.flatnonzero(np.abs(step - 1.0) > BAND)
     if len(outside) == 0:
         return 0.0
@@ -212,10 +207,7 @@ SETPOINT_METRICS: tuple[Metric, ...] = (
 
 
 def common(setpoint: Attitude, attitude: Attitude, spans: list[Span]) -> list[tuple[Array, Array, Array]]:
-    """Return times, set-point and onboard attitudes by segment.
-
-    Evenly spaced, without gaps.
-    """
+    """Return evenly spaced times, set-point and onboard attitudes by segment."""
     step = max(1.0 / min(setpoint.rate, attitude.rate), FINEST_S)
     found = []
     for span in spans:
@@ -239,10 +231,7 @@ def angles(segments: list[tuple[Array, Array, Array]]) -> list[SetpointSegment]:
 
 
 def commanded_angles(case: Case, window: str) -> list[Span]:
-    """Return the spans of armed flight with a commanded attitude.
-
-    By mode; unknown modes count.
-    """
+    """Return the spans of armed flight with a commanded attitude."""
     spans = case.segments.spans("airborne" if window == "all" else window)
     armed, mode = case.segments.spans("armed"), case.log.state.mode
     if armed:
@@ -255,10 +244,7 @@ def commanded_angles(case: Case, window: str) -> list[Span]:
 
 
 def flown_angles(case: Case, window: str) -> tuple[list[tuple[Array, Array, Array]], tuple[str, str] | None]:
-    """Return set-point and onboard attitude in flight by segment.
-
-    With code and reason if there are none.
-    """
+    """Return set-point and onboard attitude in flight, or code and reason."""
     log = case.log
     attitude = log.onboard_attitude
     if log.setpoints.attitude is None or len(log.setpoints.attitude.t) < 2 or attitude is None or len(attitude.t) < 2:
@@ -287,10 +273,7 @@ def _moved(case: Case, spans: list[Span]) -> ResponseEquations | None:
 
 
 def compute_setpoint(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the tracking of the set-point by the vehicle.
-
-    Empty for rows other than ``onboard``.
-    """
+    """Return the tracking of the set-point by the vehicle."""
     if row.name != "onboard":
         return {}
     segments, absent = flown_angles(case, window)

@@ -114,10 +114,7 @@ def _logarithms(squares: Array) -> Array:
 
 
 def _t_of(d: Array) -> Array:
-    """Return Student's t sizes (m,) of differences (m, k).
-
-    Infinite for equal differences other than zero.
-    """
+    """Return Student's t sizes (m,) of differences (m, k)."""
     mean = np.abs(np.mean(d, axis=1))
     error = np.std(d, axis=1, ddof=1) / math.sqrt(d.shape[1])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -125,10 +122,7 @@ def _t_of(d: Array) -> Array:
 
 
 def signed_rank(d: Array) -> float:
-    """Return two-sided p of Wilcoxon's signed-rank test of differences (k,).
-
-    Zeros are left out, ties share ranks.
-    """
+    """Return two-sided p of Wilcoxon's signed-rank test of differences (k,)."""
     d = d[d != 0.0]
     n = len(d)
     if n == 0:
@@ -149,10 +143,7 @@ def signed_rank(d: Array) -> float:
 
 
 def significant(p_values: Array, rate: float = 0.05) -> NDArray[np.bool_]:
-    """Return which p-values (m,) are significant at a false discovery rate.
-
-    Procedure of Benjamini & Hochberg 1995.
-    """
+    """Return which p-values (m,) pass (false discovery rate, Benjamini & Hochberg 1995)."""
     m = len(p_values)
     order = np.argsort(p_values)
     passed = np.flatnonzero(p_values[order] <= rate * np.arange(1, m + 1) / m)

@@ -57,10 +57,7 @@ class Curve:
 
 
 def curves(case: Case, row: Track, window: str) -> list[Curve]:
-    """Return the events of a window covered without a gap.
-
-    By the row and the reference.
-    """
+    """Return the window's events that row and reference cover without a gap."""
     return _curves(case, row, step_fits.first_with(case, row, window))
 
 
@@ -116,10 +113,7 @@ def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) ->
 
 
 def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
-    """Return the samples of an event, None if too few.
-
-    At times ``t`` (n,) in segments (n,).
-    """
+    """Return the samples of an event, None if too few."""
     body = axis_of(ref, event)
     if body is None:
         return None
@@ -143,20 +137,14 @@ def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
 
 
 def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Array:
-    """Return the reference's turning (n,) deg since an event's onset.
-
-    About the event's axis ``body`` (3,), at times ``t`` (n,).
-    """
+    """Return the reference's turning (n,) deg since an event's onset."""
     near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
     along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
     return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
 
 
 def setpoint(case: Case, curve: Curve) -> Array | None:
-    """Return the set-point's turning (n,) deg since an event's onset.
-
-    About the event's axis; None where not logged.
-    """
+    """Return the set-point's turning (n,) deg since an event's onset."""
     wanted, ref = case.log.setpoints.attitude, step_fits.reference_turning(case)
     body = axis_of(ref, curve.event)
     if wanted is None or len(wanted.t) < 2 or body is None:
@@ -222,10 +210,7 @@ class EventErrors:
 
 
 def errors_after(found: list[Curve], after: float) -> EventErrors:
-    """Return each event's error ``after`` s past 90 % of its stroke.
-
-    Of the events that are covered until then.
-    """
+    """Return each event's error ``after`` s past 90 % of its stroke."""
     kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
     return EventErrors(
         make_ids([c.event.onset for c, _ in kept]),

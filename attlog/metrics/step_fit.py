@@ -63,10 +63,7 @@ class Fit:
     at_edge: bool = False
 
     def half_width(self, column: int) -> float:
-        """Return half the 95 % jackknife interval of a column of ``left_out``.
-
-        Infinite under 3 events.
-        """
+        """Return half the 95 % jackknife interval of a column of ``left_out``."""
         values = self.left_out[:, column]
         k = len(values)
         if k < MIN_EVENTS or not np.isfinite(values).all():
@@ -100,10 +97,7 @@ class NormalEquations:
         return replace(self, kept=x)
 
     def solve(self, total: Array) -> Array:
-        """Return coefficients (..., 11) for products (..., 12, 12).
-
-        Slope, gain, misalignment and aiding.
-        """
+        """Return slope, gain, misalignment, aiding (..., 11) for products (..., 12, 12)."""
         normal, right = total[..., 1:, 1:] + self.ridge, total[..., 1:, Y]
         if self.kept is None:
             return _solved(normal, right)
@@ -112,10 +106,7 @@ class NormalEquations:
         return x
 
     def step(self, x: Array) -> Array:
-        """Return the change of delay (...,) in s: slope over gain.
-
-        For coefficients ``x`` (..., k).
-        """
+        """Return the change of delay (...,) in s: slope over gain."""
         gain = np.where(self.slow_row & (np.abs(x[..., 1]) > 0.1), x[..., 1], 1.0)
         return np.asarray(-x[..., 0] / gain)
 
@@ -155,10 +146,7 @@ class NormalEquations:
         )
 
     def _without_each(self, number: Index, total: Array) -> Array:
-        """Return delay, gain and distortion (k, 3) without each event.
-
-        ``total`` (12, 12): summed products of the events ``number``.
-        """
+        """Return delay, gain and distortion (k, 3) without each event."""
         others = total - self.products[number]
         x = self.solve(others)
         distortion = _ratio(residual_squares(others, x), others[:, GAIN, GAIN])
@@ -166,10 +154,7 @@ class NormalEquations:
 
 
 def ridge(total: Array, variance: float, lines: int) -> Array:
-    """Return the ridge (11, 11) of the normal matrix.
-
-    Prior weights of misalignment and aiding, and a trace against singularity.
-    """
+    """Return the ridge (11, 11) of the normal matrix."""
     power = float(total[GAIN, GAIN])
     weights = np.zeros(SCALES.size + 2)
     weights[2:] = RIDGE_WEIGHT * max(variance, 1e-9 * power / max(lines, 1)) / SCALES**2
@@ -244,10 +229,7 @@ def fit(groups: EventBatches) -> dict[str, Fit]:
 
 
 def _start(groups: EventBatches) -> tuple[float, bool]:
-    """Return the delay of the largest correlation on a coarse grid.
-
-    And whether it is at an end of the grid.
-    """
+    """Return the coarse-grid delay of largest correlation, and whether at an end."""
     grid = np.arange(-RANGE_S, RANGE_S + 1e-9, COARSE_S)
     best = int(np.argmax(groups.correlations(grid)))
     return float(grid[best]), best in (0, len(grid) - 1)
@@ -298,10 +280,7 @@ def evidence(case: Case, row: Track, window: str) -> RowFits | None:
 
 
 def first_with(case: Case, row: Track, window: str) -> str:
-    """Return ``all`` if it has the same events, else the window.
-
-    Equal fits are then computed once.
-    """
+    """Return ``all`` if it has the same events, else the window."""
     return "all" if events_in(case, row, window) == events_in(case, row, "all") else window
 
 
@@ -322,10 +301,7 @@ def _evidence(case: Case, row: Track, window: str) -> RowFits | None:
 
 @per_object
 def timing(case: Case, t: Array) -> Timing:
-    """Return :class:`Timing` of times (n,).
-
-    Cached: replays of one IMU share them.
-    """
+    """Return :class:`Timing` of times (n,)."""
     return Timing.of(t)
 
 
@@ -364,8 +340,5 @@ def why_no_events(case: Case, row: Track, window: str) -> tuple[str, str] | None
 
 
 def too_few(count: int, where: str = "") -> str:
-    """Return the reason for fewer than MIN_EVENTS.
-
-    ``where`` begins with a blank.
-    """
+    """Return the reason for fewer than MIN_EVENTS."""
     return f"{count} step{'' if count == 1 else 's'}{where}; at least {MIN_EVENTS} are needed"

@@ -107,10 +107,7 @@ def close_up(name: str, t: Array, angles: Array, keep: int) -> Trace:
 
 
 def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
-    """Return histograms of roll and pitch at rest in percent.
-
-    Equal bins for all rows.
-    """
+    """Return histograms of roll and pitch at rest in percent."""
     scatters = [s for s in scatters if len(s.ordered) > MIN_REST_SAMPLES]
     if not scatters:
         return []
@@ -125,10 +122,7 @@ def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
 
 
 def residual(t: Array, angles: Array) -> Array:
-    """Return angles (n, k) detrended in windows of 5 s.
-
-    Windows of under 3 samples are left out.
-    """
+    """Return angles (n, k) detrended in windows of 5 s."""
     edges = np.searchsorted(t, np.arange(t[0], t[-1] + WINDOW_S, WINDOW_S))
     windows = [slice(a, b) for a, b in pairwise(edges) if b - a > 2]
     return np.concatenate([detrended(t[w], angles[w]) for w in windows] or [np.zeros((0, angles.shape[1]))])
@@ -173,10 +167,7 @@ def representative(case: Case) -> StepEvent | None:
 
 
 def one_step(case: Case, row: Track, curve: Curve) -> Trace:
-    """Return the turning of row, reference and set-point in one event.
-
-    About the event's axis, since its onset.
-    """
+    """Return the turning of row, reference and set-point in one event."""
     columns = {"est": curve.row, "ref": curve.reference}
     wanted = step_curves.setpoint(case, curve)
     if wanted is not None:
@@ -186,10 +177,7 @@ def one_step(case: Case, row: Track, curve: Curve) -> Trace:
 
 
 def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
-    """Return the row's error and the reference's turning in % of stroke.
-
-    Both (events, times) on GRID_S.
-    """
+    """Return the row's error and the reference's turning in % of stroke."""
     stroke = np.array([abs(c.event.delta_deg) for c in curves])[:, None]
     error = resampled_errors(curves, [c.error for c in curves]) / stroke * 100.0
     return error, resampled_errors(curves, [c.reference for c in curves]) / stroke * 100.0
@@ -223,10 +211,7 @@ def known_steps(x: Array, shares: tuple[float, ...]) -> Array:
 
 
 def resampled_errors(curves: list[Curve], values: list[Array]) -> Array:
-    """Return values of each curve on GRID_S (events, times).
-
-    NaN beyond a curve's ends.
-    """
+    """Return values of each curve on GRID_S (events, times)."""
     begin = STRIDE_S * np.arange(len(curves))
     seconds = [c.seconds for c in curves]
     at = GRID_S + begin[:, None]
@@ -361,10 +346,7 @@ def own_sigma(reference: Reference, keep: int) -> list[Trace]:
 
 
 def difference(case: Case, row: Track, keep: int) -> list[Trace]:
-    """Return errors against the reference in deg.
-
-    Total, signed heading, tilt, and differences in roll and pitch.
-    """
+    """Return errors against the reference in deg."""
     e = row.errors
     if e is None or len(e.t) == 0:
         return []
@@ -379,18 +361,12 @@ def difference(case: Case, row: Track, keep: int) -> list[Trace]:
 
 @per_object
 def _tilt(case: Case, q: Array) -> Array:
-    """Return roll and pitch (n, 2) in rad of attitudes (n, 4).
-
-    Cached: all rows share the reference.
-    """
+    """Return roll and pitch (n, 2) in rad of attitudes (n, 4)."""
     return np.ascontiguousarray(rotation.to_euler(q)[:, :2])
 
 
 def drifts(case: Case, row: Track) -> list[Trace]:
-    """Return heading block means with their line.
-
-    Of the longest rest, and against each heading reference in the air.
-    """
+    """Return heading block means with their line."""
     records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.usable_rests(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
     keyed = [("rest", longest)]
@@ -408,10 +384,7 @@ def drifts(case: Case, row: Track) -> list[Trace]:
 
 
 def allan_curves(case: Case, row: Track) -> list[Trace]:
-    """Return Allan deviations (deg) of the averaged angles at rest.
-
-    By axis, in the longest rest of at least 60 s.
-    """
+    """Return Allan deviations (deg) of the averaged angles at rest."""
     segment = allan.longest_rest(case, row, "all")
     if segment is None or row.t[segment.stop - 1] - row.t[segment.start] < allan.SHORTEST_S:
         return []

@@ -157,10 +157,7 @@ def unbroken(t: Array, inside: NDArray[np.bool_], segment_of: NDArray[np.int64] 
 
 
 def within(t: Array, span: Span, segment_of: NDArray[np.int64] | None = None) -> list[slice]:
-    """Return unbroken index ranges with span[0] <= t <= span[1].
-
-    ``t`` (n,) s ascending.
-    """
+    """Return unbroken index ranges with span[0] <= t <= span[1]."""
     i, j = int(np.searchsorted(t, span[0], side="left")), int(np.searchsorted(t, span[1], side="right"))
     found = unbroken(t[i:j], np.ones(j - i, bool), None if segment_of is None else segment_of[i:j])
     return [slice(s.start + i, s.stop + i) for s in found]
@@ -244,10 +241,7 @@ def lay_windows(span: Span, phase: str) -> list[Span]:
 
 
 def filled_samples(t: Array, window: Span) -> slice | None:
-    """Return the index range of times (n,) in a window.
-
-    None for under 20 samples, a gap, or an end without samples.
-    """
+    """Return a window's index range of times (n,); None with gaps."""
     i, j = (int(k) for k in np.searchsorted(t, [window[0] - 1e-9, window[1] - 1e-9]))
     if j - i < MIN_SAMPLES:
         return None
@@ -280,10 +274,7 @@ def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArr
 
 @per_object
 def windows_of_times(case: Case, t: Array, phase: str, span: Span) -> list[tuple[Span, slice | None]]:
-    """Return the windows of a span with the index range of each.
-
-    Cached for rows that share their times (n,).
-    """
+    """Return the windows of a span with the index range of each."""
     return [(window, filled_samples(t, window)) for window in lay_windows(span, phase)]
 
 

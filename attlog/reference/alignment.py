@@ -74,10 +74,7 @@ def untrim(q: Array, trim: Array | None) -> Array:
 
 
 def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array | None, AlignmentStep]:
-    """Return the trim to remove from replays, and its alignment step.
-
-    The trim is a rotation vector (3,) in rad, or None for no removal.
-    """
+    """Return the trim (rotation vector, rad, or None) and its alignment step."""
     if not attitude.has_trim:
         text = f"{attitude.source} is the attitude of the IMU itself: nothing to take out"
         return None, AlignmentStep("trim", text, 0.0, "deg", attitude.source, False, "config: trim")
@@ -98,10 +95,7 @@ def trim_step(log: FlightLog, attitude: Attitude, wanted: bool) -> tuple[Array |
 
 
 def flight_place(log: FlightLog) -> tuple[float, float, float] | None:
-    """Return the median latitude, longitude (deg) and altitude (m).
-
-    Of the first GNSS receiver with a 3D fix; None without one.
-    """
+    """Return latitude, longitude (deg), altitude (m): medians of the first receiver."""
     for gnss in log.gnss:
         good = (gnss.fix >= 3) & np.isfinite(gnss.lat) & np.isfinite(gnss.lon)
         good &= (np.abs(gnss.lat) <= 90) & (np.abs(gnss.lon) <= 180) & ((gnss.lat != 0) | (gnss.lon != 0))

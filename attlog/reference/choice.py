@@ -68,10 +68,7 @@ def choose(
 
 
 class _Choice:
-    """Choice among the attitudes of one log.
-
-    ``refused``: reasons by refused attitude; ``mismatches``: comparisons of attitudes with the gyro.
-    """
+    """Choice among the attitudes of one log."""
 
     def __init__(
         self,
@@ -442,10 +439,7 @@ def _reset_text(sentences: list[str]) -> str:
 
 
 def _north_steps(log: FlightLog, reference: Reference, north: AlignmentStep) -> list[AlignmentStep]:
-    """Return the declination and the one observed with the reference.
-
-    The latter only if the magnetometer and the reference's own north show it.
-    """
+    """Return the declination and the one observed with the reference."""
     seen = None if reference.heading.by == "relative" else alignment.observed_declination_deg(log, reference)
     if seen is None:
         return [north]

@@ -131,10 +131,7 @@ def rate_mismatch(by_gyro: Array, by_attitude: Array, allowed: tuple[float, floa
 
 
 def center_rates(rates: Array) -> Array:
-    """Return rates (n, 3) without their mean.
-
-    A median would depend on the noise of one-sided turns.
-    """
+    """Return rates (n, 3) without their mean."""
     return np.asarray(rates - rates.mean(axis=0))
 
 

@@ -90,10 +90,7 @@ SAME_SIGMAS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class WrongHeading:
-    """Spans of a wrong heading, with the best known offset.
-
-    ``partly``: the heading is right at other times.
-    """
+    """Spans of a wrong heading, with the best known offset."""
 
     spans: list[Span]
     offset: HeadingOffset

@@ -87,10 +87,7 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True)
 class GyroJump:
-    """Step of the gyro bias at ``t`` s.
-
-    ``size_dps``: step about x, y, z; ``sigma_dps``: its one sigma.
-    """
+    """Step of the gyro bias at ``t`` s, with its one sigma."""
 
     t: float
     size_dps: tuple[float, float, float]
@@ -304,10 +301,7 @@ class Track:
 
 @dataclass(slots=True)
 class HeadingReference:
-    """Heading (n,) at ``t`` (n,) s by one source.
-
-    ``segment`` (n,) numbers the segments between gaps and resets.
-    """
+    """Heading (n,) at ``t`` (n,) s by one source."""
 
     name: str
     t: Array

@@ -75,10 +75,7 @@ class OnboardComparison:
 
 
 def compare_onboard(log: FlightLog, segments: Segments, reference: Reference) -> OnboardComparison | None:
-    """Compare the onboard attitude with truth or smoother.
-
-    None for other references or without scored time.
-    """
+    """Compare the onboard attitude with truth or smoother."""
     attitude = log.onboard_attitude
     if reference.kind not in REFERENCE_KINDS or attitude is None:
         return None
@@ -201,10 +198,7 @@ def _angle_error(angle: str, found: OnboardComparison, evidence: OnboardEvidence
 
 
 def _reference_sigmas(reference: Reference, t: Array) -> dict[str, Array] | None:
-    """Return sigmas (n,) of the reference's tilt and heading in deg.
-
-    0 for logged truth, None if unknown.
-    """
+    """Return tilt and heading sigmas (n,) in deg; 0 for logged truth."""
     if reference.sigma is None:
         return dict.fromkeys(WRONG_DEG, np.zeros(len(t))) if reference.kind == "truth" else None
     own = {"tilt": reference.sigma.tilt_deg, "heading": reference.sigma.heading_deg}

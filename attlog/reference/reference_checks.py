@@ -283,10 +283,7 @@ class ReferenceCheck:
             self._heard[row.estimator] = row, _down(row.t, row.q, row.segment, self._reference.t[self._use])
 
     def contradicted(self) -> tuple[str, AlignmentStep] | None:
-        """Return why the reference is refused, with its alignment step.
-
-        None where filters and force agree with it.
-        """
+        """Return why the reference is refused, with its alignment step."""
         if len(self._heard) < MIN_FILTERS:
             return None
         filters, downs = [row for row, _ in self._heard.values()], np.stack([d for _, d in self._heard.values()])

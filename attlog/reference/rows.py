@@ -115,10 +115,7 @@ def onboard_rows(log: FlightLog, segments: Segments, reference: Reference) -> li
 def _measure(
     row: Track, segments: Segments, reference: Reference, free_heading: bool, unknown: Sequence[Span] = ()
 ) -> Track:
-    """Set errors, heading offset, convergence, coverage and status of a row.
-
-    Times in the spans ``unknown`` are not scored.
-    """
+    """Set errors, heading offset, convergence, coverage and status of a row."""
     good = rotation.finite_rows(row.q)
     first = float(row.t[good][0]) if good.any() else float(row.t[0]) if len(row.t) else 0.0
     row.start = first if row.kind != "onboard" else max(first, row.start)
@@ -170,10 +167,7 @@ def _judge(row: Track, segments: Segments, reference: Reference) -> None:
 
 
 def withhold(row: Track, why: str) -> None:
-    """Mark a replay as not judged because a sensor is unusable.
-
-    ``why``: the fault; without one nothing is changed.
-    """
+    """Mark a replay as not judged because a sensor is unusable."""
     if why and row.kind == "replay" and row.status in ("ok", "not_converged", "diverged"):
         row.status, row.reason = "not_judged", why
 
@@ -209,10 +203,7 @@ def _remove_heading_offset(row: Track, segments: Segments, reference: Reference)
 
 
 def _first_mean(t: Array, along: Array, scored: NDArray[np.bool_], segments: Segments) -> tuple[float, str]:
-    """Return a segment's initial heading error in rad, and its source.
-
-    Mean of ``along`` (n,) over the first long rest, else over the first 10 s of scoring.
-    """
+    """Return a segment's initial heading error in rad, and its source."""
     counted = scored if scored.any() else np.ones(len(t), bool)
     for rest in segments.of("rest.long"):
         inside = spans.between(t, rest.t0, rest.t1)

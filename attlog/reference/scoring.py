@@ -34,10 +34,7 @@ def unscored_seconds(seconds: float) -> float:
 
 
 def start_and_unscored(t: Array, score_from: float | None) -> tuple[float, list[Span]]:
-    """Return the first scored time, and the unscored spans after restarts.
-
-    ``t`` (n,): times of the IMU.
-    """
+    """Return the first scored time, and the unscored spans after restarts."""
     if len(t) == 0:
         return score_from or 0.0, []
     restarts = model.restart_times(t)
@@ -78,10 +75,7 @@ def coverage_pct(
 
 
 def diverged_at(errors: AttitudeErrors) -> float | None:
-    """Return when the scored tilt error exceeds 30 deg for 2 s.
-
-    None if never.
-    """
+    """Return when the scored tilt error exceeds 30 deg for 2 s."""
     return _stays_beyond(errors, errors.tilt > DIVERGED_DEG, DIVERGED_S)
 
 
@@ -218,10 +212,7 @@ def errors_against(t: Array, q: Array, gap_segment: Index, reference: Reference)
 def _shared_samples(
     reference: Reference, t: Array, number: Index, faster: bool, has: NDArray[np.bool_]
 ) -> ReferenceSamples:
-    """Return the reference at the times (k,) of the slower one.
-
-    ``has`` (k,): where the row has an attitude.
-    """
+    """Return the reference at the times (k,) of the slower one."""
     if faster:
         at, q, where = reference.t, reference.q, np.arange(len(reference.t))
     else:

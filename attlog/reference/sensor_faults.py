@@ -76,10 +76,7 @@ class DipAngles:
 
 
 def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) -> DipAngles | None:
-    """Return the median dips over the quiet segments; None without any.
-
-    Only segments of the first of QUIET_KINDS in the log count.
-    """
+    """Return the median dips over the quiet segments; None without any."""
     imu, model = log.replay_imu, alignment.earth_field(log)
     if imu is None or attitude is None or log.mag is None or model is None:
         return None
@@ -181,10 +178,7 @@ def accelerometer_delay(log: FlightLog) -> float | None:
 
 
 def _mean_force(t: Array, force: Array) -> tuple[Array, Array]:
-    """Return middles (n,) and means (n, 3) of the force over FORCE_STEP_S.
-
-    NaN without samples.
-    """
+    """Return middles (n,) and means (n, 3) of the force over FORCE_STEP_S."""
     known = rotation.finite_rows(force)
     t, force = t[known], force[known]
     if len(t) < 2:
@@ -210,10 +204,7 @@ def _velocity_pairs(t: Array, grid: Array) -> tuple[NDArray[np.int64], NDArray[n
 def _delay_misfit(
     q: Array, force: Array, shift: int, receiver_s: float, spans: tuple[Array, Array], change: Array
 ) -> tuple[float, float]:
-    """Return mean square residual and correlation of a shifted force.
-
-    Against the mean accelerations ``change`` (n, 2) between fixes.
-    """
+    """Return mean square residual and correlation of a shifted force."""
     moved = np.full_like(force, np.nan)
     if shift >= 0:
         moved[: len(force) - shift] = force[shift:]

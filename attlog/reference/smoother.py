@@ -88,10 +88,7 @@ def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
 
 
 def expected_reference(log: FlightLog, segments: Segments, chosen: Reference) -> str:
-    """Return the expected reference of an analysis in words.
-
-    ``chosen``: the reference without a smoother.
-    """
+    """Return the expected reference of an analysis in words."""
     otherwise = {"truth": "the logged truth", "onboard": f"the onboard attitude ({chosen.source})"}.get(
         chosen.kind, "nothing: no attitude in this log can be trusted" if chosen.faults.reference else "nothing"
     )
@@ -226,10 +223,7 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
 
 
 def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
-    """Return tilt and signed heading errors in deg of attitudes (n, 4).
-
-    NaN where the reference has no attitude.
-    """
+    """Return tilt and signed heading errors in deg of attitudes (n, 4)."""
     own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
     e = rotation.earth_error(q, own)
     return np.degrees(rotation.tilt_angle(e)), np.degrees(rotation.heading_angle(e))
