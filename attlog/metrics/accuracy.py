@@ -246,7 +246,7 @@ COVERAGE_METRIC = Metric(
 
 
 def compute_coverage(case: Case, row: Track, window: str) -> dict[str, Answer]:
-    """Return the share of the log in which a row was compared."""
+    """Return the compared share of the log; empty unless ``window`` is all."""
     if window != "all":
         return {}
     absent = why_no_errors(case, row)

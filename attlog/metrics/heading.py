@@ -101,7 +101,7 @@ def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[H
 
 
 def own_north(row: Track) -> float | None:
-    """Return the heading offset removed from a row, deg."""
+    """Return the removed heading offset, deg; None without a single own north."""
     if row.heading_offset_deg is None:
         return 0.0
     one = len(row.segment) > 0 and row.segment[0] == row.segment[-1]

@@ -63,7 +63,7 @@ class Fit:
     at_edge: bool = False
 
     def half_width(self, column: int) -> float:
-        """Return half the 95 % jackknife interval of a column of ``left_out``."""
+        """Return half a column's 95 % jackknife interval; infinite under 3 events."""
         values = self.left_out[:, column]
         k = len(values)
         if k < MIN_EVENTS or not np.isfinite(values).all():
