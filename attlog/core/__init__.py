@@ -1,1 +1,1 @@
-"""What every room may use: errors, limits, files, rotations, the earth."""
+"""Foundations of all packages: errors, limits, files, rotations, earth models, worker processes."""

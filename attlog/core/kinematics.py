@@ -1,4 +1,4 @@
-"""An attitude and the inertial sensors: it turns as the gyro, and the mean force that it turns to earth is gravity."""
+"""Body rates and mean earth-frame specific force of an attitude, to be compared with an IMU."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class BodyRates:
     rate: Array
 
     def select(self, use: NDArray[np.bool_] | NDArray[np.int64] | slice) -> BodyRates:
-        """Return some of the intervals."""
+        """Return the selected intervals."""
         return BodyRates(self.start[use], self.end[use], self.rate[use])
 
     def at_most(self, count: int) -> BodyRates:
@@ -29,7 +29,7 @@ class BodyRates:
         return self.select(slice(None, None, max(1, -(-len(self.start) // count))))
 
     def shifted(self, offset: float, drift: float = 0.0, middle: float = 0.0) -> BodyRates:
-        """Return the rates on another clock, which gains ``drift`` s per second about ``middle``."""
+        """Return the rates at times t + offset + drift (t - middle)."""
         start, end = (t + offset + drift * (t - middle) for t in (self.start, self.end))
         return BodyRates(start, end, self.rate)
 
@@ -37,7 +37,7 @@ class BodyRates:
 def body_rates(
     t: Array, q: Array, segment: NDArray[np.int64], step: int, stride: int = 1, max_s: float = np.inf
 ) -> BodyRates:
-    """Return the rates over ``step`` samples, beginning at every ``stride``-th sample.
+    """Return mean body rates over ``step`` samples, beginning at every ``stride``-th sample.
 
     ``q`` (n, 4), body to earth, at ``t`` (n,) s. Intervals lie within one ``segment`` (n,), last at most ``max_s`` and
     have finite rates.
@@ -54,10 +54,10 @@ def body_rates(
 def earth_force(
     t_force: Array, force: Array, t: Array, q: Array, segment: NDArray[np.int64] | None, max_samples: int = 4000
 ) -> Array | None:
-    """Return the mean specific force (3,) in earth axes; None without a time where force and attitude are known.
+    """Return the mean specific force (3,) in earth axes, None without overlap.
 
-    ``force`` (m, 3) m/s^2 at ascending ``t_force`` (m,) s, ``q`` (n, 4), body to earth, at ``t`` (n,) s. Of long
-    records ``max_samples`` are used. Without acceleration the mean is (0, 0, -g).
+    ``force`` (m, 3) m/s^2 at ascending ``t_force`` (m,) s, ``q`` (n, 4), body to earth, at ``t`` (n,) s. Long records
+    are thinned to about ``max_samples``. The mean is (0, 0, -g) if the mean acceleration is zero.
     """
     some = slice(None, None, max(1, len(t_force) // max_samples))
     _, earth = known_earth_force(t_force[some], force[some], t, q, segment)

@@ -1,6 +1,6 @@
-"""Compute a question about a sensor or attitude once, and release the answer with the block.
+"""Cache results computed from a sensor or attitude within a ``with`` block.
 
-The answers of a long log are as large as the log; they go before filters run.
+Cached results of a long log take as much memory as the log; they are released before filters run.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _FOUND: ContextVar[dict[tuple[Any, ...], tuple[Any, Any]] | None] = ContextVar("
 
 @contextmanager
 def log_cache() -> Iterator[None]:
-    """Open a block of cached answers; nested blocks share them.
+    """Cache results until the block ends; nested blocks share one cache.
 
     The log must not change within it.
     """
@@ -31,9 +31,9 @@ def log_cache() -> Iterator[None]:
 
 
 def cached_per_log(compute: Callable[P, T]) -> Callable[P, T]:
-    """Cache a function of objects (by identity) per block.
+    """Cache a function by the identity of its positional arguments within a :func:`log_cache` block.
 
-    Callers must not write into the answer.
+    Callers must not modify the result.
     """
 
     @functools.wraps(compute)
@@ -43,7 +43,7 @@ def cached_per_log(compute: Callable[P, T]) -> Callable[P, T]:
             return compute(*args, **kwargs)
         key = (compute, *map(id, args))
         if key not in found:
-            found[key] = args, compute(*args, **kwargs)  # the objects, too: a later one never has the place of one gone
+            found[key] = args, compute(*args, **kwargs)  # keeps the arguments alive: ``id`` is reused after deletion
         answer: T = found[key][1]
         return answer
 

@@ -12,7 +12,7 @@ Span = tuple[float, float]
 
 
 def merge(spans: Iterable[Span]) -> list[Span]:
-    """Return the same time as ascending spans that do not touch."""
+    """Return the union of spans as ascending, disjoint spans."""
     merged: list[Span] = []
     for t0, t1 in sorted(s for s in spans if s[1] > s[0]):
         if merged and t0 <= merged[-1][1]:
@@ -23,7 +23,7 @@ def merge(spans: Iterable[Span]) -> list[Span]:
 
 
 def intersect(a: Iterable[Span], b: Iterable[Span]) -> list[Span]:
-    """Return the time in both lists."""
+    """Return the intersection of two lists of spans."""
     a, b = merge(a), merge(b)
     common, i, j = [], 0, 0
     while i < len(a) and j < len(b):

@@ -1,4 +1,4 @@
-"""Judge time stamps: gaps, restarts of a clock, and times that the records around them contradict.
+"""Detect gaps, clock restarts and false time stamps in a log.
 
 Stamps are int64 microseconds of the autopilot's boot clock until the zero of the log is known: float seconds of a
 Unix clock would lose the microseconds.
@@ -30,26 +30,27 @@ MAX_JUMP_US = int(MAX_TIME_JUMP_S * 1e6)
 
 # A clock that falls further was restarted; tasks log each other's times out of order by under 0.1 s.
 MIN_RESTART_US = 1_000_000
-# A time further than this from both sides, which agree, is false; no undamaged log has one beyond 0.1 s.
+# A time is false if it is further than this from the records before and after it, which agree with each other.
+# Deviations in undamaged logs stay below 0.1 s.
 MAX_DEVIATION_US = 5_000_000
-# Records in a row that can be false: a damaged sector or a torn write. More are another clock or boot.
+# Longest run of records with false times (damaged sector, torn write). A longer run is another clock or boot.
 MAX_FALSE_RECORDS = 64
-# Records in a row that a task may write late.
+# Longest run of records that a task may write late.
 MAX_LATE_RECORDS = 256
-# Adjacent runs with different false times that are searched through.
+# Limit of adjacent runs with different false times.
 MAX_FALSE_RUNS = 8
-# Fewer records than this at an end of the file may be false without a neighbour on the other side.
+# Fewer records than this at either end of the file can be false although a neighbour on one side is missing.
 MIN_END_RECORDS = 3
-# Above this share of steps among all times no clock is left that could contradict one.
+# With a larger share of steps among all times the clock is too irregular to identify false times.
 MAX_STEP_SHARE = 0.25
 _CHUNK = 1 << 14  # stays in the processor's cache
 _NEIGHBOURS = 20  # records on either side whose medians must agree that the clock fell
 
-# A gap that isolates records from the others of their message.
+# Gap (10 s) that separates isolated records from the rest of their message.
 ISOLATED_US = 10_000_000
-# A repeated value is kept once in this time.
+# A repeated value is kept once per second.
 MAX_REPEAT_US = 1_000_000
-# From this number on stamps of 0 were never set and carry neither order nor duration.
+# Number of zero stamps from which they count as unset.
 MIN_UNSET = 3
 
 
@@ -76,7 +77,7 @@ def gap_indices(t: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.flatnonzero(np.diff(t) > gap_limit_of_times(t)) + 1 if len(t) > 2 else np.zeros(0, np.int64)
 
 
-# One message: which of its records have a plausible time.
+# Plausible records of one message.
 
 
 def longest_rising(t: NDArray[Any]) -> NDArray[np.int64]:
@@ -122,12 +123,12 @@ class ValidRecords:
 
 
 def plausible_records(t_us: Stamps, alone: IsolationTest | None = None, whole: Stamps | None = None) -> ValidRecords:
-    """Select the records (n,) whose stamps rise strictly and are not contradicted.
+    """Select the records (n,) with strictly rising and plausible stamps.
 
-    Later records with an equal stamp are duplicates (two tasks log one message); several of 0 are unset. Of stamps that
-    go back the longest rising subsequence stays, so that one false late time does not remove the good records behind
-    it. Records half a day from most others are false. So are a few behind a gap where ``alone`` is True; after a pause
-    of the whole log they stay. ``whole``: the stamps of the message including records that are already left out.
+    Duplicates repeat an earlier stamp (two tasks log one message). Several zero stamps are unset. Backward steps are
+    resolved by the longest rising subsequence, so one false late time does not remove the good records behind it.
+    Records half a day from the largest group are false. So are short groups between gaps of ISOLATED_US, if ``alone``
+    is True at their ends. ``whole``: stamps of the message including records rejected earlier for their values.
     """
     t = np.asarray(t_us, np.int64)
     if len(t) == 0:
@@ -148,7 +149,7 @@ def plausible_records(t_us: Stamps, alone: IsolationTest | None = None, whole: S
             chain = longest_rising(t[index])
             lost = np.delete(index, chain)
             index = index[chain]
-            # equal to a kept one: the same record twice
+            # equal to a kept stamp: duplicate
             near = index[np.minimum(np.searchsorted(t[index], t[lost]), len(index) - 1)]
             again = int((t[near] == t[lost]).sum())
             duplicates += again
@@ -158,7 +159,7 @@ def plausible_records(t_us: Stamps, alone: IsolationTest | None = None, whole: S
 
 
 def _within_half_a_day(t: Stamps) -> NDArray[np.int64]:
-    """Return the largest group of times without half a day between."""
+    """Return the indices of the largest group of times without a gap of half a day."""
     if len(t) == 0 or int(t.max()) - int(t.min()) <= MAX_JUMP_US:
         return np.arange(len(t))
     order = np.argsort(t, kind="stable")
@@ -167,7 +168,7 @@ def _within_half_a_day(t: Stamps) -> NDArray[np.int64]:
 
 
 def _isolated(t: Stamps, alone: IsolationTest, whole: Stamps) -> NDArray[np.int64]:
-    """Return positions of few times behind a gap without company."""
+    """Return the indices of short groups between gaps while no other message is logged."""
     cuts = np.flatnonzero(np.diff(t) > ISOLATED_US) + 1
     edges = np.concatenate([[0], cuts, [len(t)]])
     sizes = np.diff(edges)
@@ -175,7 +176,7 @@ def _isolated(t: Stamps, alone: IsolationTest, whole: Stamps) -> NDArray[np.int6
     if len(few) == 0 or sizes.max() < 3:  # no gap, or a slow message
         return np.zeros(0, np.int64)
     first, last = t[edges[few]], t[edges[few + 1] - 1]
-    # records of the same message beside them that were left out for their values: no gap
+    # records of this message that were rejected for their values also close a gap
     every = np.sort(whole)
     beside = np.searchsorted(every, last + ISOLATED_US, side="right") - np.searchsorted(every, first - ISOLATED_US)
     false = few[(beside <= sizes[few]) & alone(first) & alone(last)]
@@ -185,7 +186,7 @@ def _isolated(t: Stamps, alone: IsolationTest, whole: Stamps) -> NDArray[np.int6
 def changed_records(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:
     """Select records (n,) with a new measurement of a slow sensor.
 
-    ``x`` (n,) or (n, k). An unchanged value may be measured anew, so one record of each second stays.
+    ``x`` (n,) or (n, k). An equal value may be a new measurement, so one repetition per second is kept.
     """
     new = np.ones(len(t_us), bool)
     if len(t_us) > 1:
@@ -197,14 +198,11 @@ def changed_records(x: NDArray[np.float64], t_us: Stamps) -> NDArray[np.bool_]:
     return new
 
 
-# A message without checksums: are its times near each other?
+# Plausible times of formats without checksums.
 
 
 def is_near(t_us: int | None, recent: Iterable[int | None]) -> bool:
-    """Return whether a time is within half a day of a recent one.
-
-    Also where no time is known.
-    """
+    """Return whether a time is within half a day of a recent one, True if either is unknown."""
     before = [t for t in recent if t is not None]
     return t_us is None or not before or min(abs(t_us - t) for t in before) < MAX_JUMP_US
 
@@ -228,8 +226,8 @@ def far_from_median(t_us: NDArray[Any]) -> NDArray[np.bool_]:
 def restarts(time_us: Stamps) -> list[int]:
     """Return the indices of the first records after a restart.
 
-    At most MAX_BOOTS - 1. One false time is no restart: the medians of the neighbours on both sides decide. Nor are
-    records that a task wrote late with the times at which it should have: the clock comes back behind them.
+    Returns at most MAX_BOOTS - 1. The medians of the neighbours on both sides are compared, so one false time is no
+    restart. Neither is a block of records that a task wrote late: behind it the clock returns to its earlier value.
     """
     found: list[int] = []
     for k in _step_indices(time_us, -MIN_RESTART_US, np.iinfo(np.int64).max).tolist():
@@ -238,7 +236,7 @@ def restarts(time_us: Stamps) -> list[int]:
         after = sorted(time_us[k : k + _NEIGHBOURS].tolist())
         half = len(after) // 2
         median = after[half] if len(after) % 2 else (after[half - 1] + after[half]) / 2
-        # the lower median: one false time among few must not look like a fall
+        # lower median, so that one false time among few is no fall
         fell = median < before[(len(before) - 1) // 2] - MIN_RESTART_US
         if fell and not _written_late(time_us, boot, k):
             found.append(k)
@@ -248,10 +246,9 @@ def restarts(time_us: Stamps) -> list[int]:
 
 
 def _written_late(time_us: Stamps, begin: int, k: int) -> bool:
-    """Return whether times from ``k`` on are old ones of their boot.
+    """Return whether the records from ``k`` on were written late within their boot.
 
-    The clock then jumps back to where it was before the fall. A new boot counts on from its own start, when no record
-    of the old one was late.
+    Behind late records the clock returns to its value before the fall; after a restart it continues from its new start.
     """
     if int(time_us[k]) < int(time_us[begin]) + MAX_DEVIATION_US:
         return False
@@ -262,11 +259,11 @@ def _written_late(time_us: Stamps, begin: int, k: int) -> bool:
 
 
 def false_times(time_us: Stamps) -> NDArray[np.int64]:
-    """Return the indices of impossible and contradicted times.
+    """Return the indices of impossible times and of times that their neighbours contradict.
 
-    Contradicted are up to MAX_FALSE_RECORDS in a row further than MAX_DEVIATION_US from the record before and the one
-    behind, which agree. A clock that jumps and goes on from there is a pause or a restart. At the ends of the file,
-    where one neighbour is missing, a few times are false that are further from the rest than any pause.
+    A run of up to MAX_FALSE_RECORDS is false if it is further than MAX_DEVIATION_US from the records before and behind
+    it, and these agree. A clock that jumps and continues from there is a pause or a restart. Fewer than
+    MIN_END_RECORDS at either end of the file are false if they are more than half a day from their only neighbour.
     """
     if len(time_us) == 0:
         return np.zeros(0, np.int64)
@@ -296,13 +293,13 @@ def _step_indices(time_us: Stamps, least: int, most: int) -> NDArray[np.int64]:
 
 
 def _contradicted_runs(starts: list[int], first: list[int], last: list[int], size: int) -> list[int]:
-    """Return the false runs among runs of times without steps."""
+    """Return the indices of false runs; runs are separated by steps of the clock."""
     n = len(starts)
     false = [0] if starts[1] < MIN_END_RECORDS and abs(first[1] - last[0]) > MAX_JUMP_US else []
     k = len(false) + 1
     before = last[k - 1]
     while k < n:
-        # does the clock come back to where it was, within a few records?
+        # search for the run at which the clock returns to its earlier value
         back = k
         while back < n and starts[back] - starts[k] <= MAX_FALSE_RECORDS and back - k <= MAX_FALSE_RUNS:
             if abs(first[back] - before) <= MAX_DEVIATION_US:
@@ -318,7 +315,7 @@ def _contradicted_runs(starts: list[int], first: list[int], last: list[int], siz
 
 
 def merge_timelines(timelines: Iterable[Timeline]) -> Timeline:
-    """Return several timelines as one in file order."""
+    """Merge timelines in file order."""
     at, time = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
     for offsets, times in timelines:
         at.append(offsets)

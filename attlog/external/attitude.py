@@ -1,4 +1,4 @@
-"""Attitudes from outside on a log's clock and axes: a truth to compare with, or an estimate to be judged."""
+"""Attitudes from files and topics, aligned to a log's clock and axes, as truth or as estimate."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from attlog.segments import increments, model
 
 Array = NDArray[np.float64]
 
-# Interval in which a gyro is exact: other turns of a truth are its noise.
+# Interval over which the gyro's error is negligible: the difference of increments is the truth's noise.
 NOISE_S = 0.1
-# Attitudes of a PX4 log that were measured outside.
+# Topics of a PX4 log with attitudes by motion capture or vision.
 EXTERNAL_TOPICS = ("vehicle_mocap_odometry", "vehicle_visual_odometry", "vehicle_vision_attitude")
-# Heading of a receiver with two antennas, used with the smoother's tilt.
+# Name of a dual-antenna heading as truth (the reference takes its tilt from the smoother); fewest headings.
 DUAL_ANTENNA, MIN_HEADINGS = "gnss_yaw", 20
 
 
@@ -36,9 +36,9 @@ def attach_truth(log: FlightLog, given: str) -> FlightLog:
     """Return a copy of the log with a truth: ``NAME[:offset=S,north=true,topic=T]``.
 
     NAME is a trajectory (TUM, EuRoC, a table with a header), another log or bag, a folder with a file of the log's own
-    name, a topic of the log, or ``gnss_yaw`` (``true_heading`` of the copy). ``truth.fit`` holds clock and axes by
-    gyro and gravity. UsageError for what is missing, does not follow the gyro or turns too little; LogUnreadable
-    and NotALog for files.
+    name, a topic of the log, or ``gnss_yaw`` (``true_heading`` of the copy). ``truth.fit`` is the fit of clock and
+    axes to gyro and gravity. UsageError if the truth is missing, does not follow the gyro or turns too little;
+    LogUnreadable and NotALog for files.
     """
     asked = parse_truth(given)
     path = asked.path
@@ -62,7 +62,7 @@ def _dual_antenna(log: FlightLog) -> Stream:
 
 
 def _file_named_as_log(folder: Path, log: Path) -> Path:
-    """Return the file of a folder that has the log's own name. UsageError for none or several."""
+    """Return the file in a folder with the log's name up to its first dot. UsageError unless there is exactly one."""
     names = sorted(name for name in os.listdir(folder) if name.partition(".")[0] == log.name.partition(".")[0])
     if len(names) != 1:
         which = f"several named {log.stem}: {', '.join(names[:5])}" if names else f"none named {log.stem}.*"
@@ -71,7 +71,7 @@ def _file_named_as_log(folder: Path, log: Path) -> Path:
 
 
 def _file_trajectory(path: Path, asked: TruthRequest) -> Trajectory:
-    """Return the trajectory of a file: a log's pose, truth or onboard attitude, else that of a text."""
+    """Return the trajectory of a text file, or of a log: its pose, truth or onboard attitude."""
     try:
         formats.recognise(path)
     except NotALog:
@@ -86,7 +86,10 @@ def _file_trajectory(path: Path, asked: TruthRequest) -> Trajectory:
 
 
 def _topic_trajectory(log: FlightLog, topic: str) -> Trajectory:
-    """Return a pose or attitude of a log by its topic, the only one by default. UsageError for an unknown topic."""
+    """Return a pose or attitude of a log by its topic. UsageError for an unknown topic.
+
+    An empty topic selects the only pose.
+    """
     external = {name: log.attitudes[name] for name in EXTERNAL_TOPICS if name in log.attitudes}
     poses = log.poses | external
     if not topic and len(poses) == 1:
@@ -108,10 +111,10 @@ def _attitude_trajectory(name: str, attitude: Attitude, known_axes: bool) -> Tra
 
 
 def align_truth(log: FlightLog, trajectory: Trajectory, request: TruthRequest, own_clock: bool = False) -> Attitude:
-    """Return the truth as an attitude body FRD to earth NED on the log's clock, with its :class:`TruthFit`.
+    """Return the truth, FRD to NED on the log's clock, with its :class:`TruthFit`.
 
-    ``own_clock``: the times are the log's but for a delay. UsageError where its rates are not the gyro's, turn too
-    little, or fit several clocks.
+    ``own_clock``: the trajectory is on the log's clock except for a delay. UsageError if its rates disagree with the
+    gyro, are too small, or fit several clock offsets.
     """
     imu = log.replay_imu
     if imu is None:
@@ -127,7 +130,8 @@ def align_truth(log: FlightLog, trajectory: Trajectory, request: TruthRequest, o
     rates = found.rates
     noise = _noise(t, q, imu, rates.bias, late)
     heading_var, tilt_var = timing.turn_sigma[2] ** 2, float(np.sum(timing.turn_sigma[:2] ** 2))
-    tilted = float(np.mean(rotation.tilt_angle(q) ** 2))  # a body turned about its vertical tilts a tilted one
+    # a heading error of the mounting becomes a tilt error on a tilted body
+    tilted = float(np.mean(rotation.tilt_angle(q) ** 2))
     jitter = timing.offset_sigma**2 * found.turning
     tilt = float(np.sum(noise[:2] ** 2)) + tilt_var + tilted * heading_var + world.sigma_tilt**2 + jitter
     heading = float(noise[2] ** 2) + jitter + (0.0 if world.north == "nobody" else heading_var)
@@ -152,7 +156,10 @@ def align_truth(log: FlightLog, trajectory: Trajectory, request: TruthRequest, o
 
 
 def _noise(t: Array, q: Array, imu: Imu, bias: Array, late: float) -> Array:
-    """Return the white noise (3,) rad of an attitude about body axes, by its turns against the gyro's."""
+    """Return the white noise (3,) rad of an attitude about body axes.
+
+    Estimated from its increments minus those of the gyro (median absolute deviation, two attitudes an increment).
+    """
     rates = clock.attitude_rates(t + late, q, NOISE_S)
     span = (rates.end - rates.start)[:, None]
     off = (rates.rate - increments.gyro_increments(imu).mean_rates(rates.start, rates.end) + bias) * span
@@ -167,11 +174,11 @@ def _angles(q: NDArray[np.float64]) -> Angles:
 
 
 def read_attitude(path: Path, log: FlightLog, imu: Imu, asked: Mapping[str, float | str]) -> Estimate:
-    """Return the attitude of a file as an estimate on the log's clock, body FRD to earth NED.
+    """Return the attitude of a file as an estimate, FRD to NED on the log's clock.
 
-    ``asked``: offset, frame and angles (:mod:`attlog.estimators.registry`). ``quality`` holds clock and frame, and how
-    well gyro and gravity agree. LogUnreadable for a file that cannot be opened; UsageError for one without attitudes,
-    that does not overlap the log or is contradicted by physics in all axes.
+    ``asked``: offset, frame and angles (:mod:`attlog.estimators.registry`). ``quality``: clock, frame, and agreement
+    with gyro and gravity. LogUnreadable if the file cannot be opened. UsageError if it holds no attitudes, does not
+    overlap the log, or disagrees with gyro or gravity in every convention.
     """
     file = read_trajectory(path, str(asked.get("angles", "auto")))
     found: list[tuple[clock.FileClock, axes.Frame]] = []

@@ -1,4 +1,4 @@
-"""Axes of an outside attitude: its body's by the gyro, its vertical by gravity, its north by motion."""
+"""Axes of an external attitude: body axes from the gyro, vertical from gravity, north from GNSS velocity."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ Array = NDArray[np.float64]
 
 G = 9.80665
 BLOCKS, MIN_BLOCKS = 10, 4  # of the jackknife
-# Blocks of the mean force: gravity, bias and change of velocity.
+# Length of a block over which force, attitude and acceleration are averaged.
 BLOCK_S = 2.0
-# One sigma of an accelerometer's bias beforehand.
+# Prior sigma of the accelerometer's bias.
 BIAS_M_S2 = np.array([0.15, 0.15, 0.3])
-# Velocities that show north: speed, correlation of both, number of them.
+# Least speed, correlation and number of velocities from which north is estimated.
 MIN_SPEED_M_S, MIN_CORRELATION, MIN_SPEEDS = 1.0, 0.9, 20
-# Delays of a receiver's velocity that are tried; on a curve a delay would turn north.
+# Delays tried for a receiver's velocity: in a turn an unmodelled delay rotates north.
 DELAYS_S = np.arange(-0.1, 0.41, 0.02)
 DOWN = np.array([0.0, 0.0, 1.0])
-# A difference of fewer sigmas is none.
+# A difference below this many sigmas is insignificant.
 SIGNIFICANT_SIGMAS = 3.0
-# Turns to FRD of the usual body axes: forward-right-down and forward-left-up.
+# Rotations to FRD from the usual body axes: forward-right-down and forward-left-up.
 USUAL_BODIES = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
 class Vertical:
-    """Down (3,) in the world of an attitude, its one sigma in rad, and the size of gravity found in m/s^2."""
+    """Direction of down (3,) in an attitude's world, its sigma in rad, and the fitted gravity in m/s^2."""
 
     down: Array
     sigma: float
@@ -49,17 +49,18 @@ class Vertical:
 
 @dataclass(frozen=True, slots=True)
 class North:
-    """The heading in rad that turns the levelled world north, and its one sigma."""
+    """Rotation in rad about down from a levelled world to north, and its sigma."""
 
     heading: float
     sigma: float
 
 
 def fit_vertical(imu: Imu, t: Array, q: Array, velocity: Array | None) -> Vertical | None:
-    """Return down in the world of attitudes ``q`` (n, 4), body FRD to that world, at ``t`` (n,) s on the log's clock.
+    """Fit the direction of down in the world of an attitude to the accelerometer.
 
-    Least squares over blocks: force in body = -R^T g + bias + R^T a, with the acceleration a from ``velocity`` (n, 3)
-    in that world. The sigma is the larger of covariance and jackknife. None where few blocks are covered.
+    ``q`` (n, 4) turns body FRD to that world, at ``t`` (n,) s on the log's clock. Least squares over blocks: force in
+    body = -R^T g + bias + R^T a, with the acceleration a from ``velocity`` (n, 3) in that world. The sigma is the
+    larger of covariance and jackknife. None for fewer than MIN_BLOCKS blocks.
     """
     at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
     turned, _ = rotation.slerp_in_segments(t, q, model.number_segments(t), at)
@@ -92,7 +93,10 @@ def fit_vertical(imu: Imu, t: Array, q: Array, velocity: Array | None) -> Vertic
 
 
 def _fit_down(mean_turn: Array, y: Array) -> Vertical | None:
-    """Solve y (k, 3) = -g + mean_turn (k, 3, 3) b with b near zero and Huber weights."""
+    """Solve y (k, 3) = -g + mean_turn (k, 3, 3) b for g and b, by reweighted least squares.
+
+    The bias b has a zero-mean prior of BIAS_M_S2. None if g is below half of standard gravity.
+    """
     k = len(y)
     rows = np.concatenate([np.broadcast_to(-np.eye(3), (k, 3, 3)), mean_turn], axis=2)
     weight, prior = np.ones(k), np.diag(np.concatenate([np.zeros(3), BIAS_M_S2**-2.0]))
@@ -114,7 +118,7 @@ def _fit_down(mean_turn: Array, y: Array) -> Vertical | None:
 
 
 def snap_to_usual(turn: Array, sigma: Array) -> Array:
-    """Return the usual body axes where a turn (4,) to FRD differs by less than its ``sigma`` (3,) rad allows."""
+    """Round a rotation (4,) to FRD to the nearest of USUAL_BODIES within its uncertainty ``sigma`` (3,) rad."""
     for named in np.array(USUAL_BODIES):
         apart = rotation.to_rotvec(rotation.earth_error(turn, named))
         if np.all(np.abs(apart) <= SIGNIFICANT_SIGMAS * sigma):
@@ -123,10 +127,11 @@ def snap_to_usual(turn: Array, sigma: Array) -> Array:
 
 
 def level_world(down: Array, within: float = 0.0) -> Array:
-    """Return the rotation (4,) of least angle that makes ``down`` (3,) the third axis of the world.
+    """Return the rotation (4,) that makes ``down`` (3,) the third axis of the world.
 
-    The axis nearest to the vertical is turned there first; east-north-up becomes north-east-down. A world that is
-    level within ``within`` rad stays as it is: an accelerometer's bias would only tilt it.
+    The axis nearest to the vertical is first mapped to down by a signed permutation (east-north-up to
+    north-east-down), then the remaining tilt is removed. A remaining tilt up to ``within`` rad is kept, because it may
+    be the accelerometer's bias.
     """
     nearest = np.zeros(3)
     axis = int(np.argmax(np.abs(down)))
@@ -148,9 +153,9 @@ def level_world(down: Array, within: float = 0.0) -> Array:
 
 
 def north_by_gnss(log: FlightLog, t: Array, velocity: Array) -> North | None:
-    """Return the heading that turns velocities (n, 3) of a levelled trajectory onto those of GNSS.
+    """Fit the heading rotation from a levelled trajectory's velocities (n, 3) to GNSS.
 
-    None where it hardly moves or the two disagree.
+    None if too few velocities exceed MIN_SPEED_M_S or their correlation is below MIN_CORRELATION.
     """
     for gnss in log.gnss:
         good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned[:, :2])
@@ -166,7 +171,10 @@ def north_by_gnss(log: FlightLog, t: Array, velocity: Array) -> North | None:
 
 
 def _velocity_products(t: Array, velocity: Array, at: Array, seen: Array) -> tuple[float, NDArray[np.complex128]]:
-    """Return the correlation of velocities (n, 3) at ``t`` with ``seen`` (m, 3), and their complex products (k,)."""
+    """Return the correlation of horizontal velocities, and their complex products (k,).
+
+    ``velocity`` (n, 3) at ``t`` is interpolated to ``seen`` (m, 3) at ``at``. The angle of a product is the heading.
+    """
     inside = (at > t[0]) & (at < t[-1])
     a = np.column_stack([np.interp(at[inside], t, v) for v in velocity.T[:2]]) @ [1.0, 1j]
     b = seen[inside, :2] @ [1.0, 1j]
@@ -179,7 +187,10 @@ def _velocity_products(t: Array, velocity: Array, at: Array, seen: Array) -> tup
 
 
 def gnss_velocity(log: FlightLog, t: Array) -> Array | None:
-    """Return GNSS velocities (n, 3) m/s NED at times (n,) s, NaN beyond the fixes; None without a receiver."""
+    """Interpolate GNSS velocities (n, 3) m/s NED to times (n,) s.
+
+    NaN before the first and after the last 3D fix; None without a receiver of enough fixes.
+    """
     for gnss in log.gnss:
         at, v = model.select_rising(np.where(gnss.fix >= 3, gnss.t, np.nan), gnss.vel_ned)
         if len(at) > MIN_SPEEDS:
@@ -188,7 +199,7 @@ def gnss_velocity(log: FlightLog, t: Array) -> Array | None:
 
 
 def velocity_from_position(t: Array, position: Array | None) -> Array | None:
-    """Return velocities (n, 3) of positions (n, 3) over 0.2 s; None where they are missing or constant."""
+    """Return velocities (n, 3) by central differences over 0.2 s; None for missing or constant positions."""
     if position is None or not np.isfinite(position).all() or len(t) < 3 or not np.ptp(position, axis=0).any():
         return None
     half = 0.1
@@ -199,7 +210,7 @@ def velocity_from_position(t: Array, position: Array | None) -> Array | None:
 
 @dataclass(frozen=True, slots=True)
 class WorldFit:
-    """The turn (4,) from a trajectory's world to NED, its sigmas in rad, and the origin of its north."""
+    """Rotation (4,) from a trajectory's world to NED, its sigmas in rad, and the origin of its north."""
 
     turn: Array
     sigma_tilt: float
@@ -210,7 +221,10 @@ class WorldFit:
 def fit_world(
     log: FlightLog, imu: Imu, t: Array, q: Array, trajectory: Trajectory, inside: NDArray[np.bool_], keeps_north: bool
 ) -> WorldFit:
-    """Fit how the world of attitudes ``q`` (n, 4), FRD to that world, lies in NED."""
+    """Fit the rotation to NED from the world of attitudes ``q`` (n, 4), FRD to that world.
+
+    ``keeps_north``: north is taken from the file. UsageError if the vertical cannot be fitted.
+    """
     if trajectory.known_axes:
         return WorldFit(np.array([1.0, 0.0, 0.0, 0.0]), 0.0, 0.0, "file")
     velocity = None if trajectory.position is None else velocity_from_position(t, trajectory.position[inside])
@@ -242,7 +256,10 @@ def _about_down(angle: float) -> Array:
 
 
 def _onto_onboard(log: FlightLog, t: Array, q: Array) -> float:
-    """Return the mean heading in rad from a levelled attitude to the onboard one, so that figures overlap."""
+    """Return the mean heading difference in rad from a levelled attitude to the onboard attitude.
+
+    It replaces an unknown north, so that curves overlap in figures; 0 without an onboard attitude.
+    """
     onboard = log.onboard_attitude
     if onboard is None:
         return 0.0
@@ -254,28 +271,28 @@ def _onto_onboard(log: FlightLog, t: Array, q: Array) -> float:
     return float(np.angle(np.mean(np.exp(1j * off))))
 
 
-# Conventions of an attitude from a file: the one in which it turns as the gyro and the mean force points up.
+# Convention of an attitude file: selected by agreement of its rates with the gyro and of the mean force with up.
 
 NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
-# Half turns that lead from these axes to north-east-down and to forward-right-down.
+# Rotations from these axes to north-east-down and to forward-right-down.
 EARTH = {"ned": NO_TURN, "enu": rotation.ENU}
 BODY = {"frd": NO_TURN, "flu": rotation.FLU}
 INTERVAL_S, MAX_INTERVAL_S, MAX_RATE_INTERVALS = 0.1, 0.5, 20_000  # of a rate; most that are compared
-# Share of the rate by which attitude and gyro may differ. Fast turns count first: in slow ones a filter's correction
-# is not small.
+# Largest relative difference of the attitude's and the gyro's rates. The fastest turns are compared if there are
+# enough: in slow turns the corrections of a filter are not small against the rate.
 MAX_RATE_DIFFERENCE, MOVING_DPS, MIN_MOVING = 0.5, (20.0, 8.0, 3.0), 10
-# Angle of the mean force to the vertical: acceleration averages out over a flight.
+# Largest angle of the mean force to the vertical: acceleration averages out over a flight.
 MAX_FORCE_TILT_DEG = 20.0
-# Ratio of rate differences from which the second best convention is excluded.
+# Ratio of rate differences to the best convention from which another one is excluded.
 MIN_RIVAL_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One convention of a file: its name, and attitudes (n, 4) as body FRD to earth NED.
+    """Attitudes (n, 4), FRD to NED, of a file read in one convention.
 
-    ``rate_difference`` is that from the gyro's rates over their size, ``force_tilt_deg`` the angle of the mean force to
-    the vertical; None where unknown.
+    ``rate_difference``: rms difference from the gyro's rates over their rms. ``force_tilt_deg``: angle of the mean
+    force to the vertical. None where unknown.
     """
 
     name: str
@@ -285,7 +302,7 @@ class Frame:
 
     @property
     def quality(self) -> dict[str, float | str]:
-        """What gyro and gravity say of it, for people."""
+        """Agreement with gyro and gravity, rounded for display."""
         found: dict[str, float | str] = {}
         if self.rate_difference is not None:
             found["gyro_disagreement_pct"] = round(100.0 * self.rate_difference, 2)
@@ -295,7 +312,7 @@ class Frame:
 
 
 def possible_frames(readings: dict[str, Array], asked: str = "auto") -> list[Frame]:
-    """Return all conventions of attitudes (n, 4) by reading, or the one that was asked for (``ned-frd``)."""
+    """Return the attitudes of each reading in all conventions, or only in ``asked`` (``ned-frd``)."""
     found = []
     for reading, q in readings.items():
         for earth, turn in EARTH.items():
@@ -308,7 +325,10 @@ def possible_frames(readings: dict[str, Array], asked: str = "auto") -> list[Fra
 
 
 def choose_frame(path: Path, t: Array, frames: Sequence[Frame], imu: Imu) -> Frame:
-    """Return the convention that gyro and gravity support. UsageError where none is, or two that differ are."""
+    """Return the convention that agrees with gyro and gravity.
+
+    UsageError if none agrees, or if two with different attitudes agree about equally well.
+    """
     seen = [
         replace(f, rate_difference=_rate_difference(t, f.q, imu), force_tilt_deg=_force_tilt_deg(t, f.q, imu))
         for f in frames
@@ -344,7 +364,7 @@ def _same_attitude(a: Array, b: Array) -> bool:
 
 
 def _reason_refused(seen: list[Frame]) -> str:
-    """Return what was tried and how far off it was."""
+    """Return the disagreement of the best three conventions as a sentence."""
     if all(f.rate_difference is None for f in seen):
         return "the vehicle turns too little to tell its axes by the gyro; say them as frame=ned-frd or frame=enu-flu"
     nearest = sorted(seen, key=lambda f: _difference(f) + ((f.force_tilt_deg or 0.0) > MAX_FORCE_TILT_DEG))[:3]
@@ -360,7 +380,7 @@ def _reason_refused(seen: list[Frame]) -> str:
 
 
 def _rate_difference(t: Array, q: Array, imu: Imu) -> float | None:
-    """Return how far the attitude's rates are from the gyro's, over their size; None where the vehicle hardly turns."""
+    """Return the rms difference of the attitude's and gyro's rates over the rms rate; None without turns."""
     if len(t) < 2:
         return None
     step = max(1, round(INTERVAL_S / max(float(np.median(np.diff(t))), 1e-4)))

@@ -1,7 +1,7 @@
-"""Clock of an outside attitude: the offset at which it turns as the gyro, or one that the log knows.
+"""Clock offset and drift of an external attitude, by its rates against the gyro or by the log's known clocks.
 
-The size of the rate is the same in all axes, so its correlation gives the offset first. The rates themselves then give
-offset, drift and the turn between the two bodies (Kabsch, Gauss-Newton, jackknife).
+The norm of the rate does not depend on body axes, so its cross-correlation gives candidate offsets. The rate vectors
+then give offset, drift and the rotation between both bodies (Kabsch, Gauss-Newton, jackknife).
 """
 
 from __future__ import annotations
@@ -22,39 +22,39 @@ from attlog.segments.increments import GyroIncrements, gyro_increments
 
 Array = NDArray[np.float64]
 
-# Shortest interval of a mean rate, in which the noise of most truths is small; intervals of one fit.
+# Interval of a mean rate, long enough for the noise of most truths; most intervals of one fit.
 SPAN_S, MAX_INTERVALS = 0.08, 6000
-# Grid of the first search; time that both must cover, also as a share of the shorter one.
+# Grid of the cross-correlation; least overlap, also as a share of the shorter record.
 GRID_S, MIN_OVERLAP_S, MIN_OVERLAP_SHARE = 0.05, 10.0, 0.3
-# Offsets that are refined, and their least distance.
+# Most candidate offsets that are refined, and their least distance.
 MAX_PEAKS, MIN_PEAK_DISTANCE_S = 6, 0.5
-# Steps around the best offset, three to each side, before the parabola.
+# Steps of the grid search around an offset, three to each side, before a parabola is fitted.
 STEPS_S = (0.05, 0.02, 0.006, 0.002)
-# Intervals of the search for an offset.
+# Most intervals of the search for an offset.
 COARSE_INTERVALS = 1200
-# Half lengths of the record that are fitted in turn, Gauss-Newton steps each, and half the time of the gyro's change.
+# Half lengths of the record fitted in turn, Gauss-Newton steps of each, and half step of the gyro's time derivative.
 LENGTHS_S, ROUNDS, NEAR_S = (300.0, 900.0, 2700.0), 3, 0.004
 JACKKNIFE = 10  # tenths of the record
-# Correlation of the rates of one flight, and the ratio of misfits within which two offsets fit equally well.
+# Least correlation of rates of the same flight; ratio of misfits above which two offsets fit equally well.
 MIN_CORRELATION, MIN_RIVAL_MISFIT = 0.9, 0.93
-# Intervals that are tried in turn: over the longer one a noisy truth still shows a slow flight.
+# Intervals of mean rates, tried in turn: the longer one suits a noisy truth of a slow flight; fewest intervals.
 SPANS_S, MIN_RATES = (SPAN_S, 0.3), 30
-# Interval over which rates of one flight correlate even under a noisy truth.
+# Interval over which rates of the same flight correlate even with a noisy truth.
 LONG_S = 1.6
-MAX_TURN_SIGMA_DEG = 4.0  # less certain axes are refused
-# Misfit of an unusual reading as a share of the usual one's, below which it is taken.
+MAX_TURN_SIGMA_DEG = 4.0  # mountings with a larger uncertainty are refused
+# An unusual reading is taken if its misfit is below this share of the first reading's.
 MAX_READING_MISFIT = 0.9
-# Distance of the clock from a given offset, and of a topic's clock from the log's.
+# Search range around a given offset, and around zero for a topic of the log.
 AROUND_S, SAME_CLOCK_S = 0.5, 1.0
-# Sigmas and size (s/s) from which a drift is removed, and seconds in which the vehicle turned.
+# A drift below this many sigmas or this size (s/s), or with fewer seconds of turning, is set to zero.
 DRIFT_SIGMAS, LEAST_DRIFT, LEAST_SPREAD = 4.0, 1e-6, 10.0
-# Medians beyond which a misfit is an outlier, and their largest share: motion in a quiet record is none.
+# Outliers exceed this many times the root median square, and are at most this share: motion in a quiet record stays.
 OUTLIERS, FEW_OUTLIERS = 6.0, 0.005
 
 
 @dataclass(frozen=True, slots=True)
 class RateFit:
-    """Fit of rates: gyro = turn x truth + bias, with ``turn`` (3, 3) from the truth's body to the IMU's.
+    """Fit of rates: gyro = turn truth + bias, with ``turn`` (3, 3) from the truth's body to the IMU's.
 
     ``misfit`` is the mean square of the residuals, (rad/s)^2.
     """
@@ -67,14 +67,17 @@ class RateFit:
 
 
 def attitude_rates(t: Array, q: Array, span_s: float = SPAN_S) -> BodyRates:
-    """Return body rates of attitudes (n, 4), body to earth, at rising ``t`` (n,) s over at least ``span_s``."""
+    """Return mean body rates over at least ``span_s`` of attitudes (n, 4), body to earth, at rising ``t`` (n,) s."""
     step = 1.0 / max(model.sample_rate(t), 1e-9)
     segment = model.number_segments(t, timestamps.gap_limit_of_times(t))
     return body_rates(t, q, segment, max(1, int(np.ceil(span_s / step - 1e-6))))
 
 
 def fit_turn(truth: BodyRates, gyro: GyroIncrements, late: float = 0.0) -> RateFit | None:
-    """Fit the turn between the bodies and the gyro's bias (Kabsch) with ``late`` s added to the truth's times."""
+    """Fit the rotation between both bodies and the gyro's bias (Kabsch).
+
+    ``late`` s are added to the truth's times. None for fewer than 30 common intervals.
+    """
     seen = gyro.mean_rates(truth.start + late, truth.end + late)
     known = rotation.finite_rows(seen)
     if np.count_nonzero(known) < 30:
@@ -94,7 +97,7 @@ def fit_turn(truth: BodyRates, gyro: GyroIncrements, late: float = 0.0) -> RateF
 
 
 def _inliers(square: Array) -> NDArray[np.bool_]:
-    """Return the mask (n,) of squared misfits that are no outliers."""
+    """Select the squared misfits (n,) within the outlier limit."""
     beyond = max(OUTLIERS**2 * float(np.median(square)), float(np.quantile(square, 1.0 - FEW_OUTLIERS)), 1e-12)
     return np.asarray(square <= beyond)
 
@@ -107,7 +110,11 @@ def _kabsch(own: Array, seen: Array) -> tuple[Array, Array]:
 
 
 def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | None, within: float) -> list[float]:
-    """Return offsets in s by the size of the rates, best first; ``within`` s of ``around`` where that is given."""
+    """Return candidate offsets in s, best first.
+
+    Peaks of the cross-correlation of the rates' norms; with ``around`` only the best offset within ``within`` s of it,
+    by the correlation of the rate vectors.
+    """
     if around is not None:
         lags = around + np.arange(-within, within + 1e-9, GRID_S)
         found = [
@@ -134,7 +141,7 @@ def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | Non
 
 
 def _sizes(truth: BodyRates, grid: float) -> tuple[float, Array]:
-    """Return the begin of a grid and the size of the rates on it, NaN where there is none."""
+    """Average the norm of the rates on a grid; return its begin and values, NaN in empty cells."""
     middle = 0.5 * (truth.start + truth.end)
     begin = float(middle[0]) - 0.5 * grid
     place = ((middle - begin) / grid).astype(np.int64)
@@ -145,7 +152,10 @@ def _sizes(truth: BodyRates, grid: float) -> tuple[float, Array]:
 
 
 def _correlation(a: Array, b: Array, grid: float) -> Array:
-    """Return Pearson's r of two series with gaps (NaN) at each lag; lag 0 is at len(a) - 1, NaN with little overlap."""
+    """Return Pearson's r of two series with gaps (NaN) at each lag.
+
+    Lag 0 is at len(a) - 1. NaN for lags with little overlap.
+    """
     n = 1 << int(np.ceil(np.log2(len(a) + len(b))))
 
     def lagged(x: Array, y: Array) -> Array:
@@ -171,7 +181,7 @@ def refine_offset(
     most: int = COARSE_INTERVALS,
     steps: tuple[float, ...] = STEPS_S,
 ) -> tuple[float, RateFit] | None:
-    """Return the offset near one to a fraction of a ms, and the fit there."""
+    """Refine an offset by grid search and a parabola; return it with its fit."""
     few = truth.at_most(most)
     for step in steps:
         around = offset + step * np.arange(-3, 4)
@@ -190,7 +200,10 @@ def refine_offset(
 
 @dataclass(frozen=True, slots=True)
 class TruthClock:
-    """Offset (s), drift (s/s) and turn between the bodies, with jackknife sigmas (rad about IMU axes for the turn)."""
+    """Offset (s), drift (s/s) and rotation between both bodies, with jackknife sigmas.
+
+    ``turn`` (3, 3) leads from the truth's body to the IMU's; ``turn_sigma`` (3,) rad is about IMU axes.
+    """
 
     offset: float
     drift: float
@@ -203,9 +216,9 @@ class TruthClock:
 def fit_clock(
     truth: BodyRates, gyro: GyroIncrements, offset: float, middle: float, start: RateFit
 ) -> TruthClock | None:
-    """Fit the offset at ``middle``, drift and turn at once, from the middle of the record outwards.
+    """Fit offset at ``middle``, drift and rotation jointly, from the middle of the record outwards.
 
-    None where truth and gyro share too little.
+    None for fewer than 30 common intervals.
     """
     at = 0.5 * (truth.start + truth.end) - middle
     reach = float(np.max(np.abs(at)))
@@ -228,7 +241,7 @@ def fit_clock(
 
 
 def _turning_seconds(truth: BodyRates) -> float:
-    """Return the effective number of seconds with turns: a drift needs motion early and late."""
+    """Return the effective number of seconds with turns (participation ratio of the squared rates)."""
     energy = np.bincount((truth.start - truth.start[0]).astype(np.int64), np.sum(truth.rate**2, axis=1))
     return float(np.sum(energy) ** 2 / max(float(np.sum(energy**2)), 1e-30))
 
@@ -236,7 +249,7 @@ def _turning_seconds(truth: BodyRates) -> float:
 def _gauss_newton_step(
     truth: BodyRates, gyro: GyroIncrements, middle: float, now: TruthClock, with_drift: bool = True
 ) -> TruthClock | None:
-    """Make one Gauss-Newton step, with the jackknife over tenths of the record as its sigma."""
+    """Make one Gauss-Newton step; sigmas are by jackknife over tenths of the record."""
     moved = truth.shifted(now.offset, now.drift, middle)
     known = gyro.known(moved.start - NEAR_S, moved.end + NEAR_S)
     if np.count_nonzero(known) < 30:
@@ -249,7 +262,7 @@ def _gauss_newton_step(
     own = moved.rate @ now.turn.T
     off = seen - own
     off = off - np.median(off, axis=0)
-    # gyro(t + d) = turned own + bias: d x change - (turn x own) - bias = -off
+    # gyro(t + d) = rotated own + bias, linearised: d change - (turn x own) - bias = -off
     x, y, z = own.T
     columns = np.zeros((len(own), 3, 8))
     columns[:, :, 0], columns[:, :, 1] = change, change * along * with_drift
@@ -274,7 +287,7 @@ def _gauss_newton_step(
 
 @dataclass(frozen=True, slots=True)
 class ClockFit:
-    """One reading of a trajectory as ``q`` (n, 4), the offset (s) near which it fits, and its fit."""
+    """Candidate reading ``q`` (n, 4) of a trajectory, its offset in s, and the fit of rates over ``span`` s."""
 
     reading: str
     q: Array
@@ -285,7 +298,7 @@ class ClockFit:
 
 @dataclass(frozen=True, slots=True)
 class BestClock:
-    """The reading that fits, its clock about ``middle`` s, and its mean square rate ``turning`` in (rad/s)^2."""
+    """Best reading of a trajectory, its clock about ``middle`` s, and its mean square rate ``turning`` (rad/s)^2."""
 
     reading: str
     q: Array
@@ -296,9 +309,10 @@ class BestClock:
 
 
 def find_clock(trajectory: Trajectory, imu: Imu, offset: float | None, own_clock: bool) -> BestClock:
-    """Return the reading and the clock that fit best, near ``offset`` s where that is given.
+    """Return the reading and clock with the best fit to the gyro.
 
-    ``own_clock``: the times are the log's but for a delay. UsageError where no clock fits, or two do.
+    ``offset`` s: search near it only. ``own_clock``: the times are on the log's clock except for a delay. UsageError
+    if no clock fits or several do.
     """
     gyro, name = gyro_increments(imu), trajectory.name
     around = offset if offset is not None else 0.0 if own_clock else None
@@ -342,7 +356,7 @@ def find_clock(trajectory: Trajectory, imu: Imu, offset: float | None, own_clock
 
 
 def _clock_with_drift(trajectory: Trajectory, best: ClockFit, gyro: GyroIncrements) -> BestClock:
-    """Add the drift. UsageError where the turn between the bodies stays unknown."""
+    """Fit the drift. UsageError if the rotation between both bodies stays uncertain."""
     rates = attitude_rates(trajectory.t, best.q, best.span)
     shared = gyro.known(rates.start + best.offset, rates.end + best.offset)
     rates = rates.select(shared)
@@ -359,15 +373,15 @@ def _clock_with_drift(trajectory: Trajectory, best: ClockFit, gyro: GyroIncremen
     return BestClock(best.reading, best.q, timing, middle, fit_turn(moved, gyro) or best.rates, turning)
 
 
-# Clocks that a log knows, for an attitude that was computed from it.
+# Known clocks of a log, for an attitude that was computed from it.
 
-# Share of the file, or of the log, that lies within the other.
+# Least overlap as a share of the shorter of file and log.
 MIN_FILE_OVERLAP = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class FileClock:
-    """Times (n,) s of a file on the log's clock, the ``inside`` mask (n,) of those within the log, and its name."""
+    """Times (n,) s of a file on a known clock, the mask ``inside`` (n,) of those within the log, and the clock's name."""
 
     t: Array
     inside: NDArray[np.bool_]
@@ -375,7 +389,7 @@ class FileClock:
 
 
 def file_clocks(file: Trajectory, log: FlightLog, offset: float) -> list[FileClock]:
-    """Return every known clock on which a file overlaps the log. UsageError where none does."""
+    """Return the known clocks on which a file overlaps the log. UsageError without any."""
     imu = log.replay_imu
     begin, end = (0.0, log.seconds) if imu is None else (float(imu.gyro.t_best[0]), float(imu.gyro.t_best[-1]))
     found = []

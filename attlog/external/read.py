@@ -42,25 +42,24 @@ POSITIONS = (
 EULER = (("roll", "phi"), ("pitch", "theta"), ("yaw", "heading", "psi", "hdg"))
 ANGLE_UNITS = {"deg": "deg", "degree": "deg", "degrees": "deg", "rad": "rad", "radian": "rad", "radians": "rad"}
 RAD = {"deg": math.pi / 180.0, "rad": 1.0}
-# Attitudes come at 1 Hz to 5 kHz: a time without a unit has the one that gives such a rate.
+# Usual steps of an attitude's time (1 Hz to 5 kHz), from which a missing unit is inferred.
 TIME_STEP_RANGE_S = (2e-4, 1.0)
 # t x y z qx qy qz qw; EuRoC files may have more columns.
 TUM_COLUMNS = 8
-# A larger median time is in nanoseconds: as seconds it would be 30,000 years.
+# A median time above this is in nanoseconds; in seconds it would be 30,000 years.
 NANOSECONDS = 1e12
-# Fewer attitudes are no trajectory.
+# Fewest attitudes of a trajectory.
 MIN_ATTITUDES = 20
-# Stored quaternions are rounded; a row outside holds something else.
+# Limits of a quaternion's norm, wide enough for rounded values; rows outside are left out.
 NORMS = (0.5, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Attitudes at rising ``t`` (n,) s on a clock of their own, with positions (n, 3) m where there are any.
+    """Attitudes of a file at rising ``t`` (n,) s on its own clock, with positions (n, 3) m if given.
 
-    ``readings``: quaternions (n, 4), scalar first, by each way to read the numbers; most files have one, named "".
-    ``known_axes``: body is FRD and earth NED. ``left_out`` counts rows without attitude or with a time that does not
-    rise.
+    ``readings``: quaternions (n, 4), scalar first, by interpretation of the numbers; a file with one interpretation
+    names it "". ``known_axes``: body FRD and earth NED. ``left_out``: rows without attitude or rising time.
     """
 
     name: str
@@ -71,7 +70,7 @@ class Trajectory:
     left_out: int = 0
 
     def with_inverses(self) -> Trajectory:
-        """Add the rotations from earth to body, which some programs write."""
+        """Add readings of the quaternions as earth to body, as some programs write them."""
         names = {name: f"{name}, earth to body" if name else "earth to body" for name in self.readings}
         inverses = {names[name]: rotation.conjugate(q) for name, q in self.readings.items()}
         return replace(self, readings=self.readings | inverses)
@@ -80,7 +79,7 @@ class Trajectory:
 def make_trajectory(
     name: str, t: Array, readings: dict[str, Array], position: Array | None = None, known_axes: bool = False
 ) -> Trajectory:
-    """Return the usable samples in rising time. UsageError where they are too few."""
+    """Return the trajectory of the samples with rising times and valid norms. UsageError for too few."""
     t = np.asarray(t, np.float64)
     t = t * 1e-9 if len(t) and float(np.nanmedian(t)) > NANOSECONDS else t
     norm = rotation.length(next(iter(readings.values())))
@@ -97,7 +96,7 @@ def make_trajectory(
 def read_trajectory(path: Path, angles: str = "auto") -> Trajectory:
     """Return the trajectory in a text file; ``angles`` is the unit of Euler angles.
 
-    LogUnreadable if it cannot be opened, UsageError where it holds no times and attitudes.
+    LogUnreadable if the file cannot be opened, UsageError without times or attitudes.
     """
     text = read_settings_text(path, MAX_RESULT_BYTES)
     lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "%"))]
@@ -118,7 +117,7 @@ def read_trajectory(path: Path, angles: str = "auto") -> Trajectory:
 
 
 def _number_table(path: Path, lines: list[str], separator: str | None) -> Array:
-    """Return the numbers of lines (n, k) without a last line that was cut. UsageError for any other odd line."""
+    """Return the numbers of lines as (n, k), without a truncated last line. UsageError for any other invalid line."""
     rows = [line.split(separator) for line in lines]
     width = len(rows[0])
     if len(rows) > 1 and len(rows[-1]) != width:
@@ -156,7 +155,7 @@ def _with_header(path: Path, lines: list[str], angles: str) -> Trajectory:
 
 
 def _angle_units(path: Path, names: list[str], asked: str) -> list[str]:
-    """Return the unit that was asked for, else that of the columns' names, else both."""
+    """Return the candidate units of Euler angles: ``asked``, else from the columns' names, else both."""
     if asked != "auto":
         return [asked]
     units = sorted({ANGLE_UNITS[u] for name in names if (u := _unit_of(name, ANGLE_UNITS))})
@@ -166,7 +165,7 @@ def _angle_units(path: Path, names: list[str], asked: str) -> list[str]:
 
 
 def _plain_name(name: str) -> str:
-    """Return a column's name without unit, blanks, brackets and capitals: ``Quat [0]`` is quat0, ``roll_deg`` roll."""
+    """Normalise a column's name: ``Quat [0]`` becomes quat0, ``roll_deg`` roll."""
     name = re.sub(r".*[./]", "", name.strip().lower())
     name = re.sub(r"[\s_]*[\[(]\s*(deg|degrees?|rad|radians?|m?s|us|ns|sec)\s*[\])]", "", name)
     name = re.sub(r"[_ ](deg|degrees?|rad|radians?|ms|us|ns|s|sec)$", "", name)
@@ -174,7 +173,7 @@ def _plain_name(name: str) -> str:
 
 
 def _unit_of(name: str, known: Collection[str]) -> str:
-    """Return the unit at the end of a column's name, empty for none of the ``known``."""
+    """Return the unit at the end of a column's name, empty if not among the ``known``."""
     found = re.search(r"[_ \[(]([a-z]+)[\])]?$", name.strip().lower())
     word = found[1] if found else ""
     return word if word in known else "us" if name.strip().lower() == "timeus" and "us" in known else ""
@@ -212,7 +211,7 @@ def _is_number(text: str) -> bool:
 
 
 def _seconds(path: Path, name: str, values: Array) -> Array:
-    """Return times in seconds by the unit in the column's name, else by the unit that gives a usual rate."""
+    """Convert times to seconds by the unit in the column's name, else by the unit that gives a usual rate."""
     unit = _unit_of(name, UNITS_S)
     if unit:
         return values * UNITS_S[unit]

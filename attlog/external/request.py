@@ -12,17 +12,17 @@ from pathlib import Path
 from attlog.core.errors import LogUnreadable, UsageError
 
 KEYS = ("offset", "north", "topic")
-# What a trajectory's name may end with; another name with a dot in it is meant as a file too.
+# Suffixes of trajectory files; another name with a dot in it is taken for a file, too.
 SUFFIXES = (".csv", ".txt", ".tum", ".tsv")
 YES, NO = ("true", "yes", "1"), ("false", "no", "0")
 
 
 @dataclass(frozen=True, slots=True)
 class TruthRequest:
-    """A ``name`` (file, folder or topic) with its settings.
+    """Parsed value of ``--truth``: ``name`` (file, folder or topic) and settings.
 
-    ``offset`` s near which its clock lies, None for anywhere; ``north``: its earth axes point north; ``topic`` of the
-    file.
+    ``offset``: approximate clock offset in s, None if unknown. ``north``: the first earth axis of the file is true
+    north. ``topic``: pose or attitude within a log or bag.
     """
 
     name: str
@@ -32,12 +32,12 @@ class TruthRequest:
 
     @property
     def path(self) -> Path | None:
-        """The file or folder that it names, None for a topic."""
+        """The file or folder named, None for a topic."""
         return Path(self.name) if os.path.exists(self.name) else None
 
 
 def parse_truth(given: str) -> TruthRequest:
-    """Return the request of an option. UsageError for an unknown setting."""
+    """Parse a value of ``--truth``. UsageError for an unknown setting or invalid value."""
     name, keys = _split(given)
     values: dict[str, str] = {}
     for pair in filter(None, keys.split(",")):
@@ -58,14 +58,14 @@ def parse_truth(given: str) -> TruthRequest:
 
 
 def check_truth(given: str) -> None:
-    """Check an option. UsageError as above, LogUnreadable for a missing file."""
+    """Check a value of ``--truth``. UsageError as :func:`parse_truth`, LogUnreadable for a missing file."""
     found = parse_truth(given)
     if found.path is None and _meant_as_file(found.name):
         raise LogUnreadable(f"{found.name}: no such file")
 
 
 def _split(given: str) -> tuple[str, str]:
-    """Split name and settings. A name may hold colons: settings begin at the last one that a key follows."""
+    """Split name and settings at the last colon before a key; names may contain colons."""
     found = re.search(r":([a-z]+=[^:]*)$", given)
     if os.path.exists(given) or found is None:
         return given, ""
@@ -92,6 +92,6 @@ def _flag(given: str, values: dict[str, str]) -> bool:
 
 
 def _meant_as_file(name: str) -> bool:
-    """Return whether a name that is no file was meant as one: topics hold slashes, but no dots."""
+    """Return whether a name looks like a file: topics contain slashes, but no dots except ``name.N``."""
     last = re.split(r"[/\\]", name)[-1]
     return "." in last and not re.fullmatch(r"\w+\.\d+", last)

@@ -15,18 +15,18 @@ from typing import Literal, NamedTuple
 from attlog.flight.calibration import px4_slot_in_use, slot_suffix
 from attlog.flight.vehicle import version_number
 
-# Inertial data at all, inertial data faster than now, the attitude that flew, a magnetometer, time before arming.
+# Missing data: any inertial data, faster inertial data, onboard attitude, magnetometer, rest before arming.
 LoggingNeed = Literal["imu", "fast_imu", "attitude", "mag", "rest"]
 ADVISED_REST_S = 30
 
 
 def bit_mask(value: float | None) -> int | None:
-    """Return a parameter's value as a bit mask (two's complement if negative), None where it is unknown."""
+    """Return a parameter's value as a bit mask (two's complement if negative), None if unknown or beyond 2^53."""
     return None if value is None or not abs(value) < 2**53 else int(value)
 
 
 def advise_rest(why: str = "", setting: str = "") -> str:
-    """Return the advice to rest: after a missing ``setting``, or because (``why``) none is missing."""
+    """Return the advice to stand still before take-off, behind a ``setting`` to make or a reason ``why``."""
     how = f"let the vehicle stand still with motors off for {ADVISED_REST_S} s"
     if setting:
         return f"{setting} and {how}."
@@ -38,9 +38,9 @@ def advise_rest(why: str = "", setting: str = "") -> str:
 
 @dataclass(frozen=True, slots=True)
 class VehicleSettings:
-    """Settings of the vehicle that wrote a log: its firmware's kind and version, family, and parameters at boot.
+    """Firmware kind, version and family of a vehicle, and its parameters at boot.
 
-    ``name``: the program of an ``other`` log, the suffix of the vehicle's own log for ``telemetry``.
+    ``name``: writing program if the kind is ``other``; suffix of the onboard log if it is ``telemetry``.
     """
 
     kind: Literal["PX4", "ArduPilot", "telemetry", "bag", "other", "unknown"] = "unknown"
@@ -73,10 +73,10 @@ FIXED_ADVICE: dict[str, dict[LoggingNeed, str]] = {
 
 
 def logging_advice(settings: VehicleSettings, need: LoggingNeed, rate: float | None = None) -> str:
-    """Return a sentence on the setting that would log ``need``, empty for none.
+    """Return a sentence on the setting that would log ``need``, empty if unknown.
 
-    ``rate``: of the logged records in Hz, None without any. Names no setting that is already made or that this version
-    does not have.
+    ``rate``: of the logged records in Hz, None without records. Settings that are already made, or that this firmware
+    version lacks, are not advised.
     """
     if settings.kind == "PX4":
         return _px4_advice(settings, need, rate)
@@ -85,7 +85,7 @@ def logging_advice(settings: VehicleSettings, need: LoggingNeed, rate: float | N
     return FIXED_ADVICE.get(settings.kind, {}).get(need, "").format(name=settings.name)
 
 
-# SDLOG_PROFILE is a bit mask since this version, and its bit 0 logs ``sensor_combined`` at full rate since that one.
+# SDLOG_PROFILE is a bit mask since the first version; its bit 0 logs ``sensor_combined`` at full rate since the second.
 PX4_PROFILE_VERSION, PX4_FULL_RATE_VERSION = (1, 8), (1, 12)
 # Bit of SDLOG_PROFILE that logs the gyro FIFO.
 GYRO_FIFO = 8
@@ -150,7 +150,7 @@ LOG_WHEN_DISARMED_BIT, WHEN_DISARMED_VERSIONS = 16, ((3, 2), (3, 3))
 WIDE_MASK_VERSION, LOG_DISARMED_VERSION = (3, 2), (3, 4)
 # Families that log ``imu`` in a task of its own, and its rate.
 SLOW_IMU_FAMILIES, SLOW_IMU_HZ = ("copter", "sub", "blimp"), 25.0
-# A rate between these shares of a limit is made by the limit, which takes every k-th record of its source.
+# A logged rate between these shares of a rate limit is attributed to the limit, which keeps every k-th record.
 LIMITED_RATE_SHARE = (0.6, 1.3)
 # Rate limits with their bit of LOG_BACKEND_TYPE, 0 for any.
 RATE_LIMITS = (("LOG_FILE_RATEMAX", 1), ("LOG_MAV_RATEMAX", 2), ("LOG_BLK_RATEMAX", 4), ("LOG_DARM_RATEMAX", 0))
@@ -181,7 +181,7 @@ def _ardupilot_advice(settings: VehicleSettings, need: LoggingNeed, rate: float 
 
 
 def _ardupilot_imu(settings: VehicleSettings, bits: LogBits, rate: float | None) -> str:
-    """Advise on inertial data at all (``rate`` None), or on faster ones."""
+    """Advise on logging inertial data: any (``rate`` None), or faster than ``rate``."""
     modern = version_number(settings.version) >= LOG_DISARMED_VERSION
     if "LOG_BITMASK" in settings.values:
         modern = "LOG_DISARMED" in settings.values
@@ -206,7 +206,7 @@ def _ardupilot_imu(settings: VehicleSettings, bits: LogBits, rate: float | None)
 
 
 def _is_set(settings: VehicleSettings, bit: int) -> bool:
-    """Return whether LOG_BITMASK holds a bit, False where that is unknown."""
+    """Return whether a bit of LOG_BITMASK is set, False if unknown."""
     mask = bit_mask(settings.values.get("LOG_BITMASK"))
     if mask is None or (bit >= 16 and (0, 0) < version_number(settings.version) < WIDE_MASK_VERSION):
         return False
@@ -214,7 +214,7 @@ def _is_set(settings: VehicleSettings, bit: int) -> bool:
 
 
 def _rate_limits(values: Mapping[str, float], rate: float | None) -> str:
-    """Name the limits that hold records at this rate, empty where none does."""
+    """Return the advice on the rate limits that explain this rate, empty if none does."""
     backends = bit_mask(values.get("LOG_BACKEND_TYPE"))
     active = [(n, v) for n, bit in RATE_LIMITS if (not bit or backends is None or backends & bit)
               and (v := values.get(n, 0.0)) > 0]  # fmt: skip
@@ -242,7 +242,7 @@ def _ardupilot_rest(settings: VehicleSettings) -> str:
 
 
 def _already_set(setting: str, rate: float | None, records: str) -> str:
-    """Return the sentence for a setting that is made while records are missing or slow all the same."""
+    """Return the sentence for records that are missing or slow although the setting is made."""
     if rate is None:
         return f"{setting} set already, yet the log holds no {records}: the reason is not among its logging settings."
     return f"{setting} set already and no limit is near: the vehicle logs no faster than {rate:.1f} Hz."
@@ -272,9 +272,10 @@ GENERAL_REMEDIES: Mapping[str, str] = {
 
 
 class FirmwareRemedy(NamedTuple):
-    """A remedy by a parameter of the log, ``{p}`` with its value ``{v}``; only for the value ``only``, if given.
+    """Remedy text that names a logged parameter ``{p}`` and its value ``{v}``.
 
-    A ``text`` that begins with a blank continues the general remedy. An empty one removes it.
+    ``only``: the value of the parameter for which the remedy applies. A ``text`` that begins with a blank is appended
+    to the general remedy; an empty one removes it.
     """
 
     fault: str
@@ -283,7 +284,7 @@ class FirmwareRemedy(NamedTuple):
     only: float | None = None
 
 
-# ``{slot}`` is the slot of the compass in use in parameter names.
+# ``{slot}`` in a parameter's name is the slot of the compass in use.
 FIRMWARE_REMEDIES: dict[str, tuple[FirmwareRemedy, ...]] = {
     "ArduPilot": (
         FirmwareRemedy("gyro_bias", "INS_GYR_CAL", "Set {p} to 1 and keep the vehicle still as it starts.", 0.0),
@@ -313,9 +314,9 @@ FIRMWARE_REMEDIES: dict[str, tuple[FirmwareRemedy, ...]] = {
 
 
 def remedy(settings: VehicleSettings, fault: str, compass: int, device: str | None) -> str:
-    """Return what to do about a fault, empty where nothing helps; only parameters of the log are named.
+    """Return the remedy for a fault, empty if none is known.
 
-    ``compass``, ``device``: index and device id of the compass in use.
+    Only logged parameters are named. ``compass``, ``device``: index and device id of the compass in use.
     """
     text, values = GENERAL_REMEDIES.get(fault, ""), settings.values
     slot: object = slot_suffix(compass + 1) if settings.kind == "ArduPilot" else px4_slot_in_use(values, device)

@@ -1,4 +1,4 @@
-"""Parameters of the onboard estimator's aids: delays, noise, gates, and what it asks of GNSS."""
+"""Parameters of the onboard estimator's aids: delays, noise, gates, and requirements on GNSS."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from attlog.flight.model import FlightLog, Gnss
 # --- delays ------------------------------------------------------------------------------------------------------
 #
 # PX4 subtracts EKF2_GPS_DELAY from the record's stamp, since 2026 SENS_GPSn_DELAY (VehicleGPSPosition). ArduPilot's EKF
-# subtracts ``AP_GPS::get_lag`` from GPA.SMS: GPS_DELAY_MS, or where that is 0 the driver's own number, of u-blox by
-# hardware (AP_GPS_UBLOX.cpp). EKF2 of Copter 3.4 has EK2_GPS_DELAY instead. The delay of a compass is 60 ms there, a
-# constant (``magDelay_ms``); PX4 has EKF2_MAG_DELAY.
+# subtracts ``AP_GPS::get_lag`` from GPA.SMS: GPS_DELAY_MS, or if it is 0 the driver's default, which for u-blox depends
+# on the hardware (AP_GPS_UBLOX.cpp). EKF2 of Copter 3.4 has EK2_GPS_DELAY instead. A compass is delayed by the constant
+# ``magDelay_ms`` (60 ms) in ArduPilot, and by EKF2_MAG_DELAY in PX4.
 
-# By the upper half of the hardware number of ``u-blox 1 HW: 00080000``: 5 and 6, 7, M8, F9, M10.
+# Default delay by the upper half of the hardware number (``u-blox 1 HW: 00080000``): u-blox 5 and 6, 7, M8, F9, M10.
 UBLOX_DELAY_MS = {0x0004: 220.0, 0x0007: 120.0, 0x0008: 120.0, 0x0019: 120.0, 0x000A: 120.0}
-# What the drivers of all receivers take for their own delay lies between these (AP_GPS, ``get_lag``).
+# Range of the default delays of all drivers (AP_GPS, ``get_lag``).
 DRIVER_DELAY_MS = (50.0, 220.0)
 
 
 @dataclass(frozen=True, slots=True)
 class DelayParameter:
-    """A delay parameter: ``name`` was ``old`` ms, which the estimator took for ``low`` to ``high`` ms.
+    """Delay parameter ``name`` of an aid, with its logged value ``old`` in ms.
 
-    ``most`` ms: end of its documented range. ``words``: how the delay was set.
+    ``low`` to ``high`` ms: delay that the estimator applied. ``most`` ms: documented maximum. ``words``: how the delay
+    was set.
     """
 
     name: str
@@ -38,7 +39,7 @@ class DelayParameter:
 
 
 def gnss_delay_parameter(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter | str:
-    """Return the delay parameter of a receiver at ``t`` s, or a sentence why it is unknown."""
+    """Return the delay parameter of a receiver at ``t`` s, or the reason why it is unknown."""
     if log.firmware.name == "PX4":
         return _px4_delay(log, receiver, t)
     if log.firmware.name == "ArduPilot":
@@ -93,7 +94,7 @@ def _ardupilot_delay(log: FlightLog, receiver: Gnss, t: float) -> DelayParameter
 
 
 def _by_hardware(log: FlightLog, slot: int) -> float | None:
-    """Return the driver's delay in ms of a u-blox receiver, None where no text names its hardware."""
+    """Return the driver's default delay in ms of a u-blox receiver, None if its hardware is unknown."""
     for _, _, text in log.texts:
         found = re.match(rf"u-blox {slot} HW: ([0-9A-F]{{4}})([0-9A-F]{{4}})", text)
         if found:
@@ -101,12 +102,15 @@ def _by_hardware(log: FlightLog, slot: int) -> float | None:
     return None
 
 
-# ArduPilot's constant.
+# Compass delay of ArduPilot's EKF (``magDelay_ms``).
 COMPASS_MS = 60.0
 
 
 def of_compass(log: FlightLog, t: float) -> DelayParameter | str:
-    """Return the delay parameter of a compass at ``t`` s; ``most`` is 0 where no parameter sets the delay."""
+    """Return the delay parameter of a compass at ``t`` s, or the reason why it is unknown.
+
+    ``most`` is 0 for ArduPilot, where no parameter sets the delay.
+    """
     if log.firmware.name == "ArduPilot":
         return DelayParameter("", COMPASS_MS, 0.0, COMPASS_MS, 0.0, f"the EKF takes {COMPASS_MS:.0f} ms")
     old = _known(log, "EKF2_MAG_DELAY", t)
@@ -116,26 +120,26 @@ def of_compass(log: FlightLog, t: float) -> DelayParameter | str:
 
 
 def buffer(log: FlightLog, t: float) -> DelayParameter | None:
-    """Return how long PX4's estimator keeps its past (since 1.14), None if not logged: no aid may be later."""
+    """Return EKF2_DELAY_MAX (PX4 since 1.14), the largest delay of any aid; None if not logged."""
     old = _known(log, "EKF2_DELAY_MAX", t)
     return None if old is None else DelayParameter("EKF2_DELAY_MAX", old, old, old, 1000.0, "")
 
 
 # --- noise and gates ---------------------------------------------------------------------------------------------
 
-# Parts of the names of an aid's noise and gate.
+# Parts of the names of an aid's noise and gate parameters.
 PX4_AIDS = {"compass": "MAG", "velocity": "GPS_V", "position": "GPS_P", "height": "BARO"}
 ARDUPILOT_AIDS = {
     aid: (noise, gate)
     for aid, noise, gate in zip(PX4_AIDS, ("MAG", "VELNE", "POSNE", "ALT"), ("MAG", "VEL", "POS", "HGT"), strict=True)
 }
-# Number of the EKF by the family of its records.
+# Number of the EKF in parameter names, by the prefix of its records.
 EKF_NUMBERS = {"NK": 2, "XK": 3}
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseParameter:
-    """A noise parameter: ``name`` was ``old``, documented from ``low`` to ``high``; ``gate`` in standard deviations."""
+    """Noise parameter ``name`` of an aid: logged value ``old``, documented range, and ``gate`` in standard deviations."""
 
     name: str
     old: float
@@ -145,7 +149,10 @@ class NoiseParameter:
 
 
 def noise_parameter(log: FlightLog, aid: str, source: str) -> NoiseParameter | None:
-    """Return the noise of an aid by the source of its test ratio, None where noise or gate are not logged."""
+    """Return the noise parameter of an aid, None if noise or gate are not logged.
+
+    ``source``: record of its test ratio, which identifies ArduPilot's EKF2 or EKF3.
+    """
     if log.firmware.name == "PX4" and aid in PX4_AIDS:
         name, gate, unit = f"EKF2_{PX4_AIDS[aid]}_NOISE", f"EKF2_{PX4_AIDS[aid]}_GATE", 1.0
     elif log.firmware.name != "PX4" and source[:2] in EKF_NUMBERS and aid in ARDUPILOT_AIDS:
@@ -167,7 +174,7 @@ NO_TEST_RATIOS = {
 
 
 def advise_test_ratios(log: FlightLog) -> str:
-    """Return what would log test ratios."""
+    """Return the advice on logging test ratios."""
     return NO_TEST_RATIOS.get(log.firmware.name, NO_TEST_RATIOS[""])
 
 
@@ -176,7 +183,7 @@ def advise_test_ratios(log: FlightLog) -> str:
 
 @dataclass(frozen=True, slots=True)
 class GnssRequirements:
-    """Requirements on GNSS: number of ``satellites``, dilution, accuracies of ``speed`` m/s and ``place`` m."""
+    """Requirements of an estimator on GNSS: satellites, HDOP, accuracy of ``speed`` m/s and ``place`` m."""
 
     satellites: float
     hdop: float
@@ -192,5 +199,5 @@ ARDUPILOT_REQUIREMENTS = GnssRequirements(6, 2.5, 1.0, 5.0, "calcGpsGoodToAlign 
 
 
 def gnss_requirements(log: FlightLog) -> GnssRequirements:
-    """Return the defaults of the firmware that flew."""
+    """Return the default GNSS requirements of the log's firmware."""
     return PX4_REQUIREMENTS if log.firmware.name == "PX4" else ARDUPILOT_REQUIREMENTS

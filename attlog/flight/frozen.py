@@ -1,6 +1,6 @@
-"""Find values that stay equal, and leave out attitudes that do: estimates that never ran, began late, or froze.
+"""Find runs of equal records, and remove stuck attitudes: estimates that never ran, began late, or froze.
 
-ArduPilot logs the records of an EKF that is not running too: roll and pitch hold the trim, heading is exactly 0.
+ArduPilot also logs the records of an EKF that does not run: roll and pitch equal the trim, heading is exactly 0.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from attlog.flight.model import Array, Attitude, FlightLog, Problem, Severity, S
 Mask = NDArray[np.bool_]
 
 STUCK_CODE = "attitude_frozen"
-# Equal records, and their time: an attitude logged in steps of 0.01 deg is constant for 1 s at rest.
+# Least number and duration of equal records: an attitude logged in steps of 0.01 deg is constant for 1 s at rest.
 MIN_RECORDS, MIN_STUCK_S = 10, 2.0
-# An attitude that never changes in a log of this length is stuck.
+# An attitude that never changes over this time is stuck.
 MIN_WHOLE_LOG_S = 10.0
-# Sine of a heading that was never set.
+# Largest sine of a heading that was never set.
 UNSET_HEADING_SINE = 1e-9
-# The gyro turned by more than this, beside what a change of its bias may do.
+# A run is stuck if the gyro turned by more than this, plus a possible drift of its bias.
 TURNED_DEG, DRIFT_DPS = 2.0, 0.2
-# Across a longer gap the gyro counts for this time only.
+# The gyro is integrated across a gap for at most this time.
 MAX_STEP_S = 0.5
 
 
 def equal_runs(t: Array, x: Array, min_records: int, min_s: float, breaks: Mask | None = None) -> list[tuple[int, int]]:
-    """Return index ranges in which all records x (n, k) at ``t`` (n,) s are equal, of a least count and length.
+    """Return index ranges of equal records x (n, k) at ``t`` (n,) s.
 
-    ``breaks`` (n - 1,): steps that end a range all the same.
+    Ranges have at least ``min_records`` and ``min_s``. ``breaks`` (n - 1,): steps that end a range in any case.
     """
     changed = np.zeros(max(len(t) - 1, 0), bool) if breaks is None else breaks.copy()
-    for column in x.T:  # one at a time: of gigabytes copies add up
+    for column in x.T:  # column by column, to save memory
         changed |= column[1:] != column[:-1]
     edges = np.concatenate([[0], np.flatnonzero(changed) + 1, [len(t)]])
     long = np.flatnonzero(np.diff(edges) >= min_records)
@@ -45,7 +45,7 @@ def equal_runs(t: Array, x: Array, min_records: int, min_s: float, breaks: Mask 
 def turned_deg(gyro: Stream, t0: float, t1: float) -> float:
     """Return the largest excursion (deg) of the integrated gyro about any axis between two times.
 
-    Its bias is the median of the whole log.
+    The median rate of the whole log is subtracted as bias.
     """
     mine = (gyro.t >= t0) & (gyro.t <= t1) & rotation.finite_rows(gyro.x)
     if np.count_nonzero(mine) < 2:
@@ -56,9 +56,10 @@ def turned_deg(gyro: Stream, t0: float, t1: float) -> float:
 
 
 def drop_stuck_attitudes(log: FlightLog) -> None:
-    """Remove records that repeat an attitude, though the vehicle turned or the estimate had not begun, and report it.
+    """Remove and report stuck records of the log's attitudes.
 
-    An attitude without any other record is removed as a whole.
+    Records are stuck if they repeat an attitude while the vehicle turned, or before the estimate began. An attitude
+    without other records is removed from the log.
     """
     if not _anything_moves(log):
         return
@@ -80,13 +81,13 @@ def drop_stuck_attitudes(log: FlightLog) -> None:
 
 
 def _anything_moves(log: FlightLog) -> bool:
-    """Return whether a gyro or another attitude moves: in a synthetic log nothing may."""
+    """Return whether any gyro (without gyros any attitude) changes; a synthetic log may be constant."""
     moving = [imu.gyro.x for imu in log.imus] or [a.q for a in log.attitudes.values()]
     return any(len(x) > 1 and bool((x[1:] != x[:-1]).any()) for x in moving)
 
 
 def _is_stuck(attitude: Attitude, run: tuple[int, int], gyro: Stream | None) -> bool:
-    """Return whether a run is no estimate: a heading never set, the whole log, or a missed turn."""
+    """Return whether a run has an unset heading, is the whole log, or misses a turn of the gyro."""
     a, b = run
     w, x, y, z = attitude.q[a]
     t0, t1 = float(attitude.t[a]), float(attitude.t[b - 1])
@@ -96,7 +97,7 @@ def _is_stuck(attitude: Attitude, run: tuple[int, int], gyro: Stream | None) -> 
 
 
 def _stuck_problem(name: str, attitude: Attitude, runs: list[tuple[int, int]], kept: Mask, flew: bool) -> Problem:
-    """Return the problem of the records that were left out."""
+    """Return the problem that reports the removed records."""
     a, b = runs[0]
     t0, t1 = float(attitude.t[a]), float(attitude.t[b - 1])
     count = int(np.count_nonzero(~kept))
@@ -114,7 +115,7 @@ def _stuck_problem(name: str, attitude: Attitude, runs: list[tuple[int, int]], k
 
 
 def _kept_records(attitude: Attitude, kept: Mask) -> Attitude:
-    """Return an attitude of the kept records (n,)."""
+    """Return the attitude reduced to the records ``kept`` (n,)."""
     place = np.cumsum(kept) - 1
     resets = attitude.resets[kept[attitude.resets]] if len(attitude.resets) else attitude.resets
     return replace(

@@ -1,4 +1,4 @@
-"""Notches of the gyro: those that flew, and parameters that make one."""
+"""Notch filters of the gyro: active ones, and parameters for a new one."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ from attlog.flight.vehicle import version_number
 
 # --- notches that flew -------------------------------------------------------------------------------------------
 
-# INS_HNTCH_MODE; 2 (RPM sensor), 3 (ESC), 4 (FFT) and 5 (second RPM sensor) follow what they measure.
+# INS_HNTCH_MODE of throttle; 2 (RPM sensor), 3 (ESC), 4 (FFT) and 5 (second RPM sensor) follow a measurement.
 FOLLOWS_THROTTLE = 1
 
 
 @dataclass(frozen=True, slots=True)
 class ActiveNotch:
-    """A notch of the gyro at ``frequency`` Hz, ``width`` Hz wide; ``follows``: what moves it, empty if fixed."""
+    """Notch filter of the gyro at ``frequency`` Hz with ``width`` Hz.
+
+    ``follows``: "throttle" or "measurement" (rotor speeds, FFT), empty for a fixed notch.
+    """
 
     name: str
     frequency: float
@@ -29,12 +32,12 @@ class ActiveNotch:
     follows: str
 
     def covers(self, frequency: float) -> bool:
-        """Return whether a frequency lies in its stop band; a notch that measures its frequency covers any peak."""
+        """Return whether a frequency lies in the stop band, True for a notch that follows a measurement."""
         return self.follows == "measurement" or abs(frequency - self.frequency) <= 0.5 * self.width
 
 
 def active_notches(log: FlightLog) -> list[ActiveNotch]:
-    """Return the notches that flew, by the log's parameters."""
+    """Return the notches that were enabled by the log's parameters."""
     found = []
     for group in ("INS_HNTCH", "INS_HNTC2"):
         frequency, width = log.param(f"{group}_FREQ"), log.param(f"{group}_BW")
@@ -57,7 +60,7 @@ def active_notches(log: FlightLog) -> list[ActiveNotch]:
 
 
 def _at_hover(log: FlightLog, frequency: float, reference: float) -> float:
-    """Return the frequency of a throttle notch at the hover throttle that the vehicle learned."""
+    """Return the frequency of a throttle notch at the learned hover throttle (MOT_THST_HOVER)."""
     hover = log.param("MOT_THST_HOVER")
     return frequency * float(np.sqrt(hover / reference)) if hover and reference > 0.0 and hover > 0.0 else frequency
 
@@ -68,17 +71,17 @@ def _at_hover(log: FlightLog, frequency: float, reference: float) -> float:
 # throttle) and "ESC Telemetry Based Harmonic Notch Setup" (REF 1, FREQ below the slowest rotor). PX4: docs.px4.io, "MC
 # Filter Tuning".
 
-# INS_HNTCH_MODE.
+# Values of INS_HNTCH_MODE.
 THROTTLE_MODE, RPM_MODE, ESC_MODE = 1, 2, 3
-# INS_HNTCH_HMNCS: the first and the second.
+# INS_HNTCH_HMNCS with the first and second harmonic.
 DEFAULT_HARMONICS = 3
-# INS_HNTCH_FREQ of a notch that measures the rotors, of the slowest speed in flight: it goes no lower.
+# INS_HNTCH_FREQ of a notch on rotor speed, as a share of the slowest speed in flight: the notch goes no lower.
 BELOW_SLOWEST = 0.9
 # Bits of IMU_GYRO_DNF_EN.
 DNF_ESC, DNF_FFT = 1, 2
-# IMU_GYRO_NF0_BW by default, and the narrowest that is offered.
+# Default of IMU_GYRO_NF0_BW, and the narrowest width offered.
 PX4_WIDTH_HZ = 20.0
-# Parameters of centre and width.
+# Parameters of a fixed notch's centre and width.
 FIXED_NOTCHES = (
     ("INS_HNTCH_FREQ", "INS_HNTCH_BW"),
     ("IMU_GYRO_NF0_FRQ", "IMU_GYRO_NF0_BW"),
@@ -88,10 +91,10 @@ FIXED_NOTCHES = (
 
 @dataclass(frozen=True, slots=True)
 class WantedNotch:
-    """A notch that would help: ``frequency`` Hz at the usual ``throttle`` (0 to 1, None if not logged).
+    """Notch that would remove a peak at ``frequency`` Hz, at the usual ``throttle`` (0 to 1, None if not logged).
 
-    ``follows``: throttle or rotors, by the ``harmonic`` of the ``slowest`` rotor's Hz. ``spread``: its movement in
-    flight in Hz.
+    ``follows``: throttle or rotor speed. ``harmonic``: multiple of the rotor speed, whose lowest value is ``slowest``
+    Hz. ``spread``: variation of the peak in flight in Hz.
     """
 
     frequency: float
@@ -103,9 +106,9 @@ class WantedNotch:
 
 
 def notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
-    """Return value and unit of every parameter of a notch, also of those that are set already.
+    """Return value and unit of every parameter of a notch, including those already set.
 
-    Empty where the firmware has no such notch or a value lies outside its documented range.
+    Empty if the firmware has no such notch or a value lies outside its documented range.
     """
     make = harmonic_notch_parameters if log.firmware.name == "ArduPilot" else px4_notch_parameters
     made = make(log, notch)
@@ -114,7 +117,10 @@ def notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[floa
 
 
 def harmonic_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
-    """Return INS_HNTCH_*; those below ENABLE exist wherever it does, though a log holds them only where it is 1."""
+    """Return the INS_HNTCH_* parameters of a notch, empty if the firmware has none.
+
+    ArduPilot logs the others only while INS_HNTCH_ENABLE is 1.
+    """
     if log.param("INS_HNTCH_ENABLE") is None:
         return {}
     harmonics = int(log.param("INS_HNTCH_HMNCS") or DEFAULT_HARMONICS)

@@ -1,7 +1,7 @@
-"""Find the calibration that a log's sensors flew with, and correct them by another one.
+"""Find the calibration that a log's sensors flew with, and apply another one.
 
-Parameters are those of the first arming, or shortly after the log's begin. What a log cannot show is refused with its
-reason: another firmware, values that changed in flight, parameters of another boot.
+Parameters are taken at the first arming, or shortly after the log's begin. CalibrationUnknownError is raised for other
+firmware, values that changed in flight, and parameters of another boot.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag, Problem, Stream
 from attlog.flight.vehicle import version_number
 
-# A log that begins armed may tell parameters that were changed at its start up to 0.2 s later.
+# Parameter changes at the start of a log that begins armed are logged up to 0.2 s later.
 BOOT_CHANGES_S = 1.0
-# Arming is logged once or twice a second, and what a firmware learnt is saved the moment it disarms.
+# Arming is logged once or twice a second, and learned parameters are saved at disarming.
 STATUS_LAG_S = 2.0
-# How names of parameters begin that have to do with calibration.
+# Prefixes of parameters that take part in calibration.
 CALIBRATION_PREFIXES = ("COMPASS_", "INS", "AHRS_ORIENTATION", "CAL_", "SENS_BOARD_")
 MIN_RAW_VALUES = 5
-# A calibrated compass is its raw values corrected, to 25 mG: both are sampled some 10 ms apart in turns.
+# Largest scatter between the logged field and the corrected raw values (25 mG): they are sampled some 10 ms apart.
 MAX_SCATTER_T = 2.5e-6
-# Standard error of a median from the median deviation of normal noise (1.4826 times 1.2533); known to 5 mG.
+# Standard error of a median per median deviation of normal noise (1.4826 times 1.2533); largest error of a bias (5 mG).
 MEDIAN_SIGMA_FACTOR, MAX_BIAS_SIGMA_T = 1.86, 5e-7
-# PX4 versions: since when calibrations are found by device, and when a bias is subtracted before arming.
+# PX4 versions since which calibrations are found by device id, and a bias learned before arming is subtracted.
 PX4_BY_SLOT_VERSION, PX4_LEARNS_VERSION = (1, 12), (1, 13)
 
 
 def armed_span(log: FlightLog) -> tuple[float, float]:
-    """Return first arming and last disarming in s, the whole log where they are unknown."""
+    """Return the times in s of first arming and last disarming, the whole log if unknown."""
     armed = log.state.armed
     if armed is None or not any(armed.value):
         return BOOT_CHANGES_S, log.seconds
@@ -46,7 +46,7 @@ def armed_span(log: FlightLog) -> tuple[float, float]:
 
 
 def flown_parameters(log: FlightLog) -> dict[str, float]:
-    """Return the parameters of calibration that flew, without those of a given file alone."""
+    """Return the logged calibration parameters at the first arming, without those added from a file."""
     at = armed_span(log)[0]
     own = (
         name
@@ -57,7 +57,7 @@ def flown_parameters(log: FlightLog) -> dict[str, float]:
 
 
 def _changed_parameters(log: FlightLog, names: tuple[str, ...], until: float) -> list[str]:
-    """Return the parameters that change between the first arming and ``until`` s."""
+    """Select the parameters that change between the first arming and ``until`` s."""
     begin = armed_span(log)[0]
     lines = {
         name: log.parameters.lines[name]
@@ -68,9 +68,9 @@ def _changed_parameters(log: FlightLog, names: tuple[str, ...], until: float) ->
 
 
 def flown_compass(log: FlightLog, mag: Mag, read: dict[str, float] | None = None) -> Calibration:
-    """Return the calibration of a compass by the parameters that flew, or by others (``read``).
+    """Return the calibration of a compass by the flown parameters, or by ``read``.
 
-    CalibrationUnknownError gives the reason why it is unknown.
+    CalibrationUnknownError gives the reason. With ``read`` changes in flight and logged offsets are not checked.
     """
     used = flown_parameters(log) if read is None else read
     firmware = _known_firmware(log, "compass")
@@ -86,7 +86,10 @@ def flown_compass(log: FlightLog, mag: Mag, read: dict[str, float] | None = None
 
 
 def flown_accelerometer(log: FlightLog, imu: Imu, read: dict[str, float] | None = None) -> Calibration:
-    """Return the calibration of an accelerometer, as :func:`flown_compass`."""
+    """Return the calibration of an accelerometer by the flown parameters, or by ``read``.
+
+    CalibrationUnknownError gives the reason.
+    """
     used = flown_parameters(log) if read is None else read
     if _known_firmware(log, "accelerometer") == "ArduPilot":
         found = calibration.ardupilot_accelerometer(used, imu.index, log.firmware.version)
@@ -98,21 +101,25 @@ def flown_accelerometer(log: FlightLog, imu: Imu, read: dict[str, float] | None 
 
 
 def flown_motor_type(log: FlightLog, mag: Mag, power: str) -> dict[str, float]:
-    """Return what to set so that a compass is compensated by ``power``. CalibrationUnknownError gives a reason."""
+    """Return the parameters that select ``power`` (current or throttle) for motor compensation of a compass.
+
+    CalibrationUnknownError gives the reason.
+    """
     if log.firmware.name == "ArduPilot":
         return calibration.ardupilot_motor_type(flown_parameters(log), mag.index, power)
     return calibration.px4_motor_type(flown_parameters(log), _device_number(log, mag.device), power)
 
 
 def changed_sensor_order(log: FlightLog, found: Calibration) -> list[str]:
-    """Return the parameters of the sensors' order or mounting that were set after the flight began."""
+    """Return the parameters of sensor order or mounting that were changed after the first arming."""
     return _changed_parameters(log, found.fixed, np.inf)
 
 
 def learned_compass_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
-    """Return the negative (3,) T of the bias that a compass learned before arming, beside its parameters.
+    """Return the field (3,) T that the firmware added to a compass beside its parameters.
 
-    CalibrationUnknownError gives the reason why it is unknown.
+    PX4 subtracts a bias that it learned before arming; the result is its negative. Zero for firmware that learns none.
+    CalibrationUnknownError gives the reason if it cannot be estimated.
     """
     if log.firmware.name != "PX4" or mag.field.source.startswith("sensor_mag"):
         return np.zeros(3)
@@ -144,7 +151,10 @@ def learned_compass_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
 
 
 def motor_power(log: FlightLog, kind: str, t: Array) -> Array:
-    """Return the motors' current in A or their throttle (n, 1) at ``t`` (n,) s. CalibrationUnknownError without."""
+    """Interpolate the motors' current in A or throttle (n, 1) to ``t`` (n,) s.
+
+    CalibrationUnknownError if it is not logged.
+    """
     if kind == "current":
         stream = log.power.battery
         x = None if stream is None or stream.x.shape[1] < 2 else stream.x[:, 1]
@@ -158,7 +168,7 @@ def motor_power(log: FlightLog, kind: str, t: Array) -> Array:
 
 
 def _known_firmware(log: FlightLog, what: str) -> str:
-    """Return the firmware whose formula counts."""
+    """Return the firmware's name; raise CalibrationUnknownError if its correction is unknown."""
     name = log.firmware.name
     if log.format in ("tlog", "mavlink"):
         raise CalibrationUnknownError(
@@ -178,14 +188,17 @@ def _device_number(log: FlightLog, device: str | None) -> int:
 
 
 def _check_unchanged(log: FlightLog, found: Calibration) -> None:
-    """Raise where a parameter of the calibration changes in flight."""
+    """Raise CalibrationUnknownError if a parameter of the calibration changes in flight."""
     moved = _changed_parameters(log, found.names, armed_span(log)[1] - STATUS_LAG_S)
     if moved:
         raise CalibrationUnknownError(f"{moved[0]} was changed during the flight.")
 
 
 def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
-    """Raise where the logged offsets are not those of the parameters, cut to whole mG as ArduPilot logs them."""
+    """Raise CalibrationUnknownError if the logged offsets differ from the parameters.
+
+    ArduPilot logs offsets truncated to whole mG.
+    """
     if mag.offsets is None or not len(mag.offsets.t):
         raise CalibrationUnknownError(f"{mag.field.source} does not hold the offsets that flew.")
     begin, end = armed_span(log)
@@ -203,13 +216,13 @@ def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
 
 # --- correction by a file ----------------------------------------------------------------------------------------
 #
-# Logged values go back to raw ones by the parameters that flew, and forward by those of the file. What flew on them,
-# such as the onboard attitude, stays.
+# Logged values are converted to raw values by the flown parameters, and corrected again by those of the file. Onboard
+# results, such as the attitude, stay as logged.
 
 COMPASS_PARAMETERS = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT).*|CAL_MAG\d_.(OFF|SCALE|ODIAG|COMP)|CAL_MAG_COMP_TYP")
-# Parameters that calibrate one of them.
+# Parameters of accelerometer calibration.
 ACCELEROMETER_PARAMETERS = re.compile(r"INS\d?_ACC\d?(OFFS|SCAL)_.|CAL_ACC\d_.(OFF|SCALE)")
-# So many parameters of a sensor are named.
+# Most parameters of a sensor that a message names.
 MAX_SHOWN = 3
 
 Known = Callable[[dict[str, float] | None], Calibration]
@@ -219,7 +232,7 @@ Bias = Callable[[Calibration], Array]
 def recorrect(log: FlightLog, file: str, given: Mapping[str, float]) -> set[str]:
     """Correct the log's sensors as the firmware would have by the parameters ``given`` in a ``file``.
 
-    Returns the names of those with an effect. The log's problems report each sensor.
+    Returns the names of the parameters with an effect. Each sensor is reported in the log's problems.
     """
     flew, used = flown_parameters(log), set()
     differ = {
@@ -247,7 +260,7 @@ def calibrates(names: Iterable[str]) -> bool:
 def recorrected_units(
     log: FlightLog, file: str, given: Mapping[str, float], imu: Imu, mag: Mag | None
 ) -> tuple[Imu, Mag | None]:
-    """Return an IMU and a compass of a log as corrected by :func:`recorrect`; the log's own stay."""
+    """Return copies of an IMU and a compass corrected by :func:`recorrect`; the log is unchanged."""
     imus, mags = [replace(imu, acc=replace(imu.acc))], [] if mag is None else [replace(mag, field=replace(mag.field))]
     if not recorrect(replace(log, imus=imus, mags=mags, problems=[]), file, given):
         return imu, mag
@@ -257,7 +270,7 @@ def recorrected_units(
 def _recorrect_stream(
     log: FlightLog, file: str, stream: Stream, differ: Mapping[str, float], known: Known, bias: Bias
 ) -> set[str]:
-    """Correct a sensor's ``stream`` in place by the parameters that differ, and return those with an effect."""
+    """Correct a sensor's ``stream`` in place by the parameters ``differ``; return those with an effect."""
     flew = flown_parameters(log)
     try:
         old = known(None)
@@ -271,7 +284,7 @@ def _recorrect_stream(
             motor_power(log, each.motor_power, stream.t_best) if each.correction.motor.any() else 0.0
             for each in (old, new)
         )
-        # What the firmware had learnt beside the old parameters goes with them.
+        # A learned bias belongs to the old parameters and is removed with them.
         stream.x = new.correction.body(old.correction.raw(stream.x - bias(old), before), after)
     except CalibrationUnknownError as why:
         text = f"{stream.source} is not corrected by the calibration of {file}. {why}"
