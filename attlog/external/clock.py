@@ -381,7 +381,7 @@ MIN_FILE_OVERLAP = 0.5
 
 @dataclass(frozen=True, slots=True)
 class FileClock:
-    """Times (n,) s of a file on a known clock, the mask ``inside`` (n,) of those within the log, and the clock's name."""
+    """Times (n,) s of a file on a known clock, the mask (n,) of those ``inside`` the log, and the clock's name."""
 
     t: Array
     inside: NDArray[np.bool_]

@@ -22,17 +22,17 @@ from attlog.formats import Messages
 __all__ = ["FlightLog", "flight_in", "read"]
 
 
-# Messages whose records become the samples of a replay, or its attitude.
+# Messages with inertial data, and with the onboard attitude; their records are counted.
 INERTIAL_MESSAGES = ("sensor_combined", "IMU", "GYR", "RISI", "RAW_IMU", "HIGHRES_IMU", "SCALED_IMU")
 ATTITUDE_MESSAGES = ("ATT", "vehicle_attitude")
-# A smaller share of a file's bytes is no loss, and a smaller sum of dropouts in ms neither.
+# Share of unusable bytes, and sum of dropouts in ms, above which the problem is a warning.
 SERIOUS_DAMAGE_SHARE, SERIOUS_DROPOUTS_MS = 0.001, 100
-# A shorter piece at the end of a file is the record that was being written.
+# Below this size damage at the end of a file is a record cut while it was written.
 MAX_CUT_BYTES = 4096
-# Bytes for each inertial sample: of the flight, attitudes and truth included; and of what ``info`` or an analysis makes
-# of it. Measured on logs of 2 to 18 million samples (``docs/formats.md``).
+# Bytes per inertial sample of the flight (with attitudes and truth), and of its analysis or ``info``. Measured on logs
+# of 2 to 18 million samples (``docs/formats.md``).
 FLIGHT_BYTES, ANALYSIS_BYTES = 170, 550
-# Samples that every machine has room for.
+# Up to this number of samples memory is not checked.
 ALWAYS_ALLOWED_SAMPLES = 500_000
 
 
@@ -43,7 +43,7 @@ def check_flight_memory(messages: Messages) -> None:
 
 
 def check_analysis_memory(log: FlightLog, each: int) -> None:
-    """Raise TooLittleMemory if the machine cannot hold what is computed of the flight, ``each`` bytes a sample."""
+    """Raise TooLittleMemory if the machine cannot hold an analysis of the flight, ``each`` bytes a sample."""
     imu = log.replay_imu
     _check_memory(log.path, 0 if imu is None else len(imu.gyro.t), each)
 
@@ -68,18 +68,18 @@ def read(
     params: str | Path | None = None,
     key: str | Path | None = None,
 ) -> FlightLog:
-    """Return the flight in a log file: one clock in s, SI units, body forward-right-down, earth north-east-down.
+    """Read a flight log on one clock in s, in SI units, body FRD and earth NED.
 
-    ``path``: a ULog, DataFlash (``.bin``, ``.log``) or tlog file, also with gzip around it. ``imu`` and ``mag``: an
-    instance instead of the one that flew (``mag="none"``: no magnetometer). ``boot``: one of several power-ups in a
-    file. ``system``: one of several vehicles in a tlog. ``params``: a ground station's parameter file for what the log
-    lacks; filters under the firmware's names take all of it, compasses and accelerometers are corrected by its
-    calibration. ``key``: the vehicle's private key in a PEM file, for an encrypted ULog (None: of the variable
-    ATTLOG_KEY).
+    ``path``: a ULog, DataFlash (``.bin``, ``.log``), tlog or ROS 2 bag, also gzipped. ``imu`` and ``mag``: an instance
+    in place of the one that flew (``mag="none"``: no magnetometer). ``boot``: one of several power-ups in a file.
+    ``system``: one of several vehicles in a tlog. ``params``: a ground station's parameter file. It supplies parameters
+    that the log lacks, all parameters of filters named after a firmware's, and the calibration of compasses and
+    accelerometers. ``key``: PEM file of the vehicle's private key for an encrypted ULog (default: the environment
+    variable ATTLOG_KEY).
 
     NotALog or LogUnusable if the file holds no flight, LogUnreadable if it cannot be opened, TooLittleMemory if the
-    machine cannot hold it, UsageError for a bad parameter file or key. A log without usable IMU has ``imu`` None and
-    the reason among its ``problems``.
+    machine cannot hold it, UsageError for an invalid parameter file or key. Without a usable IMU ``imu`` is None and
+    ``problems`` gives the reason.
     """
     return flight_in(formats.open(path, system, key=key), imu=imu, mag=mag, boot=boot, system=system, params=params)
 
@@ -93,7 +93,7 @@ def flight_in(
     system: int | None = None,
     params: str | Path | None = None,
 ) -> FlightLog:
-    """Return the flight in opened messages; options and errors as of :func:`read`."""
+    """Read a flight from opened messages; options and errors as for :func:`read`."""
     boots = max(len(messages.boots), 1)
     chosen = choose_boot(messages) if boot is None else boot
     if not 0 <= chosen < boots:
@@ -104,7 +104,7 @@ def flight_in(
     refused = parameter_limits.drop_impossible(part)
     filled = parameter_file.add_missing(part, given)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
-        # damaged records hold NaN and absurd numbers; they are sorted out by value, not by warning
+        # damaged records hold NaN and absurd numbers, which are rejected later
         log = read_messages(part, imu, mag, system)
     limit_attitudes(log)
     drop_stuck_attitudes(log)
@@ -130,7 +130,7 @@ def flight_in(
 
 
 def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
-    """Return the flight in one power-up's messages, by the reader of their format."""
+    """Read the flight in one power-up's messages by the reader of their format."""
     if messages.format == "ulog":
         from attlog.flight.px4 import reader as px4
 
@@ -151,7 +151,7 @@ def read_messages(messages: Messages, imu: int | None, mag: int | str | None, sy
 
 
 def limit_attitudes(log: FlightLog) -> None:
-    """Keep the onboard attitude and those with most records, where there are more than a vehicle has, and report it."""
+    """Limit the log to MAX_ATTITUDES: the onboard attitude and those with most records."""
     beyond = len(log.attitudes) - MAX_ATTITUDES
     if beyond <= 0:
         return
@@ -173,7 +173,10 @@ def choose_boot(messages: Messages) -> int:
 
 
 def flight_seconds(log: FlightLog, messages: Messages) -> float:
-    """Return the flight's length in s: of the replayed IMU, else the first one, else the onboard attitude, else all."""
+    """Return the flight's length in s.
+
+    By the replayed IMU, else the first IMU, else the onboard attitude, else all messages.
+    """
     if log.imus:
         t = log.imus[log.imu or 0].gyro.t
     elif log.onboard is not None:
@@ -184,7 +187,7 @@ def flight_seconds(log: FlightLog, messages: Messages) -> float:
 
 
 def damage_problems(messages: Messages) -> list[Problem]:
-    """Return the problem of damage of the file, if any."""
+    """Return the problem that reports damage of the file, if any."""
     if not messages.damage:
         return []
     first, places, lost = messages.damage[0], messages.damage_places, messages.damage_bytes
@@ -203,7 +206,7 @@ def damage_problems(messages: Messages) -> list[Problem]:
 
 
 def dropout_problems(messages: Messages) -> list[Problem]:
-    """Return the problem of dropouts of the logger, if any."""
+    """Return the problem that reports dropouts of the logger, if any."""
     count, total_ms = len(messages.dropouts_ms), sum(messages.dropouts_ms)
     severity: Severity = "warning" if total_ms > SERIOUS_DROPOUTS_MS else "note"
     text = f"Dropouts of the logger: {count}, {total_ms} ms in all."

@@ -139,7 +139,7 @@ EKF_NUMBERS = {"NK": 2, "XK": 3}
 
 @dataclass(frozen=True, slots=True)
 class NoiseParameter:
-    """Noise parameter ``name`` of an aid: logged value ``old``, documented range, and ``gate`` in standard deviations."""
+    """Noise parameter ``name`` of an aid: logged value ``old``, documented range, ``gate`` in standard deviations."""
 
     name: str
     old: float

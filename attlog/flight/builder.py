@@ -1,4 +1,4 @@
-"""Build a flight log: from columns of tables to streams on one clock, without impossible times and values.
+"""Build a flight log: turn table columns into streams on one clock, without impossible times and values.
 
 A reader collects inertial candidates with stamps in int64 microseconds, chooses one, and only then knows t = 0.
 """
@@ -29,18 +29,18 @@ U = TypeVar("U")
 
 # Problems of values, as opposed to those of times.
 VALUE_CODES = ("values_out_of_range", "rate_impossible")
-# A sample lies at most so long before its stamp.
+# Largest time from the measurement of a sample to its stamp.
 MAX_SAMPLE_AGE_US = 1_000_000
-# Share of records with a possible sample age from which the column of sample times counts.
+# Least share of records with a plausible sample age for a column of sample times to be used.
 MIN_SAMPLED_SHARE = 0.9
-# Records of a counter closer than this may share a stamp.
+# Shortest interval to which a step of a clipping counter is attributed: close records may share a stamp.
 MIN_COUNTED_S = 1.0
-# Steps of logged angles of old records, in deg.
+# Quantisation of angles logged as integers, in deg.
 ANGLE_STEP_DEG = 0.01
 
 
 class Part(NamedTuple):
-    """A part of the flight log: its dotted field ("" for none), its name in messages, and its reader."""
+    """Part of a flight log: dotted field ("" for none), name in messages, and reader."""
 
     field: str
     what: str
@@ -49,7 +49,7 @@ class Part(NamedTuple):
 
 @dataclass(slots=True)
 class LogBuilder:
-    """A flight log in the making, with the messages that it is read from."""
+    """Flight log under construction and the messages it is read from."""
 
     messages: Messages
     t0_us: int = 0
@@ -68,7 +68,7 @@ class LogBuilder:
         return self.log.problems
 
     def quiet(self) -> LogBuilder:
-        """Return a builder on the same clock with problems of its own."""
+        """Return a builder on the same clock with its own list of problems."""
         other = copy(self)
         other.log = self._empty_log()
         return other
@@ -96,10 +96,9 @@ class LogBuilder:
         return read_stamps(table, "timestamp")
 
     def read_optional(self, what: str, read: Callable[[], T], otherwise: U) -> T | U:
-        """Return ``read()``, or ``otherwise`` and a problem where the definition of its message is damaged.
+        """Return ``read()``; on a damaged message or a bug report a problem and return ``otherwise``.
 
-        A damaged definition leaves fields missing, renamed or of another type. One such message must not take others
-        with it, nor may a bug.
+        A damaged definition leaves fields missing, renamed or of another type.
         """
 
         def tried() -> T | U:
@@ -115,7 +114,7 @@ class LogBuilder:
             return otherwise
 
         found = guarded(what, tried, missing)
-        if self.messages.size > READ_BYTES:  # copies of gigabytes would stay until the whole flight is read
+        if self.messages.size > READ_BYTES:  # releases decoded columns, which can take gigabytes
             self.messages.forget()
         return found
 
@@ -132,12 +131,12 @@ class LogBuilder:
     # Times.
 
     def seconds(self, t_us: Stamps) -> Array:
-        """Convert stamps in us to seconds of the log (exact difference first)."""
+        """Convert stamps in us to seconds of the log; the difference is exact in integers."""
         seconds: Array = (np.asarray(t_us, np.int64) - self.t0_us) * np.float64(1e-6)
         return seconds
 
     def near(self, t_us: Stamps) -> NDArray[np.bool_]:
-        """Mark the stamps (n,) that are not days away from this flight."""
+        """Mark the valid stamps (n,) within LONGEST_S (three days) of t = 0."""
         t = np.asarray(t_us, np.int64)
         near: NDArray[np.bool_] = (t >= 0) & (t <= LAST_TIME_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.LONGEST_S)
         return near
@@ -153,9 +152,9 @@ class LogBuilder:
         return table.rows(near), self.seconds(stamps[near])
 
     def sample_times(self, t_us: Stamps, t_sample_us: Stamps) -> Array | None:
-        """Return times of measurement in s, None where the column is unset or equals the stamps.
+        """Return times of measurement in s, None if the column is unset or equals the stamps.
 
-        Single unset ones get the usual age. A repeated sample time is moved on by a microsecond to stay rising.
+        Unset times are replaced by the stamp minus the median age. Repeated times are moved by 1 us to stay rising.
         """
         t_us, t_sample_us = np.asarray(t_us, np.int64), np.asarray(t_sample_us, np.int64)
         age = t_us - t_sample_us
@@ -169,7 +168,7 @@ class LogBuilder:
     # Records and values that are left out.
 
     def within(self, x: Array, quantity: Quantity, source: str) -> Array:
-        """Return ``x`` (n,) or (n, k) with NaN for impossible values, which become a problem."""
+        """Replace impossible values of ``x`` (n,) or (n, k) by NaN and report them."""
         beyond = quantity.outside(x)
         count = int(np.count_nonzero(beyond))
         if count == 0:
@@ -179,9 +178,9 @@ class LogBuilder:
         return np.where(beyond, np.nan, x)
 
     def clipping(self, sensor: str, unit: int, source: str, table: Table, column: str) -> Clipping:
-        """Return what a counter of clipped samples (n,), or one of each axis (n, k), counts; a fall is a restart.
+        """Return the increments of a counter of clipped samples, summed over axes.
 
-        More than the sensor can sample since the record before is no count, and becomes a problem.
+        A decrease is a restart. Increments above the sensor's sampling rate are reported and set to 0.
         """
         stamps, counts = self.stamps(table), table[column].astype(np.int64).reshape(len(table), -1)
         new = np.maximum(np.diff(counts, axis=0, prepend=counts[:1]), 0).sum(axis=1)
@@ -194,7 +193,10 @@ class LogBuilder:
         return Clipping(sensor, unit, source, self.seconds(stamps), np.where(impossible, 0, new), True)
 
     def add_value_problems(self, other: LogBuilder) -> None:
-        """Add another builder's problems of values; its times were reported with another stream of the records."""
+        """Add the value problems of another builder.
+
+        Its time problems are already reported by another stream of the same records.
+        """
         self.problems.extend(p for p in other.problems if p.code in VALUE_CODES)
 
     def select_records(
@@ -208,8 +210,8 @@ class LogBuilder:
     ) -> NDArray[np.int64]:
         """Return the indices of records with plausible stamps and ``good`` values; report the others.
 
-        ``wrong``: the fault of the others. Records faster than ``fastest_hz`` have stamps of another unit: none is
-        left.
+        ``wrong``: the fault of records that are not good. Above ``fastest_hz`` the stamps have another unit, and no
+        record is selected.
         """
         index = np.arange(len(t_us)) if good is None else np.flatnonzero(good)
         values = len(t_us) - len(index)
@@ -238,7 +240,7 @@ class LogBuilder:
         return index
 
     def _report_false_stamps(self, kept: ValidRecords, source: str, records: int) -> None:
-        """Add a problem for each reason why stamps of a message are not used."""
+        """Add a problem for each cause of rejected stamps."""
         reasons: tuple[tuple[str, Severity, int, str], ...] = (
             ("duplicate_times", "note", kept.duplicates, "which repeat a time stamp"),
             ("time_backward", "warning", kept.backward, "which go back in time"),
@@ -268,8 +270,8 @@ class LogBuilder:
     ) -> Stream | None:
         """Return a clean stream of ``x`` (n,) or (n, k), None if no record is left.
 
-        Records with values that are missing or not ``within`` limits are left out. With ``allow_nan`` such values
-        become NaN instead, and a record without any value is left out silently.
+        Records with values that are missing or outside ``within`` are left out and reported. With ``allow_nan`` such
+        values become NaN, and records without any value are left out silently.
         """
         x = np.asarray(x, np.float64).reshape(len(t_us), -1)
         wrong, good = "with missing values", None
@@ -301,14 +303,14 @@ class LogBuilder:
         frame: str = "",
         allow_nan: bool = False,
     ) -> Stream | None:
-        """Return the stream of columns of a table times ``scale``, None where the table or a column is missing."""
+        """Return columns of a table times ``scale`` as stream, None if the table or a column is missing."""
         if table is None or not all(name in table for name in names):
             return None
         x = columns(table, *names) * scale
         return self.stream(self.stamps(table), x, unit, source, frame=frame, within=within, allow_nan=allow_nan)
 
     def battery_stream(self, t_us: Stamps, x: Array, source: str) -> Stream | None:
-        """Return the battery from ``x`` (n, 2), voltage in V and current in A, NaN where not measured."""
+        """Return the battery stream of ``x`` (n, 2), voltage in V and current in A, NaN if not measured."""
         volts, amperes = x[:, :1], x[:, 1:2]
         clean = [self.within(volts, limits.VOLTAGE, source), self.within(amperes, limits.CURRENT, source)]
         fastest = limits.AIDING_HZ
@@ -328,8 +330,8 @@ class LogBuilder:
     ) -> Attitude | None:
         """Return a clean attitude of quaternions ``q`` (n, 4), None without any.
 
-        ``counter`` (n,) steps where the estimator reset its attitude. ``reset_times_us``: resets that are logged
-        elsewhere, each put on the largest of the three steps around it.
+        ``counter`` (n,) changes when the estimator resets its attitude. ``reset_times_us``: resets from other
+        messages, each assigned to the largest of the three steps around it. ValueError for another shape.
         """
         if np.shape(q)[1:] != (4,):
             raise ValueError(f"{source} does not hold four numbers of a quaternion")
@@ -348,7 +350,7 @@ class LogBuilder:
         if len(index) == 0:
             return None
         stamps = np.asarray(t_us, np.int64)[index]
-        # Twice, because rounding leaves a last bit the first time.
+        # The second pass removes the rounding error of the first.
         unit = rotation.normalize(rotation.normalize(np.asarray(q, np.float64)[index]))
         resets: set[int] = set()
         if counter is not None:
@@ -359,7 +361,7 @@ class LogBuilder:
         return Attitude(self.seconds(stamps), unit, source, sampled, order, has_trim, step_deg, normal=True)
 
     def positions(self, t_us: Stamps, x: Array, at: Array) -> Array | None:
-        """Interpolate positions ``x`` (n, 3) at times ``at`` (m,) s, None without two."""
+        """Interpolate positions ``x`` (n, 3) to times ``at`` (m,) s, None for fewer than two positions."""
         t = self.seconds(t_us)
         order = np.argsort(t, kind="stable")
         order = order[rotation.finite_rows(x[order])]
@@ -375,7 +377,7 @@ class LogBuilder:
         return found
 
     def time_line(self, t_us: Stamps, values: list[Any], source: str) -> TimeLine | None:
-        """Return a time line of the changes, None without entries."""
+        """Return the changes of ``values`` as time line, None without valid stamps."""
         stamps = np.asarray(t_us, np.int64)
         sane = self.near(stamps)
         if len(values) == 0 or not sane.any():
@@ -389,9 +391,10 @@ class LogBuilder:
 
 
 def _reset_steps(t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int]) -> set[int]:
-    """Return the indices of steps made by resets at given times, except beside a known one.
+    """Return the indices of attitude steps that belong to resets at ``times_us``.
 
-    The logger's order and rate leave one sample of doubt.
+    Each is the largest of the three steps around its time, because order and rate of logging shift it by a sample.
+    Times next to a ``known`` reset are skipped.
     """
     found: set[int] = set()
     if len(t_us) < 2:
@@ -408,7 +411,7 @@ def _reset_steps(t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int
 
 
 def burst_rate(t_us: Stamps) -> float:
-    """Return records per second while they follow each other within a second, 0 for too few records."""
+    """Return the mean rate in Hz over intervals of up to 1 s, 0 for too few records."""
     steps = np.diff(t_us)
     close = steps[steps <= 1_000_000]
     span = float(close.sum())
@@ -416,7 +419,7 @@ def burst_rate(t_us: Stamps) -> float:
 
 
 def columns(table: Table, *names: str) -> Array:
-    """Return columns (n, k) of a table as float64 in the format's units; array fields are widened."""
+    """Return columns of a table as (n, k) float64 in printed units; array fields add a column per element."""
     parts = [table.value(name) for name in names]
     if len(parts) == 1 and parts[0].ndim == 2:
         return np.ascontiguousarray(parts[0])
@@ -424,7 +427,7 @@ def columns(table: Table, *names: str) -> Array:
 
 
 def optional_column(table: Table, name: str) -> Array:
-    """Return a column (n,) as float64, NaN where the table has none."""
+    """Return a column (n,) as float64, all NaN if the table lacks it."""
     return table.value(name).astype(np.float64) if name in table else np.full(len(table), np.nan)
 
 
@@ -438,7 +441,7 @@ def finite_within(x: Array, limit: float) -> NDArray[np.bool_]:
 
 
 def from_euler(angles: Array, limit: float) -> Array:
-    """Return quaternions (n, 4) of Euler angles (n, 3) rad, NaN where one is beyond +-limit."""
+    """Return quaternions (n, 4) of Euler angles (n, 3) rad, NaN if an angle is outside +-limit."""
     good = finite_within(angles, limit)
     q = np.full((len(angles), 4), np.nan)
     q[good] = rotation.from_euler(*angles[good].T)
@@ -446,7 +449,7 @@ def from_euler(angles: Array, limit: float) -> Array:
 
 
 def angle_step_deg(angles_deg: Array) -> float:
-    """Return the quantisation of logged angles in deg: ANGLE_STEP_DEG where all lie on that grid, else 0."""
+    """Return ANGLE_STEP_DEG if 99 % of logged angles are multiples of it, else 0."""
     angles = np.asarray(angles_deg, np.float64)
     angles = angles[np.isfinite(angles)]
     if len(angles) < 10:

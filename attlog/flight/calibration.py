@@ -49,17 +49,17 @@ def euler_matrix(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
 
 # --- corrections -------------------------------------------------------------------------------------------------
 
-# A calibration whose determinant is smaller folds the axes into a plane: it is damage.
+# Least determinant of a calibration matrix; below, the axes are nearly coplanar.
 MIN_DETERMINANT = 1e-3
 
 
 class CalibrationUnknownError(Exception):
-    """The parameters behind a sensor's values are unknown; the message is the reason."""
+    """Unknown calibration parameters of a sensor; the message gives the reason."""
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """A correction: ``matrix`` (3, 3), ``offset`` (3,) in the sensor's unit, ``motor`` (3,) per unit of power."""
+    """Correction of a sensor: ``matrix`` (3, 3), ``offset`` (3,) in its SI unit, ``motor`` (3,) per unit of power."""
 
     matrix: Array
     offset: Array
@@ -71,27 +71,27 @@ class Correction:
             raise CalibrationUnknownError("The calibration in the parameters is no rotation with scales.")
 
     def body(self, raw: Array, power: Array | float = 0.0) -> Array:
-        """Return values (n, 3) in body axes of ``raw`` (n, 3) at ``power`` (n, 1)."""
+        """Correct raw values (n, 3) at ``power`` (n, 1); the result is in body axes."""
         return (raw + self.offset) @ self.matrix.T + power * self.motor
 
     def raw(self, body: Array, power: Array | float = 0.0) -> Array:
-        """Return the raw values (n, 3) of values in ``body`` axes."""
+        """Invert :meth:`body`."""
         return (body - power * self.motor) @ np.linalg.inv(self.matrix).T - self.offset
 
     def offset_without(self, error: Array) -> Array:
-        """Return the offset (3,) with which values would be lower by ``error`` (3,) in body axes."""
+        """Return the offset (3,) that lowers corrected values by ``error`` (3,) in body axes."""
         return self.offset - np.linalg.solve(self.matrix, error)
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """A sensor's correction with its parameters.
+    """Correction of a sensor and the parameters it follows from.
 
-    ``offsets``: three names; the correction's offset is ``offset_unit`` times their values, negative where a firmware
-    subtracts them. ``motors``: three names; the correction's motor is ``motor_matrix`` (3, 3) times their values,
-    multiplied with ``motor_power`` ("current", "throttle" or ""). ``names``: all parameters that enter. ``fixed``:
-    parameters of the sensor's mounting or order. ``units`` by name. ``digits``: decimals beyond which no sensor shows a
-    difference.
+    ``offsets``: names of three parameters; the correction's offset is ``offset_unit`` times their values, negative if
+    the firmware subtracts them. ``motors``: names of three parameters; the correction's motor is ``motor_matrix``
+    (3, 3) times their values, per unit of ``motor_power`` ("current", "throttle" or ""). ``names``: all parameters of
+    the correction. ``fixed``: parameters of mounting or sensor order. ``units`` by name. ``digits``: decimals to which
+    parameters are rounded.
     """
 
     correction: Correction
@@ -106,7 +106,7 @@ class Calibration:
     motor_power: str = ""
 
     def offset_values(self, offset: Array) -> dict[str, float]:
-        """Return the rounded parameters of an ``offset`` (3,) of the correction."""
+        """Return the rounded parameters of an ``offset`` (3,) as in :class:`Correction`."""
         return self._rounded(self.offsets, offset / self.offset_unit)
 
     def motor_values(self, motor: Array) -> dict[str, float]:
@@ -131,13 +131,13 @@ Values = Mapping[str, float]
 # Tesla per milligauss, the unit of COMPASS_OFS and COMPASS_MOT.
 MILLIGAUSS = 1e-7
 ARDUPILOT_SLOTS = 3
-# COMPASS_SCALE counts within these (COMPASS_MIN_SCALE_FACTOR, COMPASS_MAX_SCALE_FACTOR); 0 is "not set".
+# Range in which ArduPilot applies COMPASS_SCALE (COMPASS_MIN_SCALE_FACTOR, COMPASS_MAX_SCALE_FACTOR); 0 is "not set".
 SCALE_RANGE = (1.0 / 1.5, 1.5)
-# COMPASS_MOTCT.
+# Values of COMPASS_MOTCT.
 ARDUPILOT_MOTOR_POWERS = {0: "", 1: "throttle", 2: "current"}
-# Decimals of milligauss, of mG/A and of m/s^2.
+# Decimals of parameters in mG or mG/A, and in m/s^2.
 ARDUPILOT_DIGITS, ACC_DIGITS = 2, 4
-# Before this version accelerometer offsets were those of the vehicle's axes.
+# Since this version accelerometer offsets are in sensor axes, before in vehicle axes.
 SENSOR_AXES_VERSION = (3, 3)
 
 
@@ -197,7 +197,7 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
         matrix = own_scale * matrix
     power = ARDUPILOT_MOTOR_POWERS.get(int(values.get("COMPASS_MOTCT", 0)), "")
     if index == 0 and values.get("COMPASS_PMOT_EN"):
-        power = ""  # each motor has its own values, and these do not count
+        power = ""  # per-motor compensation replaces COMPASS_MOT
     motor_matrix = MILLIGAUSS * (np.eye(3) if scale in values else matrix)
     motor = motor_matrix @ parameter_vector(values, motors) if power else np.zeros(3)
     correction = Correction(matrix, MILLIGAUSS * parameter_vector(values, offsets), motor)
@@ -219,12 +219,12 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
     )
 
 
-# NavEKF2 starts with this compass, enabled or not (``InitialiseVariablesMag``); since 4.1 with the first enabled one.
+# First compass of NavEKF2, even if disabled (``InitialiseVariablesMag``); since 4.1 it is the first enabled one.
 FIRST_COMPASS = "COMPASS_PRIMARY"
 
 
 def compass_switches(values: Values, other: int, used: int) -> dict[str, float]:
-    """Return ArduPilot's parameters that use one compass instead of another, empty where the log lacks a switch."""
+    """Return ArduPilot's parameters that replace the compass ``used`` by ``other``, empty if one is not logged."""
     names = [f"COMPASS_USE{slot_suffix(index + 1)}" for index in (other, used)]
     if not all(name in values for name in names):
         return {}
@@ -233,7 +233,10 @@ def compass_switches(values: Values, other: int, used: int) -> dict[str, float]:
 
 
 def ardupilot_motor_type(values: Values, index: int, power: str) -> dict[str, float]:
-    """Return what to set beside COMPASS_MOT for another ``power``. CalibrationUnknownError otherwise."""
+    """Return the change of COMPASS_MOTCT that selects ``power``, empty if set already.
+
+    CalibrationUnknownError if COMPASS_MOT would change its meaning for any compass.
+    """
     slot = compass_slot(values, index)
     if values.get("COMPASS_PMOT_EN"):
         raise CalibrationUnknownError("COMPASS_PMOT_EN compensates each motor by itself.")
@@ -283,11 +286,11 @@ def ardupilot_accelerometer(values: Values, index: int, version: str) -> Calibra
 GAUSS = 1e-4
 # CAL_MAGn_*COMP is gauss per kA of current, or gauss at full throttle.
 KILOAMPERE = 1e3
-# CAL_MAG_COMP_TYP; 3 is the current of a second battery, which no log names.
+# Values of CAL_MAG_COMP_TYP; 3, the current of a second battery, is treated as current.
 PX4_MOTOR_POWERS = {0: "", 1: "throttle", 2: "current"}
-# So many slots; decimals of gauss, of G/kA and of m/s^2 in a parameter.
+# Number of slots; decimals of parameters in G, G/kA and m/s^2.
 PX4_SLOTS, PX4_DIGITS = 8, 4
-# CAL_MAGn_ROT that points to CAL_MAGn_ROLL, _PITCH, _YAW in degrees.
+# Value of CAL_MAGn_ROT for custom angles CAL_MAGn_ROLL, _PITCH, _YAW in degrees.
 CUSTOM_ROTATION = 100
 BOARD_PARAMETERS = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
 
@@ -300,7 +303,7 @@ def px4_slot(kind: str, values: Values, device_id: int) -> int | None:
 
 
 def px4_slot_in_use(values: Values, device: str | None) -> int | None:
-    """Return the slot of a compass by its device; of one without a device the only enabled slot."""
+    """Return the slot of a compass by its device id, without one the only enabled slot."""
     if device is not None and device.isdigit():
         return px4_slot("MAG", values, int(device))
     slots = [n for n in range(PX4_SLOTS) if values.get(f"CAL_MAG{n}_ID")]
@@ -309,9 +312,9 @@ def px4_slot_in_use(values: Values, device: str | None) -> int | None:
 
 
 def px4_calibrate(kind: str, values: Values, device_id: int, x: Array) -> tuple[Array, bool]:
-    """Return body-frame values (n, 3) of raw ones, and whether they were calibrated; else only the board is turned.
+    """Return raw values (n, 3) calibrated and in body axes, and whether a calibration exists.
 
-    ``kind``: GYRO, ACC or MAG. The gain for motor current (``CAL_MAGn_*COMP``) is left out.
+    Without one only the board's rotation is applied. ``kind``: GYRO, ACC or MAG. ``CAL_MAGn_*COMP`` is not applied.
     """
     n = px4_slot(kind, values, device_id)
     if n is None:
@@ -330,7 +333,7 @@ def _px4_offset(kind: str, values: Values, n: int) -> Array:
 
 
 def _px4_gain(kind: str, values: Values, n: int) -> Array:
-    """Return scale factors as a matrix (3, 3); those of compasses are not diagonal."""
+    """Return the scale factors as matrix (3, 3), for a compass with off-diagonal elements."""
     gain = np.eye(3)
     if kind != "GYRO":
         np.fill_diagonal(gain, parameter_vector(values, px4_axis_names(kind, n, "SCALE"), 1.0))
@@ -341,7 +344,7 @@ def _px4_gain(kind: str, values: Values, n: int) -> Array:
 
 
 def _px4_rotation(kind: str, values: Values, n: int) -> Array:
-    """Return the rotation (3, 3) from sensor to vehicle: its own where it has one, else the board's."""
+    """Return the rotation (3, 3) from sensor to vehicle: its own mounting if set, else the board's."""
     own = values.get(f"CAL_{kind}{n}_ROT", -1.0)
     turn = mounting_matrix(own) if own >= 0 else None
     if own == CUSTOM_ROTATION:
@@ -391,7 +394,10 @@ def px4_compass(values: Values, device_id: int) -> Calibration:
 
 
 def px4_motor_type(values: Values, device_id: int, power: str) -> dict[str, float]:
-    """Return what to set beside COMP so that it is multiplied with ``power``. CalibrationUnknownError otherwise."""
+    """Return the change of CAL_MAG_COMP_TYP that selects ``power``, empty if set already.
+
+    CalibrationUnknownError if existing CAL_MAGn_*COMP would change their meaning.
+    """
     _px4_known_slot("MAG", values, device_id)
     now = int(values.get("CAL_MAG_COMP_TYP", 0))
     wanted = next(number for number, name in PX4_MOTOR_POWERS.items() if name == power)
@@ -415,7 +421,7 @@ def px4_accelerometer(values: Values, device_id: int) -> Calibration:
 
 
 def _px4_known_slot(kind: str, values: Values, device_id: int) -> int:
-    """Return the slot of a device whose offsets are in the log."""
+    """Return the slot of a device; CalibrationUnknownError if its offsets are not logged."""
     n = px4_slot(kind, values, device_id)
     if n is None:
         raise CalibrationUnknownError(f"No CAL_{kind}n_ID is that of device {device_id}.")

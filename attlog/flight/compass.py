@@ -1,4 +1,4 @@
-"""Choose a magnetometer: without spikes and repeated values, and one that measures."""
+"""Build magnetometers without spikes, and choose the one to use."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from attlog.flight.model import Array, Imu, Mag, Severity
 
 # Tesla per gauss and per milligauss.
 GAUSS, MILLIGAUSS = 1e-4, 1e-7
-# A record whose norm is this many times the median of its neighbours, or this part of it, is a spike.
+# Factor between a record's norm and the median of its neighbours above which (or below its inverse) it is a spike.
 SPIKE_FACTOR = 3.0
-# Up to this number and share spikes are a note.
+# Spikes beyond both this number and share are a warning, fewer a note.
 MAX_NOTE_SPIKES, MAX_NOTE_SPIKE_SHARE = 3, 0.01
-# A field that stays constant during a turn of this size is not measured.
+# Turn during which a constant field shows a dead magnetometer.
 MIN_TURN_DEG = 15.0
 
 
@@ -35,7 +35,10 @@ def build_mag(
     device: str | None = None,
     enabled: bool = True,
 ) -> Mag | None:
-    """Return a magnetometer of ``field_t`` (n, 3) tesla, None without records; spikes and zeros become NaN."""
+    """Build a magnetometer from ``field_t`` (n, 3) tesla; spikes and zeros become NaN.
+
+    None if no record is left. ValueError for another shape.
+    """
     if field_t.shape[1:] != (3,):
         raise ValueError(f"{source} does not hold three axes")
     stream = builder.stream(t_us, field_t, "T", source, frame="FRD", t_sample_us=t_sample_us, allow_nan=True)
@@ -57,7 +60,7 @@ def build_mag(
 
 
 def field_spikes(field_t: Array) -> NDArray[np.bool_]:
-    """Mark records (n,) that are no field: not finite, zero, beyond the limit, or far from the local median norm."""
+    """Mark invalid records (n,): not finite, zero, beyond the limit, or far from the local median norm."""
     norm = np.sqrt(np.sum(field_t**2, axis=1))
     bad: NDArray[np.bool_] = ~np.isfinite(norm) | (norm == 0) | (norm > limits.FIELD.high)
     good = np.flatnonzero(~bad)
@@ -70,7 +73,7 @@ def field_spikes(field_t: Array) -> NDArray[np.bool_]:
 
 
 def dead_reason(mag: Mag, imu: Imu | None) -> str:
-    """Return the reason why this magnetometer measures nothing, empty if it seems to."""
+    """Return the reason to consider a magnetometer dead, empty if it seems to measure."""
     x = mag.field.x[rotation.finite_rows(mag.field.x)]
     if len(x) == 0 or not x.any():
         return "all its values are zero"
@@ -82,9 +85,10 @@ def dead_reason(mag: Mag, imu: Imu | None) -> str:
 
 
 def choose_mag(builder: LogBuilder, preferred: int | None, why: str, asked: int | str | None) -> int | None:
-    """Return the position of the magnetometer to use, None with a problem where none can be.
+    """Return the position of the magnetometer to use; None and a problem if none is usable.
 
-    ``preferred``: index of the one that flew. ``asked``: an index, ``"none"``, or None to choose.
+    ``preferred``: index of the magnetometer that flew, for the reason ``why``. ``asked``: an index, ``"none"``, or None
+    to choose.
     """
     log, mags = builder.log, builder.log.mags
     if asked == "none":

@@ -12,10 +12,10 @@ from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Gnss, Reception
 
-# Fix types from here on carry a position.
+# Least fix type with a position.
 MIN_FIX_TYPE = 2
 NOT_ON_EARTH = f"whose place is none ({limits.LATITUDE.limits}, {limits.LONGITUDE.limits})"
-# A record is written at most so long after it was received.
+# Longest time from reception of a record to its logging.
 MAX_WRITE_DELAY_US = 1e6
 
 
@@ -35,13 +35,13 @@ def build_gnss(
     received_us: Array | None = None,
     reception: Mapping[str, Array] | None = None,
 ) -> Gnss | None:
-    """Return the receiver ``unit``, None if no record is left.
+    """Build the receiver ``unit`` from its records, None if no record is left.
 
     ``place`` (n, 3): latitude and longitude in deg, height in m. ``velocity`` (n, 3): m/s north-east-down.
     ``accuracy``: horizontal, vertical (m), speed (m/s), each (n,). ``yaw`` (n,): rad. ``utc_us`` (n,): Unix time.
-    ``repeats``: records are sent again until there is a new one, so that repeated times are no fault.
-    ``received_us`` (n,): arrival in us, NaN where unknown. ``reception``: columns (n,) of :class:`Reception`.
-    ValueError where a damaged definition makes arrays of single numbers.
+    ``repeats``: records are repeated until the next fix, so repeated times are not reported. ``received_us`` (n,):
+    arrival in us, NaN where unknown. ``reception``: columns (n,) of :class:`Reception`. ValueError if a column is no
+    number per record, as after damage of its definition.
     """
     if not all(len(t_us) == len(x) and x.ndim == 1 for x in (fix, *accuracy, yaw, utc_us) if x is not None):
         raise ValueError(f"{source} does not hold one value per record")
@@ -60,7 +60,7 @@ def build_gnss(
     place[:, 2] = builder.within(place[:, 2], limits.HEIGHT, source)
     velocity = builder.within(velocity, limits.SPEED, source)
     quantities = (limits.PLACE_ACCURACY, limits.PLACE_ACCURACY, limits.SPEED_ACCURACY)
-    # Without a fix drivers write their largest number.
+    # Without a fix, drivers log their largest number as accuracy.
     unknown = [~fixed & quantity.outside(x[index]) for x, quantity in zip(accuracy, quantities, strict=True)]
     h_acc, v_acc, s_acc = (
         builder.within(np.where(hidden, np.nan, x[index]), quantity, source)
@@ -81,7 +81,7 @@ def build_gnss(
 
 
 def utc_offset(builder: LogBuilder) -> float | None:
-    """Return the seconds that turn the log's clock into Unix time, from GNSS with a fix; None without a date."""
+    """Return Unix time minus log time in s by GNSS dates with a fix, None without dates."""
     for receiver in builder.log.gnss:
         if receiver.utc_us is None:
             continue
@@ -92,7 +92,7 @@ def utc_offset(builder: LogBuilder) -> float | None:
 
 
 def _reception_times(builder: LogBuilder, t_us: Stamps, received_us: Array | None) -> Array | None:
-    """Return arrival times (n,) in s, the stamp where one is unknown; None where all are."""
+    """Return arrival times (n,) in s, the stamp where unknown; None if all are unknown."""
     if received_us is None or received_us.shape != t_us.shape:
         return None
     since = t_us - received_us
@@ -109,7 +109,7 @@ def _reception(columns: Mapping[str, Array]) -> Reception | None:
     found = {}
     for name in Reception.__slots__:
         x = columns.get(name, unknown).astype(np.float64)
-        x = x if x.shape == unknown.shape else unknown  # a damaged definition makes arrays of single numbers
+        x = x if x.shape == unknown.shape else unknown  # damaged definition
         found[name] = np.where(quantities[name].outside(x), np.nan, x) if name in quantities else x
     return Reception(**found) if any(np.isfinite(x).any() for x in found.values()) else None
 
@@ -117,7 +117,7 @@ def _reception(columns: Mapping[str, Array]) -> Reception | None:
 def _valid_dates(
     builder: LogBuilder, utc_us: NDArray[np.int64], fix: NDArray[np.int64], source: str
 ) -> NDArray[np.int64] | None:
-    """Return Unix times with 0 where they are impossible, None without any; report those with a fix in space."""
+    """Set impossible Unix times to 0 and report those with a 3D fix; None if no date is left."""
     date = limits.UTC_US
     wrong = date.outside(utc_us.astype(np.float64)) & (utc_us != 0)
     count = int(np.count_nonzero(wrong & (fix > MIN_FIX_TYPE)))

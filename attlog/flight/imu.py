@@ -1,4 +1,4 @@
-"""Choose inertial units: candidates from several messages, the best of each unit, and the one to replay."""
+"""Choose inertial units: read candidates of all messages, keep the best per unit, select the one to replay."""
 
 from __future__ import annotations
 
@@ -18,29 +18,29 @@ from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
 from attlog.flight.timestamps import valid_stamp
 
-# Fewer samples are no flight.
+# Fewest samples of a replay.
 REPLAY_MIN_SAMPLES = 20
-# Below this rate no attitude can be replayed: rotation between samples is lost.
+# Lowest rate of a replay: below, rotation between samples is lost.
 REPLAY_MIN_HZ = 10.0
-# Below the 50 Hz of a default log vibration is aliased and lags carry a low-rate mark.
+# Below this rate (default logs have 50 Hz) vibration is aliased and lags are marked as low-rate.
 LOW_RATE_HZ = 45.0
 # A unit with a smaller share of nonzero records was never read: a simulator or driver filled it with zeros.
 MIN_NONZERO_SHARE = 0.01
-# Above this share of repeated or unset stamps the stamps are no clock. Below, two tasks logged each record.
+# Above this share of repeated or unset stamps they count as refused; below, two tasks logged each record.
 MAX_REPEATED_SHARE = 0.9
-# A message that covers a smaller share of the time of another one of its unit is not preferred to it.
+# Least time covered by a preferred message, as a share of the longest message of its unit.
 MIN_COVERED_SHARE = 0.02
-# Above this share of refused records the rest shows no motion.
+# Above this share of refused records a unit is not replayed.
 MAX_REFUSED_SHARE = 0.5
-# Share of one sensor's samples without the other sensor from which it is reported.
+# Share of samples without the other sensor's value above which they are reported.
 MAX_SILENT_SHARE = 0.05
-# Another unit's longer record is reported beyond both of these: s, and share of the whole.
+# A longer record of another unit is reported if both are exceeded: time in s, and share of the joint time.
 MAX_MISSED_S, MAX_MISSED_SHARE = 5.0, 0.05
-# Longest gap of one sensor across which it is interpolated to the other's times: us, and median intervals.
+# Longest gap across which one sensor is interpolated to the other's times: the larger of us and median intervals.
 MAX_RESAMPLE_US, MAX_RESAMPLE_INTERVALS = 20e3, 5.0
 
 REFUSED_CODES = ("values_out_of_range", "time_backward", "false_times", "rate_impossible")
-# Reasons why records that are in the log cannot be replayed.
+# Problems that explain unused inertial records.
 LEFT_OUT_CODES = (*REFUSED_CODES, "duplicate_times", "unset_times", "imu_all_zero", "unreadable_message")
 IMPLAUSIBLE_MOTION = (
     f"where gyro or accelerometer are missing or outside what a sensor can give ({limits.GYRO.limits}, "
@@ -49,7 +49,7 @@ IMPLAUSIBLE_MOTION = (
 
 
 def is_replayable_rate(rate: float) -> bool:
-    """Return whether a rate in Hz, as sentences show it, suffices for a replay."""
+    """Return whether a rate in Hz, rounded to a decimal as in messages, suffices for a replay."""
     return round(rate, 1) >= REPLAY_MIN_HZ
 
 
@@ -94,7 +94,7 @@ class ImuCandidate:
         return 1e-6 * float(self.t_us[-1] - self.t_us[0]) if len(self.t_us) else 0.0
 
     def rows(self, index: NDArray[np.int64]) -> ImuCandidate:
-        """Keep the samples of rising ``index`` (m,) only."""
+        """Keep only the samples of ascending ``index`` (m,), in place."""
         if len(index) == len(self.t_us):
             return self
         self.t_us, self.gyro, self.acc = self.t_us[index], self.gyro[index], self.acc[index]
@@ -105,7 +105,7 @@ class ImuCandidate:
 
 @dataclass(frozen=True, slots=True)
 class FlownUnits:
-    """The IMU ``units`` that the autopilot used from the stamps ``t_us`` (n,) on, as logged in ``source``."""
+    """IMU ``units`` in use by the autopilot from stamps ``t_us`` (n,) on, as logged in ``source``."""
 
     t_us: Stamps = field(default_factory=lambda: np.zeros(0, np.int64))
     units: list[int] = field(default_factory=list)
@@ -122,9 +122,9 @@ def read_candidates(
 
 
 def validate_candidate(builder: LogBuilder, candidate: ImuCandidate) -> ImuCandidate | None:
-    """Return the candidate with plausible stamps and possible values only, None if nothing is left.
+    """Remove records with implausible stamps or values; None if nothing is left.
 
-    What is left out is noted with the candidate, and reported only if the candidate is chosen.
+    Losses are kept in the candidate's problems, which the log reports only if the candidate is chosen.
     """
     own = builder.quiet()
     if candidate.gyro.shape[1:] != (3,) or candidate.acc.shape[1:] != (3,):
@@ -154,9 +154,9 @@ def validate_candidate(builder: LogBuilder, candidate: ImuCandidate) -> ImuCandi
 
 
 def best_per_unit(builder: LogBuilder, candidates: list[ImuCandidate]) -> list[ImuCandidate]:
-    """Return one candidate per unit, the best rank among usable ones, else the fastest; report its problems.
+    """Return one candidate per unit: the best rank among usable ones, else the fastest.
 
-    Where none is usable those of all are reported: a better message may be in the log, and useless.
+    Problems of the chosen candidate are reported; problems of all candidates if none is usable.
     """
     chosen = []
     for index in sorted({c.index for c in candidates}):
@@ -180,8 +180,8 @@ def add_imus(
 ) -> None:
     """Add the units to the log, choose the one to replay, and set t = 0 to its first sample.
 
-    ``flew``: index of the unit that the autopilot used. ``asked``: the user's choice. ``first_stamp``: t = 0 in us
-    without any unit.
+    ``flew``: index of the unit in use by the autopilot, for the reason ``why``. ``asked``: the user's choice.
+    ``first_stamp``: t = 0 in us without any unit.
     """
     log = builder.log
     log.imu = choose_imu(builder, candidates, flew, why, asked)
@@ -196,7 +196,7 @@ def add_imus(
 def choose_imu(
     builder: LogBuilder, units: list[ImuCandidate], flew: int | None, why: str, asked: int | None
 ) -> int | None:
-    """Return the position of the unit to replay, None (and a problem) where none can be."""
+    """Return the position of the unit to replay; None and a problem if no unit can be replayed."""
     if not units:
         _report_no_unit(builder)
         return None
@@ -235,14 +235,14 @@ def _report_no_unit(builder: LogBuilder) -> None:
 
 
 def _reason_left_out(builder: LogBuilder, more_than: int = 0) -> str:
-    """Return the problem of the most inertial records that were left out, empty for no more than ``more_than``."""
+    """Return the text of the problem with the largest loss of inertial records, empty up to ``more_than``."""
     losses = [p for p in builder.problems if p.code in LEFT_OUT_CODES and p.count > more_than]
     losses = losses or [p for p in builder.problems if p.code == "unreadable_message"]
     return max(losses, key=lambda p: p.count).text if losses else ""
 
 
 def _faster_unit(builder: LogBuilder, units: list[ImuCandidate], slow: int) -> tuple[int, str] | None:
-    """Return the position of a unit logged fast enough where the one that flew is not, and the reason."""
+    """Return position and reason of a unit that is logged fast enough, and report the slow one that flew."""
     fast = [k for k, u in enumerate(units) if is_replayable_rate(u.rate) and u.usable]
     if not fast:
         return None
@@ -256,7 +256,7 @@ def _faster_unit(builder: LogBuilder, units: list[ImuCandidate], slow: int) -> t
 
 
 def _is_replayable(builder: LogBuilder, unit: ImuCandidate) -> bool:
-    """Return whether a unit has enough good samples at a sufficient rate; report what it lacks."""
+    """Return whether a unit has enough valid samples at a sufficient rate; report a shortfall."""
     log, records = builder.log, len(unit.t_us)
     if records < REPLAY_MIN_SAMPLES:
         code = "imu_too_short"
@@ -280,7 +280,7 @@ def _is_replayable(builder: LogBuilder, unit: ImuCandidate) -> bool:
 
 
 def _report_wider_logging(builder: LogBuilder, units: list[ImuCandidate], position: int) -> None:
-    """Warn where another unit was logged before the one to replay begins, or after it ends."""
+    """Warn if another unit was logged well before the replayed one begins or after it ends."""
     mine = units[position]
     first, last = int(mine.t_us[0]), int(mine.t_us[-1])
     for other in units:
@@ -337,7 +337,10 @@ def resample_vectors(t_us: Stamps, at_us: Stamps, x: Array) -> Array:
 
 
 def longest_held(t_us: Stamps, units: list[int]) -> int | None:
-    """Return the unit that flew for the longest time, None without any; the last entry lasts as the median."""
+    """Return the unit that flew longest, None without any.
+
+    The last entry counts with the median interval.
+    """
     if not units:
         return None
     lengths: list[int] = np.diff(np.asarray(t_us, np.int64)).tolist()
@@ -349,7 +352,7 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
 
 
 def drop_unpaired(candidate: ImuCandidate) -> ImuCandidate:
-    """Leave out samples without a value of the other sensor; report more than the few at the ends."""
+    """Remove samples without accelerometer value; report more than MAX_SILENT_SHARE of them."""
     known = rotation.finite_rows(candidate.acc)
     missing, n = int(np.count_nonzero(~known)), len(candidate.acc)
     if missing > MAX_SILENT_SHARE * n:
@@ -359,5 +362,5 @@ def drop_unpaired(candidate: ImuCandidate) -> ImuCandidate:
 
 
 def low_pass_delay(cutoff_hz: float | None) -> float:
-    """Return the delay in s of a second-order Butterworth low-pass at low frequency, 0 where it is off."""
+    """Return the low-frequency delay in s of a second-order Butterworth low-pass, 0 if disabled."""
     return math.sqrt(2.0) / (2.0 * math.pi * cutoff_hz) if cutoff_hz and cutoff_hz > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Limits of the values that a quantity or a parameter of a flight can have.
+"""Physical limits of measured quantities and parameters.
 
 Logs are damaged, and drivers, parameters and clocks go wrong: a height of 1e30 m is a good float. Every value that a
 reader takes is compared with this table (:class:`~attlog.flight.builder.LogBuilder`), left out where it lies outside,
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A quantity: ``name`` in ``unit`` lies within ``low`` and ``high``, because of ``why``; NaN is never outside."""
+    """Physical range of a quantity, ``low`` to ``high`` in ``unit``, with its reason ``why``."""
 
     name: str
     low: float
@@ -34,13 +34,13 @@ class Quantity:
     why: str
 
     def outside(self, x: Array) -> NDArray[np.bool_]:
-        """Mark the impossible values of x (any shape)."""
+        """Mark the values of x (any shape) outside the range; NaN is not outside."""
         beyond: NDArray[np.bool_] = (x < self.low) | (x > self.high)
         return beyond
 
     @property
     def limits(self) -> str:
-        """The limits in words."""
+        """The range as text with its unit."""
         low, high = (f"{x:,.10g}".replace("-", "−") for x in (self.low, self.high))
         return f"{low} to {high} {self.unit}".rstrip()
 
@@ -93,25 +93,25 @@ UTC_US = Quantity(
     "1,024 weeks behind",
 )
 
-# Fastest records: a gyro's own samples (32 kHz), what a loop makes of them (8 kHz), GNSS and battery (100 Hz).
-# Faster ones have stamps of another unit: a log in ms read as us is a thousand times too fast.
+# Highest plausible rates of raw gyro samples (real: 32 kHz), of a control loop's output (8 kHz), and of GNSS and
+# battery (100 Hz). A higher rate shows stamps of another unit (ms read as us).
 RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
-# What lies further from the first sample is of another flight, or its time is false: boats run for a day.
+# Records further from the first sample belong to another flight or have a false time; boats run for a day.
 LONGEST_S = 3 * 86_400.0
-# Fewer records in a burst tell no rate.
+# Fewest records from which a rate is computed.
 ENOUGH_FOR_A_RATE = 20
 
 
 # --- parameters that attlog computes with ------------------------------------------------------------------------
 #
-# Damage makes a declination of 1e39 deg, or a filter at 1e-38 Hz. Limits are those of the firmware's parameter tables
-# or of the quantity, whichever is wider.
+# Damaged logs hold a declination of 1e39 deg, or a filter at 1e-38 Hz. Limits are those of the firmware's parameter
+# tables or of the quantity, whichever is wider.
 
 CUTOFF = Quantity("cutoff frequency", 1.0, 10_000.0, "Hz", "no filter of an autopilot is slower or faster; 0 is none")
 _TURN = Quantity("angle", -360.0, 360.0, "deg", "one turn")
 _GAIN = Quantity("gain", 0.0, 100.0, "", "the firmware's own largest is 10")
 
-# By the whole name. Parameters that are not here are shown and compared, not computed with.
+# Pattern of the whole name, and limits. Other parameters are shown and compared, but not used in computations.
 PARAMETER_LIMITS: tuple[tuple[str, Quantity], ...] = (
     (r"EKF2_MAG_DECL|ATT_MAG_DECL", Quantity("declination", -180.0, 180.0, "deg", "half a turn")),
     (r"COMPASS_DEC", Quantity("declination", -math.pi, math.pi, "rad", "half a turn")),
@@ -132,19 +132,22 @@ PARAMETER_LIMITS: tuple[tuple[str, Quantity], ...] = (
     ),
     (r"SCHED_LOOP_RATE", Quantity("loop rate", 0.0, 32_000.0, "Hz", "no autopilot loops faster than a gyro samples")),
 )
-# Of many parameters with impossible values, so many are named.
+# Most parameters that a problem names.
 MAX_NAMED = 4
 _PARAMETER_PATTERN = re.compile("|".join(f"({pattern.replace('(', '(?:')})" for pattern, _ in PARAMETER_LIMITS))
 
 
 def parameter_quantity(name: str) -> Quantity | None:
-    """Return the limits of a parameter, None for one that attlog does not compute with."""
+    """Return the limits of a parameter, None if attlog does not compute with it."""
     found = _PARAMETER_PATTERN.fullmatch(name)
     return None if found is None or found.lastindex is None else PARAMETER_LIMITS[found.lastindex - 1][1]
 
 
 def broken_limits(name: str, value: float) -> Quantity | None:
-    """Return the limits that a value breaks, None for a possible one, which a disabled filter (0 or less) is."""
+    """Return the limits that a value violates, None if possible.
+
+    Cutoff frequencies of 0 and -1 (disabled) are possible.
+    """
     quantity = parameter_quantity(name)
     if quantity is None or (quantity is CUTOFF and -1.0 <= value <= 0.0):
         return None
@@ -174,7 +177,7 @@ def drop_impossible(messages: Messages) -> list[Problem]:
 def _limit_problem(
     quantity: Quantity, names: list[str], wrong: dict[str, list[ParamChange]], kept: Iterable[ParamChange]
 ) -> Problem:
-    """Return the problem of a quantity's parameters with impossible values."""
+    """Return the problem that reports impossible values of one quantity's parameters."""
     changes = [change for name in names for change in wrong[name]]
     count = len(changes) + sum(change.name in names for change in kept)
     more = f" and {len(names) - MAX_NAMED} more" if len(names) > MAX_NAMED else ""
@@ -194,7 +197,7 @@ def _limit_problem(
 # Documented ranges: ``@Range`` of ArduPilot, ``@min`` and ``@max`` of PX4. PX4 documents none for offsets: there it is
 # what ArduPilot documents, or a few times the earth's field. Of several versions the narrowest counts.
 
-# By the whole name: lowest and highest value.
+# Pattern of the whole name, lowest and highest value.
 DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
     (r"COMPASS_OFS[23]?_[XYZ]", -400.0, 400.0),
     (r"COMPASS_MOT[23]?_[XYZ]", -1000.0, 1000.0),
@@ -240,7 +243,7 @@ DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
     (r"EKF2_BARO_NOISE", 0.01, 15.0),
     (r"EKF2_EAS_NOISE", 0.5, 5.0),
 )
-# Parameters that hold whole numbers: int32 in a file of QGroundControl's form.
+# Integer parameters: type int32 in QGroundControl's parameter files.
 INTEGER_PARAMETERS = re.compile(
     r"COMPASS_(MOTCT|USE[23]?|PRIO\d_ID)|INS_HNT(CH|C2)_(ENABLE|MODE|HMNCS|OPTS)|INS_TCAL\d_ENABLE|GPS\d?_DELAY_MS2?"
     r"|EK[23]_HGT_DELAY|CAL_MAG_COMP_TYP|CAL_(MAG|ACC|GYRO)\d_(PRIO|ROT|ID)|IMU_GYRO_DNF_(EN|HMC)"
@@ -248,7 +251,7 @@ INTEGER_PARAMETERS = re.compile(
 
 
 def documented_range(name: str) -> tuple[float, float] | None:
-    """Return the lowest and highest documented value of a parameter, None for one that is never offered."""
+    """Return the documented range of a parameter, None if attlog never proposes a value."""
     return next(((low, high) for pattern, low, high in DOCUMENTED_RANGES if re.fullmatch(pattern, name)), None)
 
 

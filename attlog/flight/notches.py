@@ -147,7 +147,10 @@ def harmonic_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, t
 
 
 def px4_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[float, str]]:
-    """Return the dynamic notch where the autopilot measures what the peak follows, else a fixed one of its width."""
+    """Return the parameters of PX4's dynamic notch, or of a fixed one.
+
+    The dynamic notch serves peaks that follow rotor speed, and any peak with the onboard FFT. Empty if neither suits.
+    """
     dynamic = log.param("IMU_GYRO_DNF_EN")
     by_fft = (log.param("IMU_GYRO_FFT_EN") or 0.0) >= 1.0
     if notch.follows == "rotors" and dynamic is not None:
@@ -163,12 +166,12 @@ def px4_notch_parameters(log: FlightLog, notch: WantedNotch) -> dict[str, tuple[
 
 
 def fixed_notch(values: dict[str, float]) -> tuple[str, float, float] | None:
-    """Return name, centre and width in Hz of a fixed notch, None for another one."""
+    """Return the frequency parameter, centre and width in Hz of a notch, None without a centre frequency."""
     return next(((f, values[f], values.get(w, 0.0)) for f, w in FIXED_NOTCHES if f in values), None)
 
 
 def advise_reboot(values: dict[str, float]) -> str:
-    """Return what must be set first, empty where all can be set at once."""
+    """Return the advice to enable the notch and reboot first, empty if not needed."""
     if "INS_HNTCH_ENABLE" in values:
         return "Set INS_HNTCH_ENABLE and reboot first: only then do the others exist."
     return ""
@@ -176,7 +179,7 @@ def advise_reboot(values: dict[str, float]) -> str:
 
 # --- logging of vibration ----------------------------------------------------------------------------------------
 
-# The firmware whose level is that of differences of samples that it logs at full rate itself.
+# Firmware whose vibration level is a difference of successive samples, which it can log at full rate.
 DIFFERENCE_FIRMWARE = "PX4"
 NO_LEVEL = {
     "PX4": "No vehicle_imu_status (PX4 1.11 and later) and no samples at full rate: vibration is not measured.",
@@ -187,7 +190,7 @@ FLIGHT_ADVICE = "fly two minutes with changes of throttle"
 
 
 def filters_gyro(log: FlightLog) -> bool:
-    """Return whether this firmware has known notches."""
+    """Return whether the firmware's notch parameters are known."""
     return log.firmware.name in ("PX4", "ArduPilot")
 
 
@@ -197,12 +200,12 @@ def measures_differences(log: FlightLog) -> bool:
 
 
 def advise_vibration_level(log: FlightLog) -> str:
-    """Return why a log holds no vibration level, and what would log one."""
+    """Return the reason for a missing vibration level and the advice on logging it."""
     return NO_LEVEL.get(log.firmware.name, NO_LEVEL[""])
 
 
 def advise_fast_gyro(log: FlightLog) -> str:
-    """Return what would log the gyro at the sensor's rate, without settings that are made already."""
+    """Return the advice on logging the gyro at the sensor's rate."""
     if log.firmware.name == "ArduPilot":
         mask = log.param("INS_LOG_BAT_MASK")
         if mask is None:

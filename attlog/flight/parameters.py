@@ -22,11 +22,11 @@ from attlog.flight.limits import broken_limits, is_integer
 from attlog.flight.model import FlightLog, Problem, TimeLine
 from attlog.formats.table import Messages, ParamChange
 
-# A declination of 0 is "not set": on almost all of the earth 0 is wrong.
+# A declination up to this size counts as not set.
 UNSET_DECLINATION_DEG = 1e-6
-# Parameters with the bit that lets the autopilot look the declination up by its position.
+# Parameters with the bit that enables the autopilot's own declination map.
 DECLINATION_LOOKUP = {"EKF2_DECL_TYPE": 1, "ATT_MAG_DECL_A": 1, "COMPASS_AUTODEC": 1}
-# Names in a sentence, and bad lines of a file, that are shown.
+# Most names in a sentence, and most invalid lines of a file in a message.
 MAX_SHOWN = 6
 # Names at least this similar are suggested (difflib's ratio).
 MIN_SIMILARITY = 0.8
@@ -36,7 +36,7 @@ MIN_SIMILARITY = 0.8
 
 
 def boot_values(changes: list[ParamChange]) -> dict[str, float]:
-    """Return the first value of each parameter, with which the vehicle booted."""
+    """Return the first logged value of each parameter."""
     first: dict[str, float] = {}
     for change in changes:
         if not change.is_default and change.name not in first and math.isfinite(change.value):
@@ -45,9 +45,10 @@ def boot_values(changes: list[ParamChange]) -> dict[str, float]:
 
 
 def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
-    """Return every parameter's changes on the log's clock; values from before the data hold from its first stamp on.
+    """Return the changes of every parameter on the log's clock.
 
-    Repetitions of the same value (a table written again at each arming) are one entry.
+    Values without a time apply from the first stamp on. Repeated equal values (a table written at each arming) are
+    merged.
     """
     changes = builder.messages.params
     near = (c.t_us for c in changes if c.t_us is not None and builder.is_near(c.t_us))
@@ -71,7 +72,10 @@ def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
 
 
 def add_values(builder: LogBuilder, declinations: Mapping[str, float]) -> None:
-    """Add defaults and the set declination; ``declinations``: its parameters with their factor to deg, best first."""
+    """Add the logged defaults and the declination setting to the log.
+
+    ``declinations``: parameters of the declination with their factor to deg, preferred first.
+    """
     log = builder.log
     changes = builder.messages.params
     log.parameters.defaults = {c.name: c.value for c in changes if c.is_default and math.isfinite(c.value)}
@@ -83,7 +87,7 @@ def add_values(builder: LogBuilder, declinations: Mapping[str, float]) -> None:
 
 
 def looks_up_declination(log: FlightLog) -> bool:
-    """Return whether the autopilot takes the declination from its own map once it has a position."""
+    """Return whether the autopilot takes the declination from its map once it has a position."""
     return any((value := log.param(name)) is not None and int(value) & bit for name, bit in DECLINATION_LOOKUP.items())
 
 
@@ -91,7 +95,7 @@ def looks_up_declination(log: FlightLog) -> bool:
 
 
 def read_parameter_file(path: str | Path) -> dict[str, float]:
-    """Return values by name. LogUnreadable if the file cannot be opened, UsageError with every bad line."""
+    """Read a ground station's parameter file. LogUnreadable if it cannot be opened, UsageError for invalid lines."""
     lines = read_settings_bytes(Path(path)).decode("utf-8-sig", "replace").splitlines()
     values: dict[str, float] = {}
     first_line: dict[str, int] = {}
@@ -120,7 +124,7 @@ def read_parameter_file(path: str | Path) -> dict[str, float]:
 
 
 def _parse_number(text: str) -> float:
-    """Return a decimal or hexadecimal number, NaN if it is none."""
+    """Parse a decimal or hexadecimal number, NaN if invalid."""
     try:
         return float(int(text, 16)) if text.lower().startswith("0x") else float(text)
     except (ValueError, OverflowError):
@@ -128,7 +132,7 @@ def _parse_number(text: str) -> float:
 
 
 def add_missing(messages: Messages, given: Mapping[str, float]) -> frozenset[str]:
-    """Add parameters that a log does not hold, and return their names."""
+    """Add given parameters that the log lacks, and return their names."""
     known = {change.name for change in messages.params}
     start = messages.boots[0].start if messages.boots else 0
     added = [ParamChange(name, value, offset=start) for name, value in given.items() if name not in known]
@@ -139,7 +143,7 @@ def add_missing(messages: Messages, given: Mapping[str, float]) -> frozenset[str
 def compare_with_log(
     path: str | Path, given: Mapping[str, float], own: Mapping[str, float], applied: Collection[str] = ()
 ) -> list[Problem]:
-    """Report where a file differs from a log's own parameters, and names that the log does not hold.
+    """Report parameters of a file that differ from the log or are not in the log.
 
     ``applied``: parameters that corrected sensors and are reported elsewhere.
     """
@@ -159,7 +163,7 @@ def compare_with_log(
         near = {n: difflib.get_close_matches(n, own, n=1, cutoff=MIN_SIMILARITY) for n in unknown[:MAX_SHOWN]}
         names = _list_names([n + (f" (did you mean {near[n][0]}?)" if near.get(n) else "") for n in unknown])
         text = f"{name} names parameters that the log does not hold: {names}. Typing errors, or another firmware."
-        # Where most names are new the log's own table is incomplete.
+        # If most names are unknown, the log's own table is incomplete.
         found.append(Problem("params_unknown", "warning" if 2 * len(unknown) <= len(given) else "note", text))
     return found
 
@@ -171,7 +175,7 @@ def _list_names(items: list[str]) -> str:
 LEARNED_OFFSETS_NOTE = "PX4 may have moved compass offsets at disarming: old values are those that flew."
 # MAV_PARAM_TYPE_INT32, MAV_PARAM_TYPE_REAL32 and MAV_COMP_ID_AUTOPILOT1.
 INT32, FLOAT, AUTOPILOT = 6, 9, 1
-# Parameters that swap the slots of compasses at the next boot, and those of a slot.
+# Prefixes of parameters that swap compass slots at the next boot, and of parameters of a slot.
 COMPASS_ORDER_PREFIX = "COMPASS_PRIO"
 COMPASS_SLOT_PREFIXES = ("COMPASS_OFS", "COMPASS_MOT", "COMPASS_DIA", "COMPASS_ODI", "COMPASS_SCALE")
 
@@ -181,8 +185,8 @@ def parameter_file_text(
 ) -> str:
     """Return a parameter file: ``head`` as comments, then ``values``, each below its comment in ``beside``.
 
-    ``firmware``: PX4 or ArduPilot. ``vehicle``: its MAVLink id. Beside calibrations of compasses their order is left
-    out, because a new order swaps all slots.
+    ``firmware``: PX4 or ArduPilot. ``vehicle``: its MAVLink id. COMPASS_PRIO is omitted if the file also calibrates
+    compasses, because a new order swaps all slots.
     """
     calibrates = any(name.startswith(COMPASS_SLOT_PREFIXES) for name in values)
     lines = [f"# {line}" for line in head]

@@ -16,12 +16,12 @@ from attlog.formats.table import Messages, Table
 def read_stamps(table: Table, column: str, us: int = 1) -> Stamps:
     """Return a column of times in units of ``us`` microseconds as stamps (n,), negative for impossible times.
 
-    ValueError where the log's own definitions make text, or several numbers per record, of it.
+    ValueError if the column is text or has several numbers per record.
     """
     logged = table[column]
     if logged.ndim != 1 or logged.dtype.kind not in "iuf":
         raise ValueError(f"{table.name}.{column} is no time")
-    if logged.dtype.kind == "f":  # no integer means "not a number", and what a cast makes of it differs by processor
+    if logged.dtype.kind == "f":  # casting NaN to an integer depends on the processor
         logged = np.where((logged >= 0) & (logged <= LAST_TIME_US), logged, -1)
     stamps: Stamps = logged.astype(np.int64)
     if us != 1:
@@ -36,19 +36,19 @@ def valid_stamp(t_us: int) -> int:
 
 # --- other messages at a time ------------------------------------------------------------------------------------
 
-# The column with the time of each record alone.
+# Column with the stamp of each record, by format.
 TIMESTAMP_COLUMN = {"ulog": "timestamp"}
-# Messages are logged together when a logger goes on after a pause; slow ones follow within this time.
+# After a pause of the logger all messages resume within this time, slow ones included.
 CORROBORATION_US = 10_000_000
-# Messages with times, the judged one among them, that a log must have for one to contradict another.
+# Fewest messages with times, including the tested one, for the test of isolated times.
 MIN_CLOCKS = 3
 
 
 def isolated_timestamps(messages: Messages, t_us: Stamps) -> NDArray[np.bool_]:
     """Mark times (n,) in us near which at most one message of the log has a record.
 
-    A logger that pauses leaves a gap in all messages; a false time leaves it in one. All False for too few messages
-    with times of their own, and in telemetry, whose checksums leave no false time.
+    A pause of the logger leaves a gap in all messages, a false time in one. All False for fewer than MIN_CLOCKS
+    messages with stamps, and in telemetry, which is protected by checksums.
     """
     near = np.zeros(len(t_us), np.int64)
     logged = 0
@@ -62,7 +62,7 @@ def isolated_timestamps(messages: Messages, t_us: Stamps) -> NDArray[np.bool_]:
 
 
 def _message_clocks(messages: Messages) -> Iterator[Stamps]:
-    """Yield the rising times that the records of each message carry."""
+    """Yield the sorted valid stamps of each message."""
     if messages.format in ("tlog", "mavlink"):
         return
     for table in messages.values():
@@ -75,7 +75,7 @@ def _message_clocks(messages: Messages) -> Iterator[Stamps]:
 
 
 def _own_stamps(log_format: str, table: Table) -> Stamps | None:
-    """Return the boot times (n,) that the records carry themselves in us, None without numbers."""
+    """Return the logged boot times (n,) of a table's records in us, None without a numeric column."""
     if log_format in ("dataflash", "dataflash_text"):
         from attlog.flight.ardupilot.imu import own_time
 
@@ -91,7 +91,10 @@ def _own_stamps(log_format: str, table: Table) -> Stamps | None:
 
 
 def table_time_span(messages: Messages, system: int | None = None) -> Callable[[Table], tuple[int, int] | None]:
-    """Return a function from a table to its first and last boot time in us; it keeps no column."""
+    """Return a function that gives a table's first and last boot time in us.
+
+    Decoded columns are released.
+    """
     stamps = record_clock(messages, system)
 
     def ends(table: Table) -> tuple[int, int] | None:
@@ -104,9 +107,9 @@ def table_time_span(messages: Messages, system: int | None = None) -> Callable[[
 
 
 def record_clock(messages: Messages, system: int | None = None) -> Callable[[Table], Stamps | None]:
-    """Return a function from a table to the boot times (n,) of its records in us, None without numbers.
+    """Return a function that gives the boot times (n,) of a table's records in us, None if unknown.
 
-    ``system``: the MAVLink vehicle whose boot clock counts; packets of others get their time of reception on it.
+    ``system``: the MAVLink vehicle whose boot clock is used; packets of others get their time of reception on it.
     """
     if messages.format in ("dataflash", "dataflash_text"):
         from attlog.flight.ardupilot.imu import RecordClock
@@ -136,7 +139,7 @@ def logged_seconds(messages: Messages) -> float:
     spans = []
     for (name, _), table in messages.items():
         column, us = next(((c, us) for c, us in BOOT_CLOCK_COLUMNS if c in table), ("", 1.0))
-        if not column or len(table) == 0 or (name == "GPS" and column == "TimeMS"):  # that is the time of the week
+        if not column or len(table) == 0 or (name == "GPS" and column == "TimeMS"):  # time of the GPS week
             continue
         t = np.asarray(table[column], np.float64).ravel() * us * 1e-6
         t = t[np.isfinite(t) & (t > 0.0)]
@@ -150,7 +153,7 @@ def logged_seconds(messages: Messages) -> float:
 
 
 def describe_other_boots(messages: Messages, chosen: int) -> str:
-    """Return the other power-ups with their lengths: "Number 1 lasts 12 s, number 2 3 s"."""
+    """Return the other power-ups and their lengths as text: "Number 1 lasts 12 s, number 2 lasts 3 s"."""
     numbers = [k for k in range(len(messages.boots)) if k != chosen]
     logged = [f"number {k} lasts {logged_seconds(messages.boot(k)):.0f} s" for k in numbers[:MAX_LISTED_BOOTS]]
     more = f" and {len(numbers) - MAX_LISTED_BOOTS} more" if len(numbers) > MAX_LISTED_BOOTS else ""

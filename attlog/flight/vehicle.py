@@ -11,7 +11,7 @@ from enum import Enum
 
 
 class VehicleKind(Enum):
-    """Abilities of a vehicle, whatever its name."""
+    """Kind of a vehicle, with its abilities."""
 
     MULTIROTOR = "multirotor"
     HELICOPTER = "helicopter"
@@ -153,7 +153,7 @@ PX4_AUTO = 4
 PX4_MAIN_MODES = _numbered("-, Manual, Altitude, Position, -, Acro, Offboard, Stabilized, Rattitude")
 PX4_AUTO_MODES = _numbered("-, Ready, Takeoff, Hold, Mission, Return, Land, -, Follow Me, Precision Land")
 
-# Modes without a commanded attitude: rates, servos or wheels are steered, or nothing is.
+# Modes without a commanded attitude: rates, servos, wheels or nothing is commanded.
 WITHOUT_ATTITUDE = frozenset(
     "manual acro rattitude training flip throw turtle qacro learning steering hold simple dock motor_detect "
     "initialising termination ready".split()

@@ -1,1 +1,1 @@
-"""ArduPilot: which record means what, in every era, and which setting logs it."""
+"""Reader of ArduPilot logs of all versions."""

@@ -1,4 +1,4 @@
-"""Read from a DataFlash log what one core of EKF3 was given on board: samples, events and its own states.
+"""Read the inputs of one EKF3 core from a DataFlash log: samples and events, with its logged states.
 
 Times are s since boot. Units are SI but for the magnetic field, which EKF3 keeps in gauss.
 Records: ArduPilot ``libraries/AP_NavEKF3/LogStructure.h`` and ``AP_Logger/LogStructure.h``.
@@ -25,24 +25,24 @@ from attlog.formats.table import Table
 
 Array = NDArray[np.float64]
 
-# 20 Hz of IMU still give 0.3 deg; below, motion between two samples is lost.
+# Lowest IMU rate of a re-run, which agrees to 0.3 deg at 20 Hz; below, motion between samples is lost.
 MIN_IMU_RATE_HZ = 20.0
 # Value of AHRS_EKF_TYPE with which EKF3 flies.
 EKF3_TYPE = 3.0
 # Bits of XKF4.SS (nav_filter_status): relative and absolute horizontal position.
 RELATIVE_BIT, ABSOLUTE_BIT = 3, 4
-# Share of the log's time from which on relative aiding counts as flown.
+# Share of records with relative aiding above which a re-run is refused.
 MIN_AID_SHARE = 0.05
 # Values of EK3_SRC1_YAW that the re-run models: none, compass, GSF.
 MODELLED_YAW_SOURCES = (0, 1, 8)
-# Lag of receivers in ms (AP_GPS): u-blox of generation 5 and 6, or later ones; other drivers; simulator.
+# Lag of receivers in ms (AP_GPS): u-blox 5 and 6, later u-blox, other drivers, simulator.
 UBLOX_OLD_LAG_MS, UBLOX_LAG_MS, OTHER_LAG_MS, SIMULATED_LAG_MS = 220.0, 120.0, 200.0, 100.0
-# GPS_TYPE of drivers that speak u-blox: automatic and u-blox.
+# GPS_TYPE of u-blox drivers: automatic and u-blox.
 UBLOX_TYPES = (1, 2)
 # A motor output above this turns the motor (us).
 MOTOR_TURNS_US = 1150.0
 MILLIGAUSS = 1e-3
-# Innovations of XKF3 by the aids of a re-run, and their size in its units.
+# Innovation columns of XKF3 by aid, with their factor to the units of the re-run.
 INNOVATION_COLUMNS = {
     "velocity_n": ("IVN", 1.0),
     "velocity_e": ("IVE", 1.0),
@@ -56,7 +56,7 @@ INNOVATION_COLUMNS = {
     "heading": ("IYAW", np.pi / 180.0),
     "airspeed": ("IVT", 1.0),
 }
-# Texts of a core ("EKF3 IMU0 ...") by the event that they report.
+# Beginnings of a core's messages ("EKF3 IMU0 ...") and the events that they report.
 EVENT_TEXTS = {
     "initialised": "initialised",
     "tilt alignment complete": "tilt_aligned",
@@ -71,10 +71,11 @@ EVENT_TEXTS = {
 
 @dataclass(slots=True)
 class Ekf3States:
-    """Logged output of a core, one row a record of XKF1: 24 states as in :mod:`attlog.estimators.error_state`.
+    """Logged states of a core ``x`` (n, 24), a row per XKF1 record.
 
-    Fields and wind are those of the record of XKF2 before. ``variances`` (m, 24) at ``t_variances``: the filter's own
-    24 states, biases per filter step. ``status``: bits of XKF4.SS at ``t_status``. ``mag_fusion`` (XKFS) 1 yaw, 2 axes.
+    States are ordered as in :mod:`attlog.estimators.error_state`. Magnetic fields and wind come from the preceding XKF2
+    record. ``variances`` (m, 24) at ``t_variances``: of the filter's states, with biases per filter step. ``status``:
+    bits of XKF4.SS. ``mag_fusion`` (XKFS): 1 yaw, 2 three axes.
     """
 
     t: Array
@@ -89,12 +90,12 @@ class Ekf3States:
 
 @dataclass(slots=True)
 class Ekf3Inputs:
-    """All that one core of EKF3 was given, as far as the log holds it.
+    """Logged inputs of one EKF3 core.
 
-    ``t``, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2: IMU records; ``gyro_late``, ``acc_late`` s: delay of the filters
-    ahead of the logger, which the EKF's own increments have not. Aids are mappings of columns; absent ones are empty.
-    ``innovations``: of XKF3 by aid. ``events``: times by the names of :data:`EVENT_TEXTS`. ``step_s``: mean filter step
-    where XKT reports it.
+    ``t``, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2: IMU records. ``gyro_late``, ``acc_late`` s: delay of the
+    low-pass filters ahead of the logger; the EKF's own increments are not filtered. Aids are mappings of columns,
+    empty if not logged. ``innovations``: from XKF3 by aid. ``events``: times by the names in :data:`EVENT_TEXTS`.
+    ``step_s``: filter step by XKT, None if not logged.
     """
 
     core: int
@@ -130,7 +131,7 @@ def _seconds(builder: DataflashBuilder, table: Table) -> Array:
 
 
 def _read(builder: DataflashBuilder, table: Table | None, names: Mapping[str, str]) -> dict[str, Array]:
-    """Read columns of a record under shorter names in rising order of time; NaN for those that it lacks."""
+    """Read columns of a table, renamed and sorted by time; missing columns are NaN."""
     if table is None or not len(table):
         return {"t": np.zeros(0)} | {short: np.zeros(0) for short in names}
     t = _seconds(builder, table)
@@ -140,7 +141,7 @@ def _read(builder: DataflashBuilder, table: Table | None, names: Mapping[str, st
 
 
 def _core_table(builder: DataflashBuilder, name: str, core: int) -> Table | None:
-    """Return a record of a core; before 4.0 the second core wrote XKF6 to XKF9 and XKQ2."""
+    """Return the table of a core; before 4.0 the second core wrote XKF6 to XKF9 and XKQ2."""
     found = builder.units(name)
     if core in found:
         return found[core]
@@ -154,7 +155,7 @@ def _core_table(builder: DataflashBuilder, name: str, core: int) -> Table | None
 def _selected(
     builder: DataflashBuilder, name: str, choice: Mapping[str, Array], columns_: Mapping[str, str]
 ) -> dict[str, Array]:
-    """Read a sensor's records of the unit that the core used at each time."""
+    """Read a sensor's records, at each time of the unit in use by the core."""
     units = builder.units(name)
     if not units:
         return _read(builder, None, columns_)
@@ -173,7 +174,7 @@ def _selected(
 
 
 def _chosen(builder: DataflashBuilder, core: int, column: str, old: str = "") -> dict[str, Array]:
-    """Return the unit of a sensor that a core used over time (XKFS, before 4.1 XKF2)."""
+    """Return the sensor unit in use by a core over time (XKFS, before 4.1 XKF2)."""
     table = _core_table(builder, "XKFS", core)
     if table is not None and column in table:
         return _read(builder, table, {"unit": column})
@@ -204,7 +205,7 @@ def _gnss(builder: DataflashBuilder, core: int) -> dict[str, Array]:
 
 
 def gnss_lag(builder: DataflashBuilder) -> float:
-    """Return the lag of the receiver in ms as its driver reports it to the EKF."""
+    """Return the receiver's lag in ms that the EKF compensates, by parameters or the driver's default."""
     values = builder.values
     for name in ("GPS1_DELAY_MS", "GPS_DELAY_MS"):
         if values.get(name, 0.0) > 0.0:
@@ -286,7 +287,10 @@ def _line(line: TimeLine | None, t0: float) -> dict[str, Array]:
 
 
 def _armed(builder: DataflashBuilder, t0: float) -> dict[str, Array]:
-    """Return arming over time; before the first record armed only if a motor turns."""
+    """Return arming over time, with an initial state before the first record.
+
+    Initially armed are planes whose first record is a disarming, and other vehicles whose motors turn.
+    """
     armed = _line(builder.log.state.armed, t0)
     outputs = builder.messages.first("RCOU")
     if not len(armed["t"]):
@@ -303,7 +307,10 @@ def _armed(builder: DataflashBuilder, t0: float) -> dict[str, Array]:
 
 
 def core_of(builder: DataflashBuilder, unit: int | None) -> int:
-    """Return the core of an IMU, else the one that was primary longest."""
+    """Return the core on IMU ``unit``, for None the core that was primary longest.
+
+    UsageError if no core uses the unit.
+    """
     _, t_us, lanes = primary_core(builder)
     cores = sorted(builder.units("XKF1")) or [0]
     if unit is not None:
@@ -315,7 +322,10 @@ def core_of(builder: DataflashBuilder, unit: int | None) -> int:
 
 
 def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Inputs:
-    """Read all inputs of the core on an IMU, else of the primary core. UsageError where the log is too thin."""
+    """Read the inputs of the core on IMU ``unit``, for None of the primary core.
+
+    UsageError if EKF3 did not fly, its IMU is not logged or too slow, or an aid is not modelled.
+    """
     log, values = builder.log, builder.values
     if not builder.units("XKF1"):
         if builder.units("NKF1"):
@@ -377,7 +387,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
 
 
 def _imu(log: FlightLog, unit: int) -> Imu:
-    """Return the IMU of a core. UsageError where it is not logged, or too slowly."""
+    """Return the IMU of a core. UsageError if not logged or too slow."""
     imu = next((one for one in log.imus if one.index == unit), None)
     if imu is None:
         raise UsageError(f"EKF3 cannot be run again: the log holds no samples of its IMU {unit}.")
@@ -389,7 +399,7 @@ def _imu(log: FlightLog, unit: int) -> Imu:
 
 
 def _check_aids(builder: DataflashBuilder, core: int) -> None:
-    """UsageError where the core flew on optical flow, external navigation or a heading that is not modelled."""
+    """Raise UsageError for flights on optical flow, external navigation or an unmodelled heading source."""
     status = _read(builder, _core_table(builder, "XKF4", core), {"bits": "SS"})["bits"]
     if len(status):
         bits = np.nan_to_num(status).astype(np.int64)

@@ -1,7 +1,7 @@
 """Read the attitudes of ArduPilot logs and the states of its EKF.
 
-ATT, ANG, AHR2 and the Euler records of the EKFs (EKF1, NKF1, XKF1) have AHRS_TRIM taken out; the quaternion records
-(NKQ, XKQ) have not (NavEKF3_core::getEulerAngles, and measured on a log with 0.96 deg of trim).
+AHRS_TRIM is removed from ATT, ANG, AHR2 and the Euler records of the EKFs (EKF1, NKF1, XKF1), but not from the
+quaternion records NKQ and XKQ (NavEKF3_core::getEulerAngles, and measured on a log with 0.96 deg of trim).
 
 GX, GY, GZ of XKF1 and NKF1 are deg/s in body axes (ArduPilot's list of log messages; FMTU since 3.6), to be subtracted;
 IMU, GYR, IMT and RISI are logged before. EKF1 is left out: commit ac2e5f6 (October 2014) changed its unit from deg/min
@@ -32,7 +32,7 @@ from attlog.flight.imu import longest_held
 from attlog.flight.model import Array, Attitude, InnovationTest, Stream, TimeLine, covered_seconds
 from attlog.formats.table import Messages, Table
 
-# Id of an EV record.
+# EV id of a yaw reset.
 YAW_RESET_EVENT = 62
 # ANG replaces ATT where it covers at least this share of its time.
 MIN_ANG_SHARE = 0.95
@@ -40,7 +40,7 @@ QUATERNION_COLUMNS = ("Q1", "Q2", "Q3", "Q4")
 EULER_COLUMNS = ("Roll", "Pitch", "Yaw")
 POSE_COLUMNS = ("R", "P", "Y")
 SETPOINT_COLUMNS = ("DesRoll", "DesPitch", "DesYaw")
-# Texts of a step of the attitude.
+# Parts of messages that report a step of the attitude.
 RESET_WORDS = ("yaw align", "yaw reset", "lane switch", "in-flight yaw", "emergency yaw")
 
 
@@ -60,10 +60,10 @@ def attitudes(builder: DataflashBuilder) -> dict[str, Attitude]:
 
 
 def attitude_tables(messages: Messages) -> Iterator[tuple[str, Table, bool]]:
-    """Yield name, table and "trim taken out" of every attitude record.
+    """Yield name, table and whether AHRS_TRIM is removed, for every attitude record.
 
-    The old names NKQ2 and XKF6 are cores of their family. XKF1 and NKF1 are the attitude of a quaternion record,
-    rounded to 0.01 deg, and count only for cores without one.
+    Old names such as NKQ2 and XKF6 become cores of their family. XKF1 and NKF1 repeat the quaternion record rounded to
+    0.01 deg, and are used only for cores without one.
     """
     for name in ("ANG", "ATT", "AHR2", "DCM", "EKF1"):
         table = messages.first(name)
@@ -87,7 +87,7 @@ def attitude_tables(messages: Messages) -> Iterator[tuple[str, Table, bool]]:
 def read_attitude(
     builder: DataflashBuilder, table: Table, name: str, trimmed: bool, resets_us: list[int]
 ) -> Attitude | None:
-    """Return the attitude of a record: its quaternion where it has one, else its Euler angles in degrees."""
+    """Read the attitude of a table: its quaternion, else its Euler angles in degrees."""
     t = builder.clock.of_samples(table)
     if t is None:
         return None
@@ -102,13 +102,13 @@ def read_attitude(
 
 
 def from_euler_deg(angles: Array) -> tuple[Array, float]:
-    """Return quaternions (n, 4) of Euler angles in degrees, NaN where they are no angles, and the angles' step."""
+    """Return quaternions (n, 4) of Euler angles in degrees, NaN if impossible, and the angles' quantisation."""
     q = from_euler(np.radians(angles), math.radians(limits.EULER_DEG.high))
     return q, angle_step_deg(angles[rotation.finite_rows(q)][:, :2].ravel())
 
 
 def reset_times(builder: DataflashBuilder) -> list[int]:
-    """Return boot times in us of steps of the attitude that flies: lane switches, yaw resets, DCM to EKF."""
+    """Return boot times in us of lane switches, yaw resets and changes from DCM to EKF; report lane switches."""
     messages = builder.messages
     _, lane_t, lanes = primary_core(builder)
     times = [int(lane_t[k]) for k in range(1, len(lanes)) if lanes[k] != lanes[k - 1]]
@@ -127,15 +127,15 @@ def reset_times(builder: DataflashBuilder) -> list[int]:
 
 
 def simulated_attitude(builder: DataflashBuilder) -> Attitude | None:
-    """Return the simulator's attitude (SIM): its quaternion, else angles that are cut to 0.01 deg."""
+    """Return the simulator's attitude (SIM): its quaternion, else its angles in steps of 0.01 deg."""
     table = builder.sampled("SIM")
     return None if table is None else read_attitude(builder, table, "SIM", False, [])
 
 
 def vision_poses(builder: DataflashBuilder) -> dict[str, Attitude]:
-    """Return the attitude of a camera or motion capture (VISP, degrees), without records that were ignored (Ign).
+    """Return the attitude of vision or motion capture (VISP, degrees), without ignored records (Ign).
 
-    The vehicle takes CTimeMS for the time of measurement.
+    The time of measurement is CTimeMS, as on board.
     """
     table = builder.sampled("VISP", *POSE_COLUMNS)
     if table is None:
@@ -150,14 +150,14 @@ def vision_poses(builder: DataflashBuilder) -> dict[str, Attitude]:
 
 
 def attitude_setpoint(builder: DataflashBuilder) -> Attitude | None:
-    """Return the attitude set-point beside the attitude that flew, else beside ANG or ATT."""
+    """Return the attitude set-point from ATT if that flew, else from ANG or ATT."""
     for name in ("ATT", "ANG") if builder.log.onboard == "ATT" else ("ANG", "ATT"):
         table = builder.sampled(name, *SETPOINT_COLUMNS)
         if table is None:
             continue
         q, step = from_euler_deg(columns(table, *SETPOINT_COLUMNS))
         good = rotation.finite_rows(q)
-        own = builder.quiet()  # the stamps were reported with the attitude
+        own = builder.quiet()  # stamps are reported with the attitude
         found = own.attitude(builder.stamps(table)[good], q[good], f"{name}.Des", has_trim=True, step_deg=step)
         builder.add_value_problems(own)
         return found
@@ -167,8 +167,8 @@ def attitude_setpoint(builder: DataflashBuilder) -> Attitude | None:
 def onboard_source(found: dict[str, Attitude], family: str, core: int | None) -> str | None:
     """Return the name of the attitude that flew: ANG, ATT, quaternion of the primary core, AHR2, in this order.
 
-    ANG holds the values of ATT at loop rate, but a VTOL writes it in its hover modes only: it counts where it covers as
-    much time as ATT, pauses left out, and is no slower.
+    ANG is ATT at loop rate, but a VTOL logs it in hover modes only. It is chosen if it covers MIN_ANG_SHARE of ATT's
+    time without pauses and has at least as many records.
     """
     names = ["ANG", "ATT", f"{family}Q.{core or 0}", f"{family}F1.{core or 0}", "EKF1", "AHR2", "DCM"]
     have = [n for n in names if n in found]
@@ -182,21 +182,21 @@ def onboard_source(found: dict[str, Attitude], family: str, core: int | None) ->
 # --- states of the EKF ------------------------------------------------------------------------------------------
 
 GYRO_BIAS_COLUMNS, ACC_BIAS_COLUMNS = ("GX", "GY", "GZ"), ("AX", "AY", "AZ")
-# EKF families that may have flown, by AHRS_EKF_TYPE; with any other number no EKF of ArduPilot did.
+# EKF families that may have flown, by AHRS_EKF_TYPE (None: not logged); none with any other value.
 EKF_FAMILIES = {None: ("XK", "NK"), 2.0: ("NK",), 3.0: ("XK",)}
 TEST_RATIO_COLUMNS = {"SM": "compass", "SV": "velocity", "SP": "position", "SH": "height", "SVT": "airspeed"}
-# Of the compass in EKF4.
+# Test ratios of the compass by axis in EKF4.
 COMPASS_AXIS_COLUMNS = ("SMX", "SMY", "SMZ")
 # GSF_YAW_ACCURACY_THRESHOLD_DEG of both EKFs.
 MAX_YAW_SIGMA_RAD = math.radians(15.0)
-# Just above ``sqrt(degrees(variance))`` at the start of the estimator; a larger ``YCS`` is degrees.
+# Just above ``sqrt(degrees(variance))`` at the start of the estimator (15.04); a larger ``YCS`` is in degrees.
 MAX_YAW_SIGMA_ROOT = 15.1
 
 
 def gyro_bias_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return the gyro bias (n, 3) in rad/s to subtract from the replayed gyro, None where it is not logged.
+    """Return the onboard bias (n, 3) rad/s to subtract from the replayed gyro, None if not logged.
 
-    Of the core that was primary longest, or of another one on the replayed unit.
+    Among the cores on the replayed unit, the one that was primary longest is preferred.
     """
     imu, ekf = builder.log.replay_imu, builder.values.get("AHRS_EKF_TYPE")
     family, t_us, lanes = primary_core(builder)
@@ -215,7 +215,7 @@ def gyro_bias_stream(builder: DataflashBuilder) -> Stream | None:
 
 
 def bias_tables(builder: DataflashBuilder, family: str) -> dict[int, Table]:
-    """Return the records with the bias by core; before 4.0 the second core wrote NKF6 or XKF6."""
+    """Return the tables with gyro biases by core; before 4.0 the second core wrote NKF6 or XKF6."""
     found = builder.units(f"{family}F1")
     second = builder.messages.first(f"{family}F6")
     if second is not None:
@@ -224,7 +224,7 @@ def bias_tables(builder: DataflashBuilder, family: str) -> dict[int, Table]:
 
 
 def acc_bias_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return the accelerometer bias (n, 3) in m/s^2 of EKF3's primary core, else of the first."""
+    """Return the accelerometer bias (n, 3) in m/s^2 of EKF3's primary core, or of core 0 if unknown."""
     status = builder.messages.first("XKF4")
     core = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
     table = builder.units("XKF2").get(core)
@@ -232,7 +232,7 @@ def acc_bias_stream(builder: DataflashBuilder) -> Stream | None:
 
 
 def innovation_tests(builder: DataflashBuilder) -> list[InnovationTest]:
-    """Return the test ratios of the core that was primary longest, none where another estimator flew."""
+    """Return the test ratios of the core that was primary longest, empty if no EKF flew."""
     table, source = flown_ratio_table(builder)
     if table is None or len(table) < 2:
         return []
@@ -245,14 +245,14 @@ def innovation_tests(builder: DataflashBuilder) -> list[InnovationTest]:
             ratio = np.max([table.value(c) for c in COMPASS_AXIS_COLUMNS], axis=0)
         else:
             continue
-        # An int16 in hundredths wraps above 327: only "large" remains known.
+        # An int16 in hundredths overflows above 327: such a ratio is set to NaN.
         impossible = limits.TEST_RATIO.outside(ratio)
         found.append(InnovationTest(aid, t, np.where(impossible, np.nan, ratio), f"{source}.{column}"))
     return found
 
 
 def flown_ratio_table(builder: DataflashBuilder) -> tuple[Table | None, str]:
-    """Return the records of the core that flew, with their name; before 4.0 the second core wrote NKF9 or XKF9."""
+    """Return table and name of the test ratios of the core that flew; before 4.0 core 1 wrote NKF9 or XKF9."""
     messages, ekf = builder.messages, builder.values.get("AHRS_EKF_TYPE")
     family, t_us, cores = primary_core(builder)
     if not family:
@@ -267,7 +267,7 @@ def flown_ratio_table(builder: DataflashBuilder) -> tuple[Table | None, str]:
 
 
 def primary_core_line(builder: DataflashBuilder) -> TimeLine | None:
-    """Return the core that flew over time, None where another estimator did."""
+    """Return the primary core over time, None if no EKF flew."""
     family, t_us, cores = primary_core(builder)
     if family not in EKF_FAMILIES.get(builder.values.get("AHRS_EKF_TYPE"), ()):
         return None
@@ -275,9 +275,9 @@ def primary_core_line(builder: DataflashBuilder) -> TimeLine | None:
 
 
 def yaw_estimator_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return heading and sigma (n, 2) in rad by GNSS motion where the EKF would use them, None without any.
+    """Return EKF-GSF's heading from GNSS motion and its sigma (n, 2) in rad, None if not logged.
 
-    Of the core that was primary longest, or of the first that has them.
+    Only records below the sigma at which the EKF uses them. Preferred is the core that was primary longest.
     """
     family, t_us, lanes = primary_core(builder)
     first = longest_held(t_us, lanes) or 0
@@ -294,7 +294,7 @@ def yaw_estimator_stream(builder: DataflashBuilder) -> Stream | None:
 
 
 def heading_and_sigma(table: Table) -> tuple[Array, Array]:
-    """Return heading and sigma (n,) in rad of the records of any era."""
+    """Return heading and sigma (n,) in rad of XKY0 or NKY0 records of any version."""
     yaw, sigma = table.value("YC"), table.value("YCS")
     unit = table.fields["YC"].unit
     if unit == "rad" or (unit is None and not np.any(np.abs(yaw) > 2.0 * math.pi)):

@@ -26,9 +26,9 @@ from attlog.formats.table import Messages, ParamChange, Table
 
 # Rates in Hz from which IMT and GYR are preferred to IMU.
 MIN_INCREMENTS_HZ, MIN_RAW_HZ = 100.0, 400.0
-# Higher cutoff frequencies of a parameter are damage.
+# Highest plausible cutoff frequency.
 MAX_CUTOFF_HZ = 10_000.0
-# The sensor's own stamp counts while its median is nearer to the record's stamp than this.
+# SampleUS is used if its median difference from the record's stamp is smaller than this.
 MAX_SENSOR_CLOCK_US = 1_000_000
 # Bit of INS_RAW_LOG_OPT: GYR and ACC are logged behind the filters.
 RAW_AFTER_FILTERS_BIT = 4
@@ -52,12 +52,12 @@ RISI_COLUMNS = IncrementColumns("DADT", "DVDT", ("DAX", "DAY", "DAZ"), ("DVX", "
 
 
 def own_time(table: Table) -> Stamps | None:
-    """Return the stamps (n,) in us that the records carry themselves, None without numbers."""
+    """Return the boot times (n,) in us logged in the records, None without a numeric column."""
     column, us = "TimeUS", 1
     if column not in table:
         column, us = "T" if ("Week" in table or "GWk" in table) and "T" in table else "TimeMS", 1000
     if column not in table and table.name == "GPS":
-        column = "Time"  # of the GPS week, in 3.0
+        column = "Time"  # time of the GPS week, in 3.0
     if column not in table:
         return None
     try:
@@ -67,7 +67,7 @@ def own_time(table: Table) -> Stamps | None:
 
 
 class RecordClock:
-    """Times of any record of a log by its place in the file."""
+    """Boot times of all records of a log, from their own stamps or their place in the file."""
 
     def __init__(self, messages: Messages) -> None:
         self.messages = messages
@@ -76,33 +76,33 @@ class RecordClock:
 
     @cached_property
     def known(self) -> bool:
-        """Whether any record carries a time."""
+        """Whether any record has a stamp."""
         return bool(self._timed)
 
     @cached_property
     def interpolates(self) -> bool:
-        """Whether only GPS records carry a time (3.1 and older)."""
+        """Whether only GPS records have stamps (3.1 and older)."""
         return self.known and all(table.name == "GPS" for table, _ in self._timed)
 
     @cached_property
     def _timed(self) -> list[tuple[Table, Stamps]]:
-        """The tables that carry a time, with their stamps."""
+        """The tables with stamps, and their stamps."""
         return [(t, own) for t in self.messages.values() if (own := own_time(t)) is not None]
 
     def of_samples(self, table: Table) -> Stamps | None:
-        """Return stamps (n,) in us that are good enough for a stream: own or interpolated ones; else None."""
+        """Return stamps (n,) in us, own or interpolated between GPS records; None if neither exists."""
         own = own_time(table)
         return self.at(table.offsets) if own is None and self.interpolates else own
 
     def of(self, table: Table) -> Stamps:
-        """Return stamps (n,) in us: the records' own, else by their place in the file."""
+        """Return stamps (n,) in us, the records' own or those of the records before them in the file."""
         own = own_time(table)
         return self.at(table.offsets) if own is None else own
 
     def at(self, offsets: Stamps) -> Stamps:
         """Return the time of the last timed record before each place in the file, 0 without any.
 
-        Where only GPS records carry a time, the time between them.
+        If only GPS records have stamps, times are interpolated between them.
         """
         if self._offsets is None:
             parts = [(t.offsets, own) for t, own in self._timed]
@@ -119,7 +119,10 @@ class RecordClock:
 
 
 def interpolate_stamps(offsets: Stamps, known: Stamps, times: Stamps) -> Stamps:
-    """Return stamps (n,) in us at places in a file, from those at ``known`` places; beyond them at the mean pace."""
+    """Interpolate stamps (n,) in us to byte ``offsets``, from ``times`` at ``known`` offsets.
+
+    They are extrapolated with the mean time per byte.
+    """
     valid = times >= 0
     known, times = known[valid], times[valid]
     if len(known) < 2 or times[-1] <= times[0]:
@@ -133,7 +136,7 @@ def interpolate_stamps(offsets: Stamps, known: Stamps, times: Stamps) -> Stamps:
 
 @dataclass(slots=True)
 class DataflashBuilder(LogBuilder):
-    """A flight log in the making, of DataFlash records; ``values``: parameters at boot, ``family``: firmware family."""
+    """Builder of a flight log from DataFlash records; ``values``: parameters at boot, ``family``: of the firmware."""
 
     clock: RecordClock = field(init=False)
     values: dict[str, float] = field(init=False)
@@ -149,7 +152,7 @@ class DataflashBuilder(LogBuilder):
         return self.clock.of(table)
 
     def sampled(self, name: str, *needed: str) -> Table | None:
-        """Return a message with these columns whose stamps are good enough for a stream, else None."""
+        """Return the table of a message if it has these columns and usable stamps, else None."""
         table = self.messages.first(name)
         if table is None or not all(c in table for c in needed) or self.clock.of_samples(table) is None:
             return None
@@ -174,14 +177,14 @@ def unit_tables(messages: Messages, name: str) -> dict[int, Table]:
 
 
 def source_name(table: Table, unit: int) -> str:
-    """Return the source as it appears in the log: ``IMU:1`` with instances, ``IMU2`` by name."""
+    """Return the name of a unit's record in the log: ``IMU:1`` with instances, ``IMU2`` without."""
     return f"{table.name}:{unit}" if table.instance == unit and "I" in table else table.name
 
 
 def primary_core(builder: DataflashBuilder) -> tuple[str, Stamps, list[int]]:
-    """Return the EKF family that flew (XK, NK or empty), and its primary cores from stamps on.
+    """Return the EKF family that flew (XK, NK or empty), with stamps in us and primary cores.
 
-    Both families may run; EKF2 (NK) flies with AHRS_EKF_TYPE 2.
+    Both families may run at once; EKF2 (NK) flies with AHRS_EKF_TYPE 2.
     """
     for family in ("NK", "XK") if builder.values.get("AHRS_EKF_TYPE") == 2 else ("XK", "NK"):
         table = builder.messages.first(f"{family}F4")
@@ -193,7 +196,7 @@ def primary_core(builder: DataflashBuilder) -> tuple[str, Stamps, list[int]]:
 
 
 def unit_of_core(builder: DataflashBuilder, family: str, core: int, have: list[int]) -> int:
-    """Return the IMU of an EKF core: cores take the set bits of EKx_IMU_MASK in ascending order."""
+    """Return the IMU of an EKF core: cores use the set bits of EKx_IMU_MASK in ascending order."""
     mask = builder.values.get("EK3_IMU_MASK" if family == "XK" else "EK2_IMU_MASK")
     bits = [k for k in range(8) if int(mask or 0) >> k & 1]
     return bits[core] if core < len(bits) else (core if core in have else 0)
@@ -209,7 +212,7 @@ def imu_candidates(builder: DataflashBuilder) -> list[ImuCandidate]:
 
 
 def imu_records(builder: DataflashBuilder) -> list[ImuCandidate]:
-    """Read ``IMU``: calibrated, body frame, behind the firmware's low-pass filters, at one instant."""
+    """Read ``IMU``: calibrated, body frame, low-pass filtered, sampled at an instant."""
     found = []
     for unit, table in builder.units("IMU").items():
         source = source_name(table, unit)
@@ -249,7 +252,7 @@ def filter_cutoffs(params: list[ParamChange], t_us: int) -> tuple[float, float]:
 
 
 def raw_records(builder: DataflashBuilder) -> list[ImuCandidate]:
-    """Read ``GYR`` with ``ACC``: every sample of the sensors at their own clock ``SampleUS``."""
+    """Read ``GYR`` with ``ACC``: every sample of the sensors, stamped by ``SampleUS``."""
     params = builder.messages.params
     accs = builder.units("ACC")
     options = next((int(p.value) for p in params if p.name == "INS_RAW_LOG_OPT" and not p.is_default), 0)
@@ -274,7 +277,7 @@ def raw_records(builder: DataflashBuilder) -> list[ImuCandidate]:
 
 
 def sensor_time(builder: DataflashBuilder, table: Table) -> Stamps:
-    """Return the sensor's own stamps in us, those of the records where it restarts or is unset."""
+    """Return ``SampleUS`` as stamps, or the records' stamps if it is missing or deviates from them."""
     t = builder.stamps(table)
     if "SampleUS" not in table:
         return t
@@ -283,7 +286,7 @@ def sensor_time(builder: DataflashBuilder, table: Table) -> Stamps:
 
 
 def increment_records(builder: DataflashBuilder) -> list[ImuCandidate]:
-    """Read ``IMT``: delta angles and velocities with their own integration times."""
+    """Read ``IMT``: delta angles and delta velocities with their integration times."""
     found = []
     for unit, table in builder.units("IMT").items():
         needed = (IMT_COLUMNS.angle_time, IMT_COLUMNS.velocity_time, *IMT_COLUMNS.angle, *IMT_COLUMNS.velocity)
@@ -296,7 +299,7 @@ def increment_records(builder: DataflashBuilder) -> list[ImuCandidate]:
 
 
 def replay_records(builder: DataflashBuilder) -> list[ImuCandidate]:
-    """Read ``RISI`` (LOG_REPLAY) of every unit: the increments that the EKF was given."""
+    """Read ``RISI`` (LOG_REPLAY) of every unit: the increments that the EKF received."""
     frames = builder.messages.first("RFRH")
     if frames is None or "TimeUS" not in frames:
         return []
@@ -307,7 +310,7 @@ def replay_records(builder: DataflashBuilder) -> list[ImuCandidate]:
 
 
 def replay_frame_stamps(frames: Table, table: Table) -> Stamps:
-    """Return stamps (n,) in us of replay records, those of the frame header (RFRH) before each; -1 before the first."""
+    """Return stamps (n,) in us of replay records by the preceding frame header (RFRH), -1 without one."""
     k = np.searchsorted(frames.offsets, table.offsets) - 1
     time = frames["TimeUS"].astype(np.int64)
     return np.where(k >= 0, time[np.maximum(k, 0)], -1)
@@ -316,7 +319,7 @@ def replay_frame_stamps(frames: Table, table: Table) -> Stamps:
 def candidate_from_increments(
     unit: int, rank: int, t: Stamps, table: Table, names: IncrementColumns, source: str
 ) -> ImuCandidate:
-    """Return rates from increments by their own integration times; records without a time are left out."""
+    """Convert increments to rates by their integration times; records without a plausible time are left out."""
     dt, dt_v = table.value(names.angle_time), table.value(names.velocity_time)
     good = (dt > 1e-5) & (dt < 1.0) & (dt_v > 1e-5) & (dt_v < 1.0)
     gyro: Array = columns(table, *names.angle)[good] / dt[good, None]

@@ -1,6 +1,6 @@
 """Read ArduPilot DataFlash logs (binary and text) as a flight log, from 3.1 to 4.7.
 
-Records are told apart by their columns: early logs have no version, and branches carry any.
+Records are interpreted by their columns, not by version: early logs have no version, and forks have arbitrary ones.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ STREAMS = (
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
-    """Return the flight in an ArduPilot log; ``imu`` and ``mag`` ask for a unit instead of the one that flew."""
+    """Read the flight in an ArduPilot log; ``imu`` and ``mag`` select other units than those that flew."""
     builder = DataflashBuilder(messages)
     log, read_optional = builder.log, builder.read_optional
     _report_clock(builder)
@@ -98,7 +98,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
 
 
 def _report_clock(builder: DataflashBuilder) -> None:
-    """Report what early logs lack: a time in any record, or in any but those of GPS."""
+    """Report logs of early versions: without any stamps, or with stamps in GPS records only."""
     if not builder.clock.known:
         text = (
             "No record of this log carries a time stamp, as in ArduPilot 3.0 and older: nothing in it can be replayed."
@@ -110,14 +110,14 @@ def _report_clock(builder: DataflashBuilder) -> None:
 
 
 def flown_units(builder: DataflashBuilder, have: list[int]) -> FlownUnits:
-    """Return the IMU of the primary EKF core over time, in a log that has the units ``have``."""
+    """Return the IMU of the primary EKF core over time; ``have``: logged units."""
     family, t_us, lanes = primary_core(builder)
     unit = {core: unit_of_core(builder, family, core, have) for core in set(lanes)}
     return FlownUnits(t_us, [unit[core] for core in lanes], f"{family}F4.PI")
 
 
 def first_stamp(builder: DataflashBuilder) -> int:
-    """Return the boot time in us of the first sample of anything, 0 without any."""
+    """Return the boot time in us of the first non-inertial record, 0 without any."""
     for name in FIRST_RECORDS:
         table = builder.messages.first(name)
         stamps = None if table is None else builder.clock.of_samples(table)
@@ -138,7 +138,7 @@ def onboard_attitude(builder: DataflashBuilder) -> str | None:
 
 
 def read_trim(log: FlightLog) -> Array | None:
-    """Return AHRS_TRIM as a rotation vector (3,) in rad, None where the log does not hold it."""
+    """Return AHRS_TRIM as a rotation vector (3,) in rad, None if not logged."""
     x, y = (log.param(name) for name in TRIM_PARAMETERS)
     if x is None or y is None or not (math.isfinite(x) and math.isfinite(y)):
         return None

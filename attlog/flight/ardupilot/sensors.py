@@ -27,7 +27,7 @@ from attlog.flight.model import Array, Burst, Clipping, Gnss, Imu, Mag, OnboardV
 from attlog.flight.timestamps import gps_time_us, read_stamps
 from attlog.formats.table import Table
 
-# Unsigned microseconds of 32 bits.
+# Overflow of 32-bit microseconds.
 _WRAP_US = 2**32
 
 # --- magnetometers ----------------------------------------------------------------------------------------------
@@ -61,7 +61,7 @@ def magnetometers(builder: DataflashBuilder) -> list[Mag]:
 
 
 def replay_magnetometers(builder: DataflashBuilder) -> list[Mag]:
-    """Return compasses as LOG_REPLAY gave them to the EKF (RMGI, mGa, body frame), at their own microseconds."""
+    """Return compasses as received by the EKF (RMGI of LOG_REPLAY, mGa, body frame), at their update times."""
     found = []
     frames = builder.messages.first("RFRH")
     for unit, table in builder.units("RMGI").items():
@@ -78,7 +78,7 @@ def replay_magnetometers(builder: DataflashBuilder) -> list[Mag]:
 
 
 def shows_only_offsets(field: Array, offsets: Array) -> bool:
-    """Return whether a compass shows its own offsets only: a raw field of zero that never changes."""
+    """Return whether the field equals the compass offsets, as with a constant raw field of zero."""
     measured = field.any(axis=1)
     if not measured.any() or not offsets.any():
         return False
@@ -86,7 +86,7 @@ def shows_only_offsets(field: Array, offsets: Array) -> bool:
 
 
 def primary_compass(builder: DataflashBuilder) -> int | None:
-    """Return the index of the preferred compass: COMPASS_PRIMARY before 4.1, the first (by priority) since."""
+    """Return the index of the preferred compass: COMPASS_PRIMARY, or since 4.1 the first by priority."""
     primary, mags = builder.values.get("COMPASS_PRIMARY"), builder.log.mags
     if primary is not None:
         return int(primary)
@@ -96,12 +96,12 @@ def primary_compass(builder: DataflashBuilder) -> int | None:
 # --- GNSS -------------------------------------------------------------------------------------------------------
 
 RECEPTION_COLUMNS = {"satellites": "NSats", "hdop": "HDop"}
-# A GPA record belongs to a GPS record at most so far away.
+# Longest time between a GPS record and its GPA record.
 MAX_ACCURACY_AGE_US = 500_000
 
 
 def receivers(builder: DataflashBuilder) -> list[Gnss]:
-    """Return the receivers of GPS records, else those that LOG_REPLAY gave to the EKF."""
+    """Return the receivers by GPS records, else by RGPJ records of LOG_REPLAY."""
     every = [
         builder.read_optional("GPS", partial(read_receiver, builder, unit, table), None)
         for unit, table in builder.units("GPS").items()
@@ -111,7 +111,7 @@ def receivers(builder: DataflashBuilder) -> list[Gnss]:
 
 
 def read_receiver(builder: DataflashBuilder, unit: int, table: Table) -> Gnss | None:
-    """Return a receiver: GPS with the accuracies of GPA, velocity by ground speed, course and vertical speed."""
+    """Read a receiver from GPS with accuracies of GPA; velocity from ground speed, course and vertical speed."""
     if not all(c in table for c in ("Lat", "Lng", "Spd", "GCrs", "Status")):
         return None
     t_us = builder.stamps(table)
@@ -138,7 +138,7 @@ def read_receiver(builder: DataflashBuilder, unit: int, table: Table) -> Gnss | 
 
 
 def replay_receivers(builder: DataflashBuilder) -> list[Gnss]:
-    """Return receivers as LOG_REPLAY gave them to the EKF (RGPJ): 1e-7 deg, cm, m/s, boot time in ms."""
+    """Read receivers as received by the EKF (RGPJ of LOG_REPLAY: 1e-7 deg, cm, m/s, boot time in ms)."""
     found = []
     for unit, table in builder.units("RGPJ").items():
         t_us = read_stamps(table, "TS", 1000)
@@ -160,7 +160,7 @@ def replay_receivers(builder: DataflashBuilder) -> list[Gnss]:
 
 
 def nearest_accuracy(builder: DataflashBuilder, unit: int, t_us: Stamps, column: str) -> Array:
-    """Return a column of the nearest GPA record to each GPS record, NaN where none is near."""
+    """Return a column of the GPA record nearest to each stamp, NaN beyond MAX_ACCURACY_AGE_US."""
     table = builder.units("GPA").get(unit)
     if table is None or column not in table or len(table) == 0:
         return np.full(len(t_us), np.nan)
@@ -174,7 +174,7 @@ def nearest_accuracy(builder: DataflashBuilder, unit: int, t_us: Stamps, column:
 
 
 def receiver_utc_us(table: Table) -> NDArray[np.int64] | None:
-    """Return Unix time in us from GPS week and milliseconds, 0 where the receiver did not know it."""
+    """Return Unix time in us from GPS week and milliseconds, 0 if unset; None without the columns."""
     week = next((c for c in ("GWk", "Week") if c in table), None)
     ms = next((c for c in ("GMS", "TimeMS") if c in table), None)
     if week is None or ms is None:
@@ -186,7 +186,7 @@ def receiver_utc_us(table: Table) -> NDArray[np.int64] | None:
 
 # RFND.Orient of a rangefinder that looks at the ground, RFND.Stat of a reading within its range.
 DOWNWARD_ORIENTATION, GOOD_RANGE_STATUS = 25, 4
-# Standard atmosphere: pressure at sea level, and (density) = (pressure)^0.81, both relative to sea level.
+# Standard atmosphere: pressure at sea level; relative density is relative pressure to this power.
 SEA_LEVEL_PA, DENSITY_EXPONENT = 101_325.0, 0.81
 
 
@@ -229,7 +229,10 @@ def rangefinder_stream(builder: DataflashBuilder) -> Stream | None:
 
 
 def airspeed_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return the true airspeed in m/s of the primary sensor while it is healthy and in use (ARSP: equivalent one)."""
+    """Return the true airspeed in m/s of the primary sensor while healthy and in use.
+
+    ARSP logs equivalent airspeed; density follows from the barometer.
+    """
     tables = builder.units("ARSP")
     primary = next((int(t["Pri"][-1]) for t in tables.values() if "Pri" in t and len(t)), 0)
     table = tables.get(primary, next(iter(tables.values()), None))
@@ -251,13 +254,13 @@ def airspeed_stream(builder: DataflashBuilder) -> Stream | None:
 
 # SERVOn_FUNCTION of motors 1 to 12.
 MOTOR_FUNCTIONS = (*range(33, 41), *range(82, 86))
-# Number of first outputs that are motors where the parameters are missing.
+# Number of motor outputs, counted from the first, if SERVOn_FUNCTION is not logged.
 MOTOR_COUNT = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8, "dodecarotor": 12}
-# A smaller range of pulses in us is damage.
+# Least plausible range of pulses in us.
 MIN_PULSE_RANGE_US = 100.0
-# A median voltage above this is in hundredths.
+# A median voltage above this is in units of 0.01 V.
 MAX_VOLTS = 150.0
-# Set-points and rates of RATE, since 4.0 and before.
+# Columns of set-points and measured rates in RATE, since 4.0 and before.
 RATE_COLUMNS = ((("RDes", "PDes", "YDes"), ("R", "P", "Y")), (("RllDes", "PitDes", "YawDes"), ("Rll", "Pit", "Yaw")))
 
 
@@ -276,7 +279,7 @@ def throttle_stream(builder: DataflashBuilder) -> Stream | None:
 
 
 def motor_outputs(builder: DataflashBuilder) -> Stream | None:
-    """Return the outputs to the motors of a multirotor (n, motors), 0 stopped to 1 full, by RCOU and its limits."""
+    """Return a multirotor's motor outputs (n, motors), 0 stopped to 1 full, from RCOU and its pulse limits."""
     table, values, vehicle = builder.sampled("RCOU"), builder.values, builder.log.vehicle
     if table is None or vehicle not in MOTOR_COUNT:
         return None
@@ -307,7 +310,7 @@ def rpm_stream(builder: DataflashBuilder) -> Stream | None:
 
 
 def battery_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return the battery (n, 2), voltage in V and current in A; before 3.4 the log holds hundredths."""
+    """Return the battery (n, 2), voltage in V and current in A; before 3.4 logged in hundredths."""
     for name in ("BAT", "CURR"):
         table = builder.sampled(name, "Volt", "Curr")
         if table is None:
@@ -323,8 +326,8 @@ def battery_stream(builder: DataflashBuilder) -> Stream | None:
 def rate_setpoint_stream(builder: DataflashBuilder) -> Stream | None:
     """Return the body rate set-point in rad/s.
 
-    RATE holds deg/s since 3.4 and hundredths of it before, in columns of the same name: the measured rate beside the
-    set-point is compared with the gyro.
+    RATE is in deg/s since 3.4 and in 0.01 deg/s before, under equal column names. The unit is found by comparing its
+    measured rate with the gyro.
     """
     table, imu = builder.messages.first("RATE"), builder.log.replay_imu
     for commanded, measured in RATE_COLUMNS:
@@ -338,7 +341,7 @@ def rate_setpoint_stream(builder: DataflashBuilder) -> Stream | None:
 
 
 def are_hundredths(t: Array, measured: Array, imu: Imu) -> bool:
-    """Return whether measured rates (n, 3) fit the gyro better as 0.01 deg/s than as deg/s."""
+    """Return whether measured rates (n, 3) read as deg/s are ten times those of the gyro."""
     gyro = np.column_stack([np.interp(t, imu.gyro.t, imu.gyro.x[:, k]) for k in range(3)])
     known = measured[np.isfinite(measured)]
     if len(known) == 0:
@@ -350,30 +353,30 @@ def are_hundredths(t: Array, measured: Array, imu: Imu) -> bool:
 # --- vibration --------------------------------------------------------------------------------------------------
 
 VIBE_COLUMNS = ("VibeX", "VibeY", "VibeZ")
-# Bursts kept of each sensor, evenly spread: 5 MB of memory.
+# Most bursts read of each sensor, evenly spread (5 MB of memory).
 MAX_BURSTS = 200
-# A shorter rest of a burst that lost records resolves no peak.
+# Fewest samples of a truncated burst: shorter ones resolve no peak.
 MIN_BURST_SAMPLES = 256
-# A burst is written within seconds; a header of another time has no time of measurement.
+# Longest time from measurement to logging of a burst; beyond, the header's stamp replaces SampleUS.
 MAX_BURST_DELAY_US = 10_000_000
-# Bits of INS_LOG_BAT_OPT: behind the filters; both, with those behind them numbered after the last IMU.
+# Bits of INS_LOG_BAT_OPT: filtered samples; raw and filtered samples, the latter with instances after the last IMU.
 POST_FILTER_BIT, PRE_AND_POST_BIT = 2, 4
-# ISBH.type.
+# Sensors by ISBH.type.
 BURST_SENSORS: dict[int, Literal["gyro", "accelerometer"]] = {0: "accelerometer", 1: "gyro"}
 HEADER_COLUMNS = ("N", "type", "instance", "mul", "SampleUS", "smp_rate")
 
 
 def vibration_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return VIBE (n, 3) in m/s^2 of the replayed unit; before 4.1 there is one record for all."""
+    """Return VIBE (n, 3) in m/s^2 of the replayed unit; before 4.1 there is one record for all units."""
     imu, tables = builder.log.replay_imu, builder.units("VIBE")
     table = tables.get(imu.index if imu is not None else 0, tables.get(0))
     return builder.column_stream(table, VIBE_COLUMNS, "m/s^2", "VIBE", limits.VIBRATION, frame="FRD")
 
 
 def vibration_levels(builder: DataflashBuilder) -> list[OnboardVibration]:
-    """Return the level of the worst axis of every unit of VIBE; before 4.1 that is the primary one, here 0."""
+    """Return the vibration level of every unit's worst axis; before 4.1 only of the primary one, as unit 0."""
     found = []
-    own = builder.quiet()  # problems are reported with the replayed unit
+    own = builder.quiet()  # problems are reported by vibration_stream
     for unit, table in builder.units("VIBE").items():
         source = f"VIBE:{unit}" if "IMU" in table else "VIBE"
         stream = own.column_stream(table, VIBE_COLUMNS, "m/s^2", source, limits.VIBRATION)
@@ -383,7 +386,7 @@ def vibration_levels(builder: DataflashBuilder) -> list[OnboardVibration]:
 
 
 def clippings(builder: DataflashBuilder) -> list[Clipping]:
-    """Return new clipped samples of every unit over time."""
+    """Return the clipped samples of every unit, counted between records."""
     found, have = [], set(builder.units("IMU"))
     for instance, table in builder.units("VIBE").items():
         if len(table) < 2:
@@ -397,7 +400,7 @@ def clippings(builder: DataflashBuilder) -> list[Clipping]:
 
 
 def read_bursts(builder: DataflashBuilder) -> list[Burst]:
-    """Return the batches of the sensors' raw samples, at most MAX_BURSTS of each sensor, in time order."""
+    """Read the batches of raw sensor samples, at most MAX_BURSTS of each sensor, in file order."""
     heads, data = builder.messages.first("ISBH"), builder.messages.first("ISBD")
     if (
         heads is None
@@ -424,7 +427,7 @@ def read_bursts(builder: DataflashBuilder) -> list[Burst]:
 
 
 def _chosen_headers(heads: Table) -> NDArray[np.int64]:
-    """Return the headers to read, in file order, evenly spread over each sensor's."""
+    """Return the indices of the headers to read, evenly spread over each sensor's."""
     kind = heads["type"].astype(np.int64) * 256 + heads["instance"].astype(np.int64)
     kept = []
     for one in np.unique(kind):
@@ -436,7 +439,7 @@ def _chosen_headers(heads: Table) -> NDArray[np.int64]:
 def _read_burst(
     builder: DataflashBuilder, heads: Table, k: int, data: Table, unit: int, filtered: bool
 ) -> Burst | None:
-    """Return a burst up to its first missing record, None if that is too short or its header is damaged."""
+    """Read a burst up to its first missing record, None if too short or its header is damaged."""
     sensor = BURST_SENSORS.get(int(heads["type"][k]))
     factor, rate = float(heads["mul"][k]), float(heads["smp_rate"][k])
     if sensor is None or factor <= 0 or not 100.0 <= rate <= limits.RAW_HZ:

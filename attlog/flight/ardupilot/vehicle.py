@@ -1,4 +1,4 @@
-"""Read who wrote an ArduPilot log, what flew, its state over time, and what it reports of itself.
+"""Read firmware, vehicle, state over time, and reported faults of an ArduPilot log.
 
 Subsystems and codes of ERR records: the list "Subsystem and error codes" at
 ardupilot.org/copter/docs/common-diagnosing-problems-using-logs.html, and the enumerations of
@@ -26,7 +26,7 @@ BANNER = re.compile(
     r"[Vv]?(\d[\w.\-]*)(?:\s*\(([0-9a-fA-F]+)\))?"
 )
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
-# FRAME_CLASS of Copter.
+# Vehicles by FRAME_CLASS of Copter.
 FRAME_CLASSES = {
     1: "quadrotor",
     2: "hexarotor",
@@ -41,13 +41,13 @@ FRAME_CLASSES = {
     12: "dodecarotor",
     13: "helicopter",
 }
-# SYSID_SW_TYPE.
+# Firmware families by SYSID_SW_TYPE.
 SOFTWARE_TYPES = {0: "plane", 10: "copter", 20: "rover", 40: "sub"}
 # Records that only one family writes.
 FAMILY_RECORDS = (("copter", ("MOTB", "PSCD", "PSC")), ("plane", ("AETR", "TECS", "LAND")), ("rover", ("STER", "THR")))
 
 
-# Frames by the first letters of the text "Frame: QUAD/X".
+# Vehicles by the first letters of the frame in a message such as "Frame: QUAD/X".
 FRAME_WORDS = (
     ("QUAD", "quadrotor"),
     ("HEXA", "hexarotor"),
@@ -62,7 +62,7 @@ FRAME_WORDS = (
 
 
 def read_banner(messages: Messages) -> tuple[str, str, str]:
-    """Return family, version and git hash from the firmware's message, empty strings without one."""
+    """Return family, version and git hash from the firmware's banner, empty without one."""
     texts = [t.text for t in messages.texts]
     texts += [str(v) for v in messages.info.values() if isinstance(v, str)]
     own = messages.info.get("VER")
@@ -72,7 +72,7 @@ def read_banner(messages: Messages) -> tuple[str, str, str]:
     matches = [m for m in map(BANNER.search, texts) if m]
     if not matches:
         return "", "", ""
-    best = next((m for m in matches if m[3]), matches[0])  # the one with a hash is the firmware's own
+    best = next((m for m in matches if m[3]), matches[0])  # only the firmware's own banner has a hash
     family = best[1].lower()
     return ("rover" if family.startswith("rover") else family), best[2], best[3] or ""
 
@@ -145,7 +145,7 @@ def armed_line(builder: DataflashBuilder) -> TimeLine | None:
 def landed_line(builder: DataflashBuilder) -> TimeLine | None:
     """Return ground contact over time: copter events 18 and 28, or STAT.isFlying of planes.
 
-    Before the first event a disarmed vehicle stands on the ground.
+    Before the first event a disarmed vehicle counts as landed.
     """
     armed = builder.log.state.armed
     t_us, ids = _events(builder, (LANDED_EVENT, NOT_LANDED_EVENT))
@@ -161,7 +161,7 @@ def landed_line(builder: DataflashBuilder) -> TimeLine | None:
 
 
 def mode_line(builder: DataflashBuilder) -> TimeLine | None:
-    """Return flight modes by name over time; binary logs hold a number whose meaning depends on the family."""
+    """Return flight modes by name over time; numbers in binary logs are decoded by firmware family."""
     table = builder.messages.first("MODE")
     if table is None or "Mode" not in table:
         return None
@@ -186,7 +186,7 @@ def _events(builder: DataflashBuilder, wanted: tuple[int, ...]) -> tuple[Stamps,
 
 
 def _event_line(builder: LogBuilder, t_us: Stamps, on: NDArray[np.bool_], source: str) -> TimeLine | None:
-    """Return a time line of events; before the first one the opposite held, from the log's first sample on."""
+    """Return a time line of events, with the opposite value from the log's start to the first event."""
     line = builder.time_line(t_us, on.tolist(), source)
     if line is not None and line.t[0] > 0:
         line.t = np.concatenate([[0.0], line.t])
@@ -196,13 +196,13 @@ def _event_line(builder: LogBuilder, t_us: Stamps, on: NDArray[np.bool_], source
 
 # --- reports ----------------------------------------------------------------------------------------------------
 
-# Subsystems of ERR records whose code is a number of something else.
+# Subsystems of ERR records whose code is a mode, fence bits or a core.
 FLIGHT_MODE, FENCE, EKF_PRIMARY = 10, 9, 24
-# A firmware has about 70 kinds of reports in all, a flight a few.
+# Most kinds of reports shown of a log: a firmware defines about 70, a flight has a few.
 MAX_EVENT_KINDS = 100
 
 
-# Usual cause and remedy of a report, by a word.
+# Usual cause and remedy of a report, by key.
 CAUSES = {
     "": ("", ""),
     "core": ("Another core agreed better with its sensors.", ""),
@@ -238,7 +238,7 @@ CAUSES = {
 
 @dataclass(frozen=True, slots=True)
 class EventMeaning:
-    """Meaning of a record: its severity, a sentence, a word of CAUSES, and the code of the problem."""
+    """Meaning of an ERR or EV record; ``why`` is a key of CAUSES, ``code`` that of the problem."""
 
     severity: Severity
     text: str
@@ -246,7 +246,7 @@ class EventMeaning:
     code: str = ""
 
 
-# By subsystem and code.
+# Meanings of ERR records by subsystem and code.
 ERRORS: dict[tuple[int, int], EventMeaning] = {
     (1, 1): EventMeaning("note", "The main loop waited for the inertial sensor"),
     (2, 2): EventMeaning("note", "Radio frames came late for 2 s"),
@@ -298,7 +298,7 @@ ERRORS: dict[tuple[int, int], EventMeaning] = {
     (31, 1): EventMeaning("warning", "Dead reckoning failsafe: no position for too long", "lost"),
 }
 FENCE_BITS = {1: "height", 2: "circle", 4: "polygon", 8: "lowest height"}
-# By the id of EV records; yaw resets are among the jumps of the attitude.
+# Meanings of EV records by id; yaw resets are handled as resets of the attitude.
 EVENTS: dict[int, EventMeaning] = {
     19: EventMeaning("warning", "GNSS was lost for more than 5 s while it was needed", "gnss"),
     51: EventMeaning("error", "The parachute was released", "released", "crash"),
@@ -308,7 +308,7 @@ EVENTS: dict[int, EventMeaning] = {
 
 
 def report_events(builder: DataflashBuilder) -> None:
-    """Add a problem for each kind of ERR and EV records, with its first time."""
+    """Add a problem for each kind of ERR and EV record, at its first time."""
     for record, names in (("ERR", ("Subsys", "ECode")), ("EV", ("Id",))):
         table = builder.messages.first(record)
         if table is None or not all(c in table for c in names):
@@ -335,7 +335,7 @@ def report_events(builder: DataflashBuilder) -> None:
 
 
 def error_meaning(subsystem: int, code: int) -> EventMeaning | None:
-    """Return the meaning of an ERR record, None for one that ends a fault."""
+    """Return the meaning of an ERR record, None if it reports the end of a fault."""
     if subsystem == EKF_PRIMARY:
         text = f"The EKF changed its primary core to {code}"
         return EventMeaning("warning", text, "core", "lane_switch")

@@ -1,1 +1,1 @@
-"""PX4: which topic means what, in every era, and which setting logs it."""
+"""Reader of PX4 logs of all versions."""

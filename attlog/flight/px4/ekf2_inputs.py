@@ -1,4 +1,4 @@
-"""Read from a ULog what EKF2 was given on board: samples, flags and its own states.
+"""Read the inputs of EKF2 from a ULog: samples and flags, with its logged states.
 
 Times are s since boot. Units are SI but for the magnetic field, which EKF2 keeps in gauss.
 Topics and fields: PX4-Autopilot ``msg/``.
@@ -17,13 +17,13 @@ from attlog.formats.table import Messages, Table
 
 Array = NDArray[np.float64]
 
-# EKF2 fuses in steps of about 10 ms; below this rate the IMU is averaged over several of them.
+# Lowest IMU rate of a re-run: EKF2 fuses in steps of about 10 ms, and slower records average over several of them.
 MIN_IMU_RATE_HZ = 90.0
-# Half a period: a longer hole between two integration intervals is a sample that the logger lost.
+# A hole between integration intervals longer than this share of the period is a sample lost by the logger.
 LOST_SAMPLE_SHARE = 0.5
-# Longer holes are pauses of the logger, which no interpolation can fill.
+# Longest hole that is filled by interpolation; longer ones are pauses of the logger.
 MAX_FILLED_S = 0.25
-# Aids that the re-run does not model: a log that flew on one of them is refused.
+# Aids that the re-run does not model; logs that used one of them are refused.
 UNSUPPORTED_AIDS = {
     "cs_ev_pos": "vision position",
     "cs_ev_vel": "vision velocity",
@@ -31,15 +31,18 @@ UNSUPPORTED_AIDS = {
     "cs_opt_flow": "optical flow",
     "cs_gps_yaw": "dual-antenna heading",
 }
-# Delays of the filter against now that are believable; 1.12 stamps some records with the time of writing.
+# Plausible delays of the filter's time horizon; 1.12 stamps some records with the time of writing.
 MIN_HORIZON_S, MAX_HORIZON_S = 0.03, 0.5
-# Share of the log's time from which on an unsupported aid counts as flown.
+# Share of records with an unsupported aid above which a re-run is refused.
 MIN_AID_SHARE = 0.05
 
 
 @dataclass(slots=True)
 class ImuIncrements:
-    """Mean rates (rad/s) and forces (m/s^2) over intervals of ``dt`` s ending at ``t`` (n,); ``clip``: bits of axes."""
+    """Mean rates (rad/s) and specific forces (m/s^2) over intervals of ``dt`` s that end at ``t`` (n,).
+
+    ``clip``: bits of clipped accelerometer axes. ``filled``: number of interpolated samples.
+    """
 
     t: Array
     dt: Array
@@ -51,7 +54,10 @@ class ImuIncrements:
 
 @dataclass(slots=True)
 class EstimatorStates:
-    """Logged states of one lane, one row a record, in the layout of the logged version."""
+    """Logged states and variances of one EKF instance, a row per record, in the order of its version.
+
+    ``t``: time of the delayed horizon, ``t_now``: time of the record.
+    """
 
     t: Array
     t_now: Array
@@ -62,11 +68,11 @@ class EstimatorStates:
 
 @dataclass(slots=True)
 class Ekf2Inputs:
-    """All that one lane of EKF2 was given, as far as the log holds it.
+    """Logged inputs of one EKF2 instance (lane).
 
-    ``mag`` (t, t_arrival, field in gauss), ``gnss`` and ``baro`` likewise as mappings of columns; absent streams are
-    empty. ``innovations``: columns by aid as logged. ``flags`` are columns of ``estimator_status_flags`` or bits of
-    ``control_mode_flags`` at ``flags["t"]``.
+    Streams are mappings of columns with their time ``t``, empty if not logged. ``mag``: ``x`` in gauss, measured at
+    ``t``, received at ``t_arrival``. ``innovations``: by aid as logged. ``flags``: columns of
+    ``estimator_status_flags``, or bits of ``control_mode_flags``. ``horizon`` s: delay of the filter.
     """
 
     imu: ImuIncrements
@@ -93,7 +99,7 @@ def _s(table: Table, column: str = "timestamp") -> Array:
 
 
 def _sorted(columns: dict[str, Array]) -> dict[str, Array]:
-    """Keep records in rising order of ``t`` with finite values of it."""
+    """Sort columns by ``t`` and drop records without finite ``t``."""
     t = columns["t"]
     keep = np.isfinite(t)
     order = np.argsort(t[keep], kind="stable")
@@ -101,14 +107,17 @@ def _sorted(columns: dict[str, Array]) -> dict[str, Array]:
 
 
 def _stack(table: Table, name: str, n: int) -> Array:
-    """Read an array field (n columns) or ``name_x``-like scalars as (m, n)."""
+    """Read the first ``n`` elements of an array field as (m, n)."""
     if name in table:
         return np.asarray(table[name], np.float64).reshape(len(table), -1)[:, :n]
     return np.column_stack([table[f"{name}[{i}]"].astype(np.float64) for i in range(n)])
 
 
 def imu_increments(messages: Messages) -> ImuIncrements:
-    """Read ``sensor_combined`` and fill samples that the logger lost by the mean of their neighbours."""
+    """Read ``sensor_combined``; lost samples are replaced by the mean of their neighbours.
+
+    UsageError if the topic is missing or too slow.
+    """
     table = messages.first("sensor_combined")
     if table is None or len(table) < 100:
         raise UsageError("EKF2 cannot be run again: the log holds no sensor_combined.")
@@ -196,7 +205,7 @@ def _gnss(messages: Messages) -> dict[str, Array]:
 
 
 def _columns(table: Table | None, names: Mapping[str, str]) -> dict[str, Array]:
-    """Columns of a topic as floats under shorter names; columns that it lacks are NaN, an absent topic is empty."""
+    """Read columns of a topic as floats, renamed and sorted; missing columns are NaN, a missing topic is empty."""
     if table is None or not len(table):
         return {"t": np.zeros(0)} | {short: np.zeros(0) for short in names}
     n = len(table)
@@ -227,7 +236,7 @@ CONTROL_BITS = {
 
 
 def control_flags(messages: Messages, lane: int) -> dict[str, Array]:
-    """Control flags of a lane: columns of ``estimator_status_flags``, else bits of ``estimator_status``."""
+    """Return the control flags of a lane from ``estimator_status_flags``, else bits of ``estimator_status``."""
     key = ("estimator_status_flags", lane)
     if key in messages.tables and len(messages[key]):
         table = messages[key]
@@ -243,7 +252,7 @@ def control_flags(messages: Messages, lane: int) -> dict[str, Array]:
 
 
 def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
-    """Return the logged states and variances of a lane; None where the log holds none."""
+    """Return the logged states and variances of a lane, None if not logged."""
     for name in ("estimator_states", "estimator_status"):
         table = messages.tables.get((name, lane))
         if table is None or not len(table) or "states" not in table or "covariances" not in table:
@@ -259,7 +268,7 @@ def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
     return None
 
 
-# Columns of ``estimator_innovations`` (since 1.11) by the aid's name in a re-run.
+# Columns of ``estimator_innovations`` (since 1.11) by aid.
 INNOVATION_COLUMNS = {
     "mag_x": "mag_field[0]",
     "mag_y": "mag_field[1]",
@@ -278,7 +287,7 @@ INNOVATION_COLUMNS = {
 
 
 def logged_innovations(messages: Messages, lane: int) -> dict[str, Array]:
-    """Read the logged innovations of a lane by aid; aids that were never fused hold zeros or NaN."""
+    """Read the logged innovations of a lane by aid; aids that were never fused are zero or NaN."""
     table = messages.tables.get(("estimator_innovations", lane))
     found = _columns(table, INNOVATION_COLUMNS | {"t_sample": "timestamp_sample"})
     sampled = found.pop("t_sample") * 1e-6
@@ -308,14 +317,14 @@ def _attitude(messages: Messages) -> dict[str, Array]:
     return _sorted(columns)
 
 
-# Type of a release in its lowest byte: below this it is a development build.
+# Least release type (lowest byte of ver_sw_release) that is no development build.
 ALPHA = 64
 
 
 def version_of(messages: Messages, params: Mapping[str, float]) -> tuple[int, int]:
-    """Return major and minor version of PX4, by the parameters of EKF2 where the log does not name it.
+    """Return major and minor version of PX4, inferred from EKF2's parameters if not logged.
 
-    UsageError for development builds between 1.14 and 1.15, whose filter is neither's.
+    UsageError for development builds between 1.14 and 1.15, which mix two filters.
     """
     release = int(messages.info.get("ver_sw_release") or 0)
     if release >> 16:
@@ -331,7 +340,10 @@ def version_of(messages: Messages, params: Mapping[str, float]) -> tuple[int, in
 
 
 def read_inputs(messages: Messages, params: Mapping[str, float], lane: int | None = None) -> Ekf2Inputs:
-    """Read all inputs of the lane that flew first, or of ``lane``. UsageError where the log is too thin."""
+    """Read the inputs of EKF2 instance ``lane``, by default of the one that flew first.
+
+    UsageError if the IMU is missing or too slow, the attitude is missing, or an aid is not modelled.
+    """
     version = version_of(messages, params)
     selector = messages.first("estimator_selector_status")
     lanes = _columns(selector, {"primary": "primary_instance"})
