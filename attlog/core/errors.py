@@ -1,4 +1,4 @@
-"""The exceptions of attlog with their exit codes, and the barrier that turns a bug into one missing part.
+"""Exceptions of attlog with exit codes, and a guard that turns a bug into one missing part of the result.
 
 Every expected error derives from :class:`AttlogError` and carries the exit code of the command line (sysexits
 numbering, ``docs/cli.md``). Messages are one or two sentences: what, where, what to do.
@@ -18,7 +18,7 @@ EXIT_INTERRUPTED = 130
 EXIT_BUG = 70
 # With several logs the exit code is the first of these that occurred.
 EXIT_ORDER = (EXIT_INTERRUPTED, EXIT_BUG, 73, 2, 66, 65, 75, 1, 0)
-# Lines of a message, and letters of a line.
+# Most lines of a message, and most letters of a line.
 MAX_LINES, MAX_LINE_LETTERS = 20, 1000
 OUT_OF_MEMORY_TEXT = (
     "memory ran out before the log was done, and nothing was written; close other programs, choose one power-up of "
@@ -29,7 +29,7 @@ LOADER_MEMORY_WORDS = ("failed to map segment", "annot allocate memory")
 OUT_OF_PROCESSES_TEXT = (
     "the system allows this user no more processes or threads; close other programs, or allow more (ulimit -u)"
 )
-# Environment variable that lets failures pass the barrier. Tests set it.
+# Environment variable with which :func:`guarded` raises failures; set by tests.
 RAISE_VARIABLE = "ATTLOG_RAISE"
 
 
@@ -49,13 +49,13 @@ class UsageError(AttlogError):
 
 
 class LogUnusable(AttlogError):
-    """A readable file without anything to analyse."""
+    """Readable file without data to analyse."""
 
     exit_code = 65
 
 
 class NotALog(LogUnusable):
-    """Content of none of the supported log formats."""
+    """File in none of the supported log formats."""
 
 
 class LogUnreadable(AttlogError):
@@ -83,7 +83,7 @@ class PluginTimeout(PluginError):
 
 
 class ClusterError(AttlogError):
-    """A cluster that does not answer; later it may."""
+    """Cluster that does not respond; a later attempt may succeed."""
 
     exit_code = 75
 
@@ -104,7 +104,7 @@ def exit_code(error: BaseException) -> int:
 
 
 def worst_exit_code(codes: Iterable[int]) -> int:
-    """Return the exit code of several logs; 0 without any."""
+    """Return the most important of several logs' exit codes, 0 without failures."""
     return min(codes, key=EXIT_ORDER.index, default=0)
 
 
@@ -128,7 +128,7 @@ def is_out_of_processes(error: BaseException) -> bool:
 
 
 def error_message(error: BaseException, version: str, log: str = "") -> str:
-    """Return the text for the user; ``log`` names one of several."""
+    """Return an error's text for the user; ``log`` is the path of one of several logs."""
     where = f"{log}: " if log and log not in str(error) else ""
     if isinstance(error, AttlogError):
         return f"attlog: {where}{shortened_message(str(error))}"
@@ -143,7 +143,7 @@ def error_message(error: BaseException, version: str, log: str = "") -> str:
 
 
 def shortened_message(text: str) -> str:
-    """Cut a message of thousands of lines, or of megabytes."""
+    """Shorten a message to a limited number of lines and letters."""
     lines = [
         line if len(line) <= MAX_LINE_LETTERS else f"{line[:MAX_LINE_LETTERS]}..."
         for line in text.split("\n", MAX_LINES)
@@ -154,7 +154,7 @@ def shortened_message(text: str) -> str:
 
 
 def suggestion(name: str, known: Iterable[object]) -> str:
-    """Return the end of an error sentence: the nearest known name."""
+    """Return the nearest known name as the end of an error sentence."""
     import difflib
 
     names = [str(k) for k in known]
@@ -167,9 +167,9 @@ def suggestion(name: str, known: Iterable[object]) -> str:
 def guarded(what: str, make: Callable[[], T], otherwise: Callable[[str], U]) -> T | U:
     """Return ``make()``, or ``otherwise(sentence)`` after an unexpected failure.
 
-    A hostile log may reach a line that does not expect it. Then one sensor, check or metric is missing, a problem asks
-    for a report, and the rest of the log goes on. ``what`` begins the sentence ("The barometer"). Expected errors, too
-    little memory and an interrupt pass.
+    An unexpected failure, for example by a damaged log, then costs one sensor, check or metric, and the sentence asks
+    the user for a bug report. ``what`` begins the sentence ("The barometer"). Expected errors, MemoryError and
+    interrupts are raised.
     """
     try:
         return make()

@@ -1,4 +1,4 @@
-"""Write files whole or not at all, name them safely, and read settings; CSV cells that no spreadsheet executes."""
+"""Atomic writing of files, safe file names, private folders, reading of settings, and safe CSV cells."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DISK_FULL_ERRNOS = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO
 
 
 def is_disk_full(error: BaseException | None) -> bool:
-    """Return whether the file system takes no more data, not only this file."""
+    """Return whether an error is a full file system, not a limit of this file."""
     return isinstance(error, OSError) and error.errno in DISK_FULL_ERRNOS
 
 
@@ -50,7 +50,7 @@ def _encoded(data: str | bytes) -> bytes:
 
 
 def write_all_atomic(files: Mapping[Path, str | bytes]) -> None:
-    """Write several files: either all are new or all stay.
+    """Write several files: either all are replaced or none.
 
     OutputError as write_atomic.
     """
@@ -65,7 +65,7 @@ def write_all_atomic(files: Mapping[Path, str | bytes]) -> None:
 
 @contextmanager
 def staging_folder(folder: Path) -> Iterator[Path]:
-    """Yield a folder whose files move into ``folder`` at the end.
+    """Yield a temporary folder whose files move into ``folder`` at the end.
 
     The JSON files move last. OutputError names the final places.
     """
@@ -95,7 +95,7 @@ def staging_folder(folder: Path) -> Iterator[Path]:
 
 @contextmanager
 def open_atomic(path: Path) -> Iterator[BinaryIO]:
-    """Yield a file that takes its name when the block ends well.
+    """Yield a temporary file that gets its final name if the block ends without error.
 
     A terminal, ``/dev/null``, a pipe or ``/dev/stdout`` is written in place: a file instead would destroy it.
     """
@@ -117,7 +117,7 @@ def open_atomic(path: Path) -> Iterator[BinaryIO]:
             temporary.replace(path)
     except BaseException as error:
         if temporary is not None:
-            with suppress(OSError):  # it was never made
+            with suppress(OSError):  # it may not exist
                 temporary.unlink()
         if not isinstance(error, OSError):
             raise
@@ -157,7 +157,7 @@ def _open_special(path: Path) -> Iterator[BinaryIO]:
 
 
 def remove_unfinished(folder: Path, *names: str) -> None:
-    """Remove temporary files of these names (of any without) that killed processes left.
+    """Remove temporary files of these names (default: of all) left by killed processes.
 
     The caller must know that no process is writing them.
     """
@@ -301,7 +301,7 @@ def is_private_folder(folder: Path) -> bool:
 def _is_unmovable(above: Path) -> bool:
     """Return whether no other user can replace a folder below (POSIX; elsewhere True).
 
-    Whoever may write to a folder may rename what is in it, also what belongs to others, unless its sticky bit is set.
+    Write permission for a folder allows renaming its entries, also those of other owners, unless its sticky bit is set.
     """
     if not hasattr(os, "getuid"):
         return True
@@ -407,9 +407,9 @@ INVISIBLE = re.compile(
 def csv_cell(value: Any) -> Any:
     """Return a value as CSV cell that no spreadsheet executes.
 
-    Texts that it would execute get an apostrophe in front. The same holds for text behind a line end, a tab or a
-    semicolon, which is a cell with another separator. Line ends become ``\\n``: a lone ``\\r`` ends a row in
-    spreadsheets, and writers do not quote it.
+    Texts that begin like a formula get an apostrophe in front, also behind a line end, a tab or a semicolon, where
+    other CSV dialects begin a cell. Line ends become ``\\n``: a lone ``\\r`` ends a row in spreadsheets, and writers do
+    not quote it.
     """
     if not isinstance(value, str):
         return value

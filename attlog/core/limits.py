@@ -48,7 +48,7 @@ MAX_CELL_BYTES = 512
 
 # Contents beside the data.
 
-# Statements of a log about itself. Real logs have about 40, at 400 bytes of memory each.
+# Information entries of a log (versions, hardware). Real logs have about 40, at 400 bytes of memory each.
 MAX_INFO = 10_000
 # Dropouts reported by a logger. More than a hundred a second leave nothing else in the log.
 MAX_DROPOUTS = 100_000
@@ -82,8 +82,8 @@ MAG_LIMIT_T = 5e-3
 
 # Logs up to this size (some hours at full rate) are read into memory; larger ones are mapped where MAPPED is set.
 READ_BYTES = 256 << 20
-# Environment variable that allows mapping. The system ends a process whose mapped file is cut, so attlog's commands
-# set it only for processes that another one watches.
+# Environment variable that allows mapping. Truncation of a mapped file kills the process, so attlog's commands set it
+# only for supervised processes.
 MAPPED = "ATTLOG_MAPPED"
 # Unpacked size of a gzip file: autopilots log to FAT cards, whose files end at 4 GiB.
 MAX_UNPACKED_BYTES = 4 << 30

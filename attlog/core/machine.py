@@ -1,4 +1,4 @@
-"""Memory that this process may still take, memory returned to the system, and the versions behind the numbers."""
+"""Available memory, release of memory, number of processors, and software versions."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def cores() -> int:
 
 
 def available_bytes(proc: Path = PROC, cgroup: Path = CGROUP) -> int | None:
-    """Return the bytes that this process may still take, None where unknown.
+    """Return the memory in bytes available to this process, None if unknown.
 
-    The least of the machine's free memory (with file cache and swap), its control group's and its own address space's
-    limit (``ulimit -v``).
+    The minimum of the machine's free memory (with file cache and swap), the rest of the control group's limit, and the
+    rest of the address space limit (``ulimit -v``).
     """
     limits = [_machine_limit(proc), _cgroup_limit(cgroup), _process_limit(proc)]
     return min((found for found in limits if found is not None), default=None)

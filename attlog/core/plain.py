@@ -1,4 +1,4 @@
-"""Dataclasses, arrays and numpy scalars as plain JSON values."""
+"""Conversion of dataclasses, arrays and numpy scalars to plain JSON values."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Check values that users write (options, scenarios, gates) with pydantic, and report every problem in one line.
+"""Validate user settings (options, scenarios, gates) with pydantic, with one line per problem.
 
 Pydantic is imported only where something is checked.
 """
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Place = tuple[int | str, ...]
 TABLE_ERRORS = ("dataclass_type", "dict_type", "dataclass_exact_type")
-# Pydantic's additions to the place of a value of several possible kinds.
+# Components that pydantic adds to the place of a union's value.
 ALTERNATIVE = re.compile(
     r"int|float|str|bool|none|(literal|tuple|list|constrained-\w+|nullable|function-\w+)\[.*|function-\w+\(.*"
 )
-# Pydantic's additions to the expected kind.
+# Components that pydantic adds to the name of the expected kind.
 MESSAGE_DETAIL = re.compile(r", (unable to|got a) .*")
 
 
@@ -98,7 +98,7 @@ def validated_or_problems(
 ) -> tuple[T | None, list[tuple[Place, str]]]:
     """Return an instance of a dataclass, or None and its :func:`problems`.
 
-    ``strict``: only a number is a number, as in a file; neither "15" nor true.
+    ``strict``: accept only numbers as numbers, neither "15" nor true, as in files.
     """
     from pydantic import ValidationError
 

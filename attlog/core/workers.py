@@ -1,4 +1,4 @@
-"""Functions called in other processes: limits of time and memory, and a crash that costs only its own work.
+"""Call functions in worker processes with limits of time and memory, isolated against crashes.
 
 A :class:`Worker` calls functions one after the other in a fresh interpreter or in a fork of a :class:`ForkServer`, a
 program that has imported everything: an interpreter of its own would cost 1 s of processor time a log, a third of what
@@ -36,9 +36,9 @@ T = TypeVar("T")
 MESSAGE, DONE, FAILED = "message", "done", "failed"
 # Not ``-m``, which puts the current folder first: a file beside a log may be called numpy.py.
 START = "import sys; sys.path[:] = {path!r}; from attlog.core import workers; workers.{function}({arguments})"
-# What a process starts belongs to its group and ends with it; Ctrl-C reaches the caller alone.
+# Own process group: children end with the process, and Ctrl-C interrupts only the caller.
 OWN_GROUP: dict[str, Any] = {"process_group": 0} if hasattr(os, "killpg") else {}
-# There are as many processes as cores, and sums over several threads differ in the last bit.
+# One thread per process: there are as many processes as cores, and threaded sums differ in the last bit.
 SINGLE_THREADED = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 EXIT_CUT_OFF = 74  # exit status of a process whose work broke its own connection
 MIN_CRASH_STATUS = 0xC0000000  # Windows
@@ -81,7 +81,7 @@ class Exit:
 
 
 class Died(Exception):
-    """A process ended, or was ended, without an answer."""
+    """Process that ended, or was ended, without a result."""
 
     def __init__(self, exit_: Exit, why: str = "") -> None:
         super().__init__(why or f"the process {exit_}")
@@ -89,21 +89,21 @@ class Died(Exception):
 
 
 class TooLong(Died):
-    """A process was ended at its time limit."""
+    """Process ended at its time limit."""
 
 
 class TooMuchMemory(Died):
-    """A process was ended at its memory limit."""
+    """Process ended at its memory limit."""
 
 
 class Closed(Exception):
-    """The fork server was closed during a call: the run is being interrupted."""
+    """Call on a closed fork server, as during an interrupt."""
 
 
 class Channel:
-    """Pickles over a socket, each with its length; receive in one thread only.
+    """Transfer of pickles over a socket, each with its length; receive in one thread only.
 
-    Pickles run code of their sender. Both ends belong to one user: filters are isolated against accidents, not malice.
+    Unpickling executes code of the sender. Both ends belong to one user: the isolation is no protection from malice.
     """
 
     def __init__(self, connection: socket.socket, max_bytes: int = UNLIMITED_BYTES) -> None:
@@ -151,7 +151,7 @@ class Process(Protocol):
     def alive(self) -> bool: ...
 
     def end(self, patience_s: float) -> Exit:
-        """Kill the process and everything it started, after a time in which it may end by itself."""
+        """Kill the process and its children if it does not end by itself within ``patience_s``."""
 
 
 class Worker:
@@ -165,7 +165,7 @@ class Worker:
 
     @classmethod
     def start(cls, environment: Mapping[str, str] | None = None, max_bytes: int = UNLIMITED_BYTES) -> Worker:
-        """Start a fresh interpreter; an answer beyond ``max_bytes`` counts as damaged memory."""
+        """Start a fresh interpreter; a result beyond ``max_bytes`` raises Died."""
         ours, theirs = socket.socketpair()
         with theirs:
             return cls(Interpreter("serve_in_interpreter", theirs, environment or {}), ours, max_bytes)
@@ -209,7 +209,7 @@ class Worker:
                     raise TooMuchMemory(self.end(), why)
         except TimeoutError:
             raise TooLong(self.end(), f"took longer than {seconds:g} s and was ended") from None
-        except BaseException:  # its answer would be taken for that of a later call
+        except BaseException:  # a late result must not be taken for that of the next call
             self.end()
             raise
         if kind == FAILED:
@@ -231,7 +231,7 @@ class Worker:
         self.end()
 
     def _receive(self, period: float, until: float | None) -> tuple[str, Any]:
-        """Receive the next message; an empty one after a silent period. Died if none can come."""
+        """Receive the next message, an empty one if none comes within ``period``. Died after the process's end."""
         for wait in (period, 1e-3):
             if until is not None:
                 wait = min(wait, max(until - time.monotonic(), 1e-3))
@@ -239,7 +239,7 @@ class Worker:
                 kind, answer = loads(self._channel.receive(wait, until))
                 return kind, answer
             except TimeoutError:
-                if self._process.alive():  # a process that has ended may have answered before: look once more
+                if self._process.alive():  # a process that has ended may have sent a result before
                     return MESSAGE, {}
             except (EOFError, OSError):
                 break
@@ -276,7 +276,7 @@ class Interpreter:
         self._lock = threading.Lock()
 
     def alive(self) -> bool:
-        """Return whether the interpreter runs; its number stays reserved afterwards, as that of its group."""
+        """Return whether the interpreter runs, without reaping it, so that its process id stays reserved."""
         with self._lock:
             if not OWN_GROUP or self._process.returncode is not None:
                 return self._process.poll() is None
@@ -285,7 +285,7 @@ class Interpreter:
         return False
 
     def end(self, patience_s: float = 0.0) -> Exit:
-        """Kill the interpreter and its group, after a time in which it may end by itself."""
+        """Kill the interpreter and its process group if it does not end by itself within ``patience_s``."""
         until = time.monotonic() + patience_s
         while patience_s and self.alive() and time.monotonic() < until:
             time.sleep(0.01)
@@ -297,7 +297,7 @@ class Interpreter:
 
 
 class ForkServer:
-    """Starts workers as forks of one program; usable from several threads. Its end ends its workers."""
+    """Server that starts workers as forks of one program; usable from several threads."""
 
     def __init__(self, preloaded: Sequence[str] = (), environment: Mapping[str, str] | None = None) -> None:
         """``preloaded``: modules that the program imports; ``environment``: variables beside those of this process."""
@@ -309,7 +309,7 @@ class ForkServer:
         self.closed = False
 
     def prepare(self, function: Callable[..., Any], *arguments: Any, tell: Callable[..., None] | None = None) -> None:
-        """Call a function once in the program itself: its forks have what it loaded. Died if it ends the program."""
+        """Call a function once in the program, so that forks inherit its loaded data. Died if the program ends."""
         with self._lock:
             if self._prepared or not hasattr(os, "fork"):
                 return
@@ -339,7 +339,7 @@ class ForkServer:
             worker.end()
 
     def _order(self, order: bytes) -> tuple[_ForkProgram, socket.socket, int]:
-        """Send an order with a new connection to the program, which is started first if none runs."""
+        """Send an order with a new connection to the program, started if necessary; return also the fork's id."""
         ours, theirs = socket.socketpair()
         with theirs:
             for _ in range(2):  # the program may have died just now
@@ -375,13 +375,16 @@ class _ForkProgram:
         return self._interpreter.alive()
 
     def order(self, order: bytes, connection: socket.socket) -> int:
-        """Hand over a connection to serve; the number of the new fork."""
+        """Pass a connection to the program; return the process id of a new fork, else 0."""
         with self._lock:
             socket.send_fds(self._control.connection, [ORDER.pack(order, 0)], [connection.fileno()])
             return int(loads(self._control.receive())) if order == FORK else 0
 
     def exit_of(self, order: bytes, pid: int) -> Exit | None:
-        """Exit of a fork: after it was killed (END), or if it has ended (POLL). OSError, EOFError without a program."""
+        """Return the exit of a fork, killed by END, None if it still runs at POLL.
+
+        OSError or EOFError if the program has ended.
+        """
         with self._lock:
             self._control.connection.sendall(ORDER.pack(order, pid))
             found: Exit | None = loads(self._control.receive())
@@ -422,7 +425,7 @@ class _Fork:
 
 
 class _Shared:
-    """A fork program that answers a call itself; it is not ended with the call."""
+    """Fork program that executes a call itself and is not ended with it."""
 
     def __init__(self, program: _ForkProgram) -> None:
         self.alive, self.pid = program.alive, program.pid
@@ -432,8 +435,8 @@ class _Shared:
 
 
 def run_fork_program(descriptor: int, preloaded: Sequence[str]) -> None:
-    """Fork on order until the caller is gone; then end all forks."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller is interrupted, and decides
+    """Execute orders until the caller closes the connection, then end all forks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # interrupts are handled by the caller
     for name in preloaded:
         importlib.import_module(name)
     gc.freeze()  # a collection in a fork would copy every page that they share
@@ -466,7 +469,7 @@ def run_fork_program(descriptor: int, preloaded: Sequence[str]) -> None:
 
 
 def _reap(forks: set[int], pid: int, kill: bool) -> Exit | None:
-    """Exit of a fork, which is killed first or may still run (None)."""
+    """Return the exit of a fork, None if it still runs; ``kill``: kill it first."""
     if pid not in forks:
         return Exit()
     if kill:
@@ -492,7 +495,7 @@ def _serve_as_fork(connection: socket.socket) -> None:
 
 
 def serve_in_interpreter(descriptor: int) -> None:
-    """Serve over the socket of this number; what is printed goes to standard error."""
+    """Serve calls over a socket descriptor; standard output is redirected to standard error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if sys.platform == "win32":  # not tried
         connection = socket.fromshare(sys.stdin.buffer.read())
@@ -504,7 +507,7 @@ def serve_in_interpreter(descriptor: int) -> None:
 
 
 def serve(connection: socket.socket) -> None:
-    """Answer calls until the other end closes the connection, which ends the process whatever it is doing."""
+    """Execute calls until the other end closes the connection, which kills this process at once."""
     channel = Channel(connection)
     calls: SimpleQueue[bytearray] = SimpleQueue()
     threading.Thread(target=_listen, args=(channel, calls), daemon=True).start()
@@ -522,7 +525,7 @@ def _listen(channel: Channel, calls: SimpleQueue[bytearray]) -> None:
 
 
 def _answer(channel: Channel, call: bytearray) -> None:
-    """Make a call and send what it returns or raises; it may break whatever it finds in this process."""
+    """Execute a pickled call and send its result or exception."""
 
     def tell(message: dict[str, Any]) -> None:
         with suppress(OSError):  # the caller is gone, which ends this process
@@ -552,14 +555,17 @@ def _answer(channel: Channel, call: bytearray) -> None:
 
 
 def _limit_self(seconds: float) -> None:
-    """Ask the system to end this process some time after its limit (0: no limit); compiled loops let no thread run."""
+    """Set an alarm that ends this process after its time limit (0: none).
+
+    Compiled loops block all threads, so the watching thread cannot end it.
+    """
     if hasattr(signal, "alarm"):
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(int(seconds) + SELF_LIMIT_MARGIN_S if seconds else 0)
 
 
 def write_output_to(file: Path) -> None:
-    """Send everything this process prints, also in a crash, to a file; its input is empty."""
+    """Redirect all output of this process, crash reports included, to a file, and its input to nothing."""
     output = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     for standard, instead in ((0, os.open(os.devnull, os.O_RDONLY)), (1, output), (2, output)):
         os.dup2(instead, standard)
@@ -580,10 +586,10 @@ def end_session(leader: int) -> None:
 
 
 def resident_mb(pid: int) -> float:
-    """Return the resident memory of a process and its children in MB (10^6 bytes), 0 for none.
+    """Return the resident memory of a process and its children in MB (10^6 bytes), 0 if it has ended.
 
-    An RLIMIT_AS would count libraries, mapped logs and reserved addresses, a gigabyte before the first log; and a
-    refused allocation would end as one failed row of a report that looks whole. UsageError without /proc and psutil.
+    RLIMIT_AS is no alternative: it counts libraries, mapped logs and reserved addresses, and a refused allocation can
+    pass for a failed filter. UsageError without /proc and psutil.
     """
     try:
         with open(f"/proc/{pid}/statm", "rb") as file:

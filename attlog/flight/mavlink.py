@@ -49,29 +49,29 @@ from attlog.formats.mavlink.layout import STAMP_COLUMN
 from attlog.formats.mavlink.reader import CLOCK_MESSAGES
 from attlog.formats.table import Messages, Table
 
-# HEARTBEAT.autopilot.
+# Values of HEARTBEAT.autopilot.
 ARDUPILOT, PX4 = 3, 12
 
 # --- clock ------------------------------------------------------------------------------------------------------
 
 # A time_usec above this is Unix time (2001), not time since boot.
 UNIX_US = 10**15
-# Packet stamps whose steps differ from those of the boot clock by more than this share of the mean step are no clock:
-# 0.01 to 0.25 in logs by wire and by good links, 0.6 by radio links that send in bursts.
+# Largest median difference of steps of packet stamps and boot clock, as a share of the mean step, with which packet
+# stamps are used as a clock. It is 0.01 to 0.25 by wire and good links, 0.6 by radio links that send in bursts.
 MAX_UNSTEADY_SHARE = 0.5
-# A clock of whole milliseconds is early by half of one, on average.
+# Mean truncation of a clock in whole milliseconds.
 HALF_MILLISECOND_US = 500
-# Clock packets whose median gives the difference between packet and boot clock.
+# Length of the running median of packet clock minus boot clock, in clock packets.
 MEDIAN_PACKETS = 21
-# Larger backward steps of an estimated time are real.
+# Largest backward step of an estimated time that is removed; larger ones are real.
 MAX_BACKWARD_US = 1_000_000
 
 
 class PacketClock:
-    """Boot times in us of the packets of one autopilot.
+    """Boot clock in us for the packets of one autopilot.
 
-    ``offsets``, ``boot`` (n,): places and boot times of clock packets. ``ahead`` (n,): packet clock minus boot clock.
-    ``is_steady``: packet stamps advance as the boot clock does. ``unix``: Unix time minus boot time, None if unknown.
+    ``offsets``, ``boot`` (n,): byte offsets and boot times of clock packets. ``ahead`` (n,): packet clock minus boot
+    clock. ``is_steady``: packet stamps are usable as a clock. ``unix``: Unix time minus boot time, None if unknown.
     """
 
     def __init__(self, messages: Messages, instance: int) -> None:
@@ -94,7 +94,7 @@ class PacketClock:
         self.unix = unix_minus_boot(messages, instance)
 
     def of(self, table: Table) -> Stamps:
-        """Return stamps (n,) of a table: its own clock, else the packet's."""
+        """Return boot times (n,) of a table in us, by its own clock or by packets."""
         if "time_boot_ms" in table:
             return boot_stamps(table)
         if "time_usec" in table:
@@ -106,7 +106,7 @@ class PacketClock:
         return self.by_packet(table)
 
     def by_packet(self, table: Table) -> Stamps:
-        """Return boot times by packet stamps, where these are no clock by the place between clock messages."""
+        """Return boot times (n,) by packet stamps, or interpolated by byte offset if these are unsteady."""
         if len(self.boot) == 0:
             return np.zeros(len(table), np.int64)
         if STAMP_COLUMN in table and self.is_steady:
@@ -116,7 +116,7 @@ class PacketClock:
 
 
 def is_steady(packet: Stamps, boot: Stamps) -> bool:
-    """Return whether packet stamps (n,) advance as the boot times (n,) of the same packets, True for too few."""
+    """Return whether packet stamps (n,) advance like the boot times (n,), True for too few."""
     if len(boot) < MEDIAN_PACKETS:
         return True
     steps = np.abs(np.diff(boot))
@@ -124,19 +124,19 @@ def is_steady(packet: Stamps, boot: Stamps) -> bool:
 
 
 def boot_stamps(table: Table) -> Stamps:
-    """Return boot times (n,) in us of ``time_boot_ms``, which counts whole milliseconds that have passed."""
+    """Return boot times (n,) in us from the truncated milliseconds in ``time_boot_ms``."""
     return table["time_boot_ms"].astype(np.int64) * 1000 + HALF_MILLISECOND_US
 
 
 def force_rising(t_us: Stamps) -> Stamps:
-    """Return stamps at least 1 us apart, without the small backward steps of an estimated clock difference."""
+    """Return stamps at least 1 us apart, by moving stamps behind backward steps below MAX_BACKWARD_US."""
     count = np.arange(len(t_us))
     least: Stamps = np.maximum.accumulate(t_us - count) + count
     return np.where(least - t_us < MAX_BACKWARD_US, least, t_us)
 
 
 def running_median(x: Stamps) -> Stamps:
-    """Return the median of MEDIAN_PACKETS neighbours of every entry, of fewer at the ends."""
+    """Return the running median over MEDIAN_PACKETS entries, with reflected ends."""
     half = MEDIAN_PACKETS // 2
     if len(x) <= half:
         return np.full(len(x), int(np.median(x)), np.int64)
@@ -147,7 +147,7 @@ def running_median(x: Stamps) -> Stamps:
 
 
 def unix_minus_boot(messages: Messages, instance: int) -> int | None:
-    """Return Unix time minus boot time in us (SYSTEM_TIME), None where the autopilot never knew the date."""
+    """Return Unix time minus boot time in us (SYSTEM_TIME), None without a valid date."""
     table = messages.tables.get(("SYSTEM_TIME", instance))
     if table is None:
         return None
@@ -161,7 +161,7 @@ def unix_minus_boot(messages: Messages, instance: int) -> int | None:
 
 @dataclass(slots=True)
 class TelemetryBuilder(LogBuilder):
-    """A flight log in the making, of the packets of one autopilot."""
+    """Builder of a flight log from the packets of one autopilot."""
 
     instance: int = 0
     autopilot: int | None = None
@@ -181,9 +181,10 @@ class TelemetryBuilder(LogBuilder):
 
 
 def choose_system(messages: Messages, path: Path, system: int | None) -> int:
-    """Return the instance of the autopilot of a system (None: of the chosen one).
+    """Return the table instance (system * 256 + component) of the vehicle's autopilot.
 
-    UsageError if the system is not in the file, LogUnusable if none flies.
+    The vehicle is chosen when the file is opened; ``system`` is only checked. UsageError if it is not in the file,
+    LogUnusable without any autopilot.
     """
     systems = messages.info.get("systems", {})
     if system is not None and system not in systems:
@@ -199,7 +200,7 @@ def choose_system(messages: Messages, path: Path, system: int | None) -> int:
 
 
 def read(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
-    """Return the flight of one vehicle in a MAVLink file; ``imu`` and ``mag`` ask for a unit."""
+    """Read the flight of one vehicle in a MAVLink file; ``imu`` and ``mag`` select units."""
     instance = choose_system(messages, messages.path, system)
     systems = messages.info.get("systems", {})
     autopilot = systems.get(instance >> 8, {}).get("autopilot")
@@ -223,7 +224,7 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
 
 
 def _report_other_systems(builder: TelemetryBuilder, systems: dict[int, dict[str, int | None]]) -> None:
-    """Note the other vehicles of a file."""
+    """Report the other vehicles of a file."""
     own = builder.instance >> 8
     others = [s for s, d in systems.items() if d["autopilot"] is not None and s != own]
     if others:
@@ -232,7 +233,7 @@ def _report_other_systems(builder: TelemetryBuilder, systems: dict[int, dict[str
 
 
 def read_firmware(builder: TelemetryBuilder) -> Firmware:
-    """Return the firmware: ArduPilot by its start message, else the version number of AUTOPILOT_VERSION."""
+    """Return the firmware by ArduPilot's banner, else by AUTOPILOT_VERSION."""
     name = {ARDUPILOT: "ArduPilot", PX4: "PX4"}.get(builder.autopilot or 0, "unknown autopilot")
     if builder.autopilot == ARDUPILOT:
         by_message = vehicle.read_firmware(builder.messages)
@@ -245,7 +246,7 @@ def read_firmware(builder: TelemetryBuilder) -> Firmware:
 
 
 def add_trim_and_declination(builder: TelemetryBuilder) -> None:
-    """Add the quantities that follow from the autopilot's parameters."""
+    """Add declination and trim from the autopilot's parameters."""
     names = px4.DECLINATION_PARAMETERS if builder.autopilot == PX4 else ardupilot.DECLINATION_PARAMETERS
     parameters.add_values(builder, names)
     if builder.autopilot == ARDUPILOT:
@@ -264,7 +265,7 @@ INERTIAL = (
     (1, 2, "SCALED_IMU2"),
     (2, 2, "SCALED_IMU3"),
 )
-# Share of nonzero records below which a unit was never read.
+# Least share of nonzero records of a unit in use.
 MIN_NONZERO_SHARE = 0.01
 # Unset values of unsigned 16 bits.
 UNSET = 0xFFFF
@@ -279,7 +280,7 @@ def imu_candidates(builder: TelemetryBuilder) -> list[ImuCandidate]:
     for unit, rank, name in INERTIAL:
         table = builder.packets(name)
         if table is None or (name == "RAW_IMU" and builder.autopilot == PX4):
-            continue  # PX4's RAW_IMU is in units of the sensor
+            continue  # PX4's RAW_IMU is in sensor units
         gyro, acc = columns(table, "xgyro", "ygyro", "zgyro"), columns(table, "xacc", "yacc", "zacc")
         if name != "HIGHRES_IMU":
             gyro, acc = gyro * 1e-3, acc * 1e-3 * STANDARD_GRAVITY_M_S2
@@ -358,7 +359,7 @@ def read_receiver(builder: TelemetryBuilder, unit: int) -> Gnss | None:
 
 
 def utc_offset(builder: TelemetryBuilder) -> float | None:
-    """Return Unix time in s at t = 0, None (and a problem) where it is none of a flight."""
+    """Return Unix time in s at t = 0, None if unknown or implausible; the latter is reported."""
     if builder.clock.unix is None:
         return None
     unix_us = builder.clock.unix + builder.t0_us
@@ -375,7 +376,7 @@ BAROMETERS = ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
 
 
 def baro_streams(builder: TelemetryBuilder) -> list[Stream]:
-    """Return altitudes in m of the standard atmosphere at the measured pressures."""
+    """Return barometric altitudes in m from pressures by the standard atmosphere."""
     every = [builder.read_optional("The barometer", partial(_baro_stream, builder, name), None) for name in BAROMETERS]
     return [stream for stream in every if stream is not None]
 
@@ -408,7 +409,7 @@ def throttle_stream(builder: TelemetryBuilder) -> Stream | None:
 
 
 def rpm_stream(builder: TelemetryBuilder) -> Stream | None:
-    """Return the speeds (n, rotors) in rev/min of those of the first four ESCs that turned."""
+    """Return the speeds (n, rotors) in rev/min of the first four ESCs, without those that never turned."""
     table = builder.packets("ESC_TELEMETRY_1_TO_4")
     if table is None:
         return None
@@ -436,7 +437,7 @@ ATTITUDE_MESSAGES = ("ATTITUDE_QUATERNION", "ATTITUDE", "AHRS2", "AHRS3")
 
 
 def attitudes(builder: TelemetryBuilder) -> dict[str, Attitude]:
-    """Return every attitude message by name; AHRS2 and AHRS3 carry no time and get that of their packets."""
+    """Return every attitude message by name; AHRS2 and AHRS3 are stamped by packet."""
     found = {}
     for name in ATTITUDE_MESSAGES:
         table = builder.packets(name)
@@ -458,7 +459,7 @@ def quaternions(table: Table) -> Array:
 
 
 def simulated_attitude(builder: TelemetryBuilder) -> Attitude | None:
-    """Return the simulator's attitude: SIM_STATE (quaternion), else SIMSTATE (Euler angles), at the packets' times."""
+    """Return the simulator's attitude: SIM_STATE (quaternion) or SIMSTATE (Euler angles), stamped by packet."""
     for name in ("SIM_STATE", "SIMSTATE"):
         table = builder.packets(name)
         if table is None:
@@ -550,7 +551,7 @@ def mode_line(builder: TelemetryBuilder) -> TimeLine | None:
 
 
 def landed_line(builder: TelemetryBuilder) -> TimeLine | None:
-    """Return ground contact over time, None where it is not sent."""
+    """Return ground contact over time, None if not sent."""
     state = builder.packets("EXTENDED_SYS_STATE")
     if state is None:
         return None
@@ -578,7 +579,7 @@ def innovation_tests(builder: TelemetryBuilder) -> list[InnovationTest]:
 
 
 def clippings(builder: TelemetryBuilder) -> list[Clipping]:
-    """Return new clipped samples of every unit over time."""
+    """Return the clipped samples of every unit, counted between records."""
     table = builder.packets("VIBRATION")
     if table is None or len(table) < 2:
         return []
@@ -589,7 +590,7 @@ def clippings(builder: TelemetryBuilder) -> list[Clipping]:
 
 
 def vibration_stream(builder: TelemetryBuilder) -> Stream | None:
-    """Return ArduPilot's own level (n, 3) in m/s^2."""
+    """Return ArduPilot's vibration level (n, 3) in m/s^2, None for other autopilots."""
     if builder.autopilot != ARDUPILOT:
         return None
     table = builder.packets("VIBRATION")
@@ -597,7 +598,7 @@ def vibration_stream(builder: TelemetryBuilder) -> Stream | None:
 
 
 def vibration_levels(builder: TelemetryBuilder) -> list[OnboardVibration]:
-    """Return the level of the worst axis; the message is of the primary unit, here 0."""
+    """Return the vibration level of the worst axis; VIBRATION is of the primary IMU, taken as unit 0."""
     level = builder.log.vibration.level
     return [] if level is None else [OnboardVibration(0, "rest", level.source, level.t, level.x.max(axis=1))]
 

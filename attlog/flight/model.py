@@ -1,4 +1,4 @@
-"""A flight as numbers: one clock, SI units, body axes forward-right-down, earth axes north-east-down.
+"""Data model of a flight: one clock, SI units, body axes FRD, earth axes NED.
 
 ``t`` is float64 seconds from the first sample of the replayed IMU; the autopilot's own clock at that instant is
 ``FlightLog.t0_us``. Quaternions are scalar first and turn body vectors into earth vectors.
@@ -24,21 +24,21 @@ Severity = Literal["info", "note", "warning", "error"]
 # Roll, pitch and yaw in deg.
 Angles = tuple[float, float, float]
 
-# A hole longer than this and than five intervals is a pause of the logger (disarmed, telemetry lost).
+# An interval longer than this and than five median intervals is a pause of the logger (disarmed, telemetry lost).
 PAUSE_S = 1.0
 FIX_3D = 3
-# A log that is armed later than this after its start does not wait for arming.
+# Disarmed time at the start from which a log counts as begun before arming.
 BEGINS_DISARMED_S = 5.0
 
 
 def without_pauses(t: Array) -> NDArray[np.bool_]:
-    """Mark the intervals (n - 1,) between samples at ``t`` (n,) s that are no pause of the logger."""
+    """Mark the intervals (n - 1,) between samples at ``t`` (n,) s during which the logger ran."""
     dt = np.diff(t)
     return dt <= max(PAUSE_S, 5.0 * float(np.median(dt))) if len(dt) else np.zeros(0, bool)
 
 
 def covered_seconds(t: Array) -> float:
-    """Return the time in s that samples at ``t`` (n,) s cover, without pauses."""
+    """Return the time in s covered by samples at ``t`` (n,) s, without pauses."""
     return float(np.diff(t)[without_pauses(t)].sum())
 
 
@@ -50,7 +50,7 @@ def logged_rate(t: Array) -> float:
 
 @dataclass(slots=True)
 class Stream:
-    """A measured quantity over time: ``x`` (n, k) in ``unit`` (SI) at ``t`` (n,) s.
+    """Time series of a measured quantity: ``x`` (n, k) in ``unit`` at ``t`` (n,) s.
 
     ``sampling`` is ``interval`` where a value is the mean over the interval that ends at its stamp (PX4), ``instant``
     where it is the value at the stamp (ArduPilot). ``delay`` (s): lag of the filters ahead of the logger.
@@ -79,7 +79,7 @@ class Stream:
 
 @dataclass(slots=True, weakref_slot=True)
 class Imu:
-    """An inertial unit: ``gyro`` rad/s and ``acc`` m/s^2 (specific force) at the same times.
+    """Inertial unit: ``gyro`` rad/s and ``acc`` m/s^2 (specific force) at the same times.
 
     ``filtered``: processing before the logger ("none", "low-pass 80 Hz", ...). ``dt`` (n,): integration time of each
     sample where the log holds increments. ``device`` and ``acc_device``: ids of gyro and accelerometer.
@@ -99,10 +99,10 @@ class Imu:
 
 @dataclass(slots=True)
 class Mag:
-    """A magnetometer: ``field`` (n, 3) in tesla, body axes.
+    """Magnetometer: ``field`` (n, 3) in tesla, body axes.
 
-    ``raw``: some hundred uncalibrated records in the sensor's axes. ``offsets``: offsets that the firmware reports to
-    have applied, at each change. Both in tesla, None where they are not logged.
+    ``raw``: some hundred uncalibrated records in sensor axes. ``offsets``: offsets applied by the firmware as logged,
+    at each change. Both in tesla, None if not logged.
     """
 
     index: int
@@ -132,7 +132,7 @@ class Reception:
 
 @dataclass(slots=True)
 class Gnss:
-    """A receiver at ``t`` (n,) s: degrees, metres, m/s north-east-down; NaN without a value or a fix.
+    """GNSS receiver at ``t`` (n,) s: degrees, metres, m/s NED; NaN without a value or a fix.
 
     ``yaw`` (n,) rad: heading of two antennas. ``utc_us`` (n,): Unix time, 0 where unknown. ``received`` (n,) s: arrival
     at the autopilot before its delay parameter is subtracted, None where it equals ``t``.
@@ -156,7 +156,7 @@ class Gnss:
 
     @property
     def heading(self) -> Stream | None:
-        """The heading (n, 1) rad of two antennas during a 3D fix, None of a single antenna."""
+        """The dual-antenna heading (n, 1) rad during a 3D fix, None for a single antenna."""
         if self.yaw is None:
             return None
         good = np.isfinite(self.yaw) & np.isfinite(self.t) & (self.fix >= FIX_3D)
@@ -193,12 +193,12 @@ class TruthFit:
 
 @dataclass(slots=True)
 class Attitude:
-    """An estimated or measured attitude: ``q`` (n, 4) at ``t`` (n,) s.
+    """Estimated or measured attitude: ``q`` (n, 4) at ``t`` (n,) s.
 
-    ``resets`` (k,): indices i where the step from sample i-1 to i is a reset and no rotation. ``has_trim``: the
-    vehicle's trim (ArduPilot AHRS_TRIM) is already taken out. ``step_deg``: quantisation of the logged values (0 for
-    float). ``normal``: ``q`` is normalized already, and readers may take the array itself. ``position`` (n, 3) m: of a
-    pose in its own axes. ``fit``: of an external truth.
+    ``resets`` (k,): indices i at which the step from sample i-1 to i is a reset and no rotation. ``has_trim``: the
+    vehicle's trim (ArduPilot AHRS_TRIM) is already removed. ``step_deg``: quantisation of the logged values (0 for
+    float). ``normal``: ``q`` has unit norm and need not be copied. ``position`` (n, 3) m: of a pose, in its own axes.
+    ``fit``: alignment of an external truth.
     """
 
     t: Array
@@ -218,7 +218,7 @@ class Attitude:
         return logged_rate(self.t)
 
     def covers(self, t: Array) -> NDArray[np.bool_]:
-        """Mark the times (m,) s between two samples without a pause of the logger."""
+        """Mark the times (m,) s at which the attitude is logged, outside pauses of the logger."""
         if len(self.t) < 2:
             return np.zeros(len(t), bool)
         k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
@@ -229,7 +229,7 @@ class Attitude:
 
 @dataclass(slots=True)
 class TimeLine:
-    """A value that holds from ``t[i]`` until ``t[i+1]``: modes, arming, parameters."""
+    """Piecewise constant value, from ``t[i]`` until ``t[i+1]``: modes, arming, parameters."""
 
     t: Array
     value: list[Any]
@@ -245,7 +245,7 @@ class TimeLine:
 
 @dataclass(slots=True)
 class FlightState:
-    """Arming, ground contact and flight mode over time, None where the log does not hold them."""
+    """Arming, ground contact and flight mode over time, None if not logged."""
 
     armed: TimeLine | None = None
     landed: TimeLine | None = None
@@ -262,7 +262,7 @@ class Setpoints:
 
 @dataclass(slots=True)
 class Power:
-    """Drive of the vehicle.
+    """Propulsion and battery.
 
     ``throttle`` (n, 1) 0 to 1. ``motors`` (n, motors): outputs from 0 (stopped) to 1 (full). ``rpm`` (n, rotors).
     ``battery`` (n, 2): V and A.
@@ -276,12 +276,12 @@ class Power:
 
 @dataclass(slots=True)
 class Parameters:
-    """Parameters of the vehicle by name, and the quantities that follow from them.
+    """Parameters of the vehicle by name, and the trim and declination they set.
 
-    ``lines``: values over time. ``defaults``: as the log reports them. ``given``: values of a ground station's file.
-    ``filled``: names that only this file holds. ``trim`` (3,) rad: rotation between IMU and vehicle that attitudes
-    with ``has_trim`` have taken out. ``declination`` (deg, east positive): as set in the autopilot. Both are None
-    where the log lacks the parameters named in ``trim_source`` and ``declination_source``.
+    ``lines``: values over time. ``defaults``: as logged. ``given``: values from a ground station's file. ``filled``:
+    names that are only in this file. ``trim`` (3,) rad: rotation between IMU and vehicle, removed from attitudes with
+    ``has_trim``. ``declination`` (deg, east positive): as set in the autopilot. Both are None if the parameters in
+    ``trim_source`` and ``declination_source`` are not logged.
     """
 
     lines: dict[str, TimeLine] = field(default_factory=dict)
@@ -313,8 +313,8 @@ class OnboardEstimator:
 
     ``gyro_bias`` (n, 3) rad/s: subtracted from the replayed gyro, None where it runs on another one. ``acc_bias``
     (n, 3) m/s^2: subtracted from the accelerometer. ``yaw`` (n, 2) rad: heading from GNSS motion without a compass and
-    its sigma, while it is valid. ``lane``: number of the EKF core or instance that flew. ``inputs`` reads all that the
-    filter was given, for a re-run of it; None where that is not known of the firmware.
+    its sigma, while it is valid. ``lane``: number of the EKF core or instance that flew. ``inputs``: function that
+    reads the filter's logged inputs for a re-run, None for other firmware.
     """
 
     gyro_bias: Stream | None = None
@@ -325,8 +325,8 @@ class OnboardEstimator:
     inputs: Callable[..., Any] | None = None
 
 
-# How a vibration level is made. ``rest`` (ArduPilot's VIBE): root of the low-passed square of what a 5 Hz low-pass
-# leaves, per axis. ``difference`` (PX4): low-passed length of the difference of successive samples.
+# Definition of a vibration level. ``rest`` (ArduPilot's VIBE): root of the low-passed square of the remainder of a 5 Hz
+# low-pass, per axis. ``difference`` (PX4): low-passed length of the difference of successive samples.
 VibrationMeasure = Literal["rest", "difference"]
 
 
@@ -340,8 +340,8 @@ class VibrationLimits:
     source: str
 
 
-# PX4 documents no level at which a flight fails. The red line of its plot is a guess of its author (pull request 252
-# of Flight Review): a warning; clipping shows the rest.
+# PX4 documents no level at which a flight fails. The red line of Flight Review's plot is a guess of its author (pull
+# request 252), so it is a warning here; faults are detected by clipping.
 VIBRATION_LIMITS: dict[VibrationMeasure, VibrationLimits] = {
     "rest": VibrationLimits(0.95, 30.0, 60.0, "ardupilot.org, Measuring Vibration"),
     "difference": VibrationLimits(0.80, 9.81, np.inf, "PX4 Flight Review, Vibration Metrics"),
@@ -350,7 +350,7 @@ VIBRATION_LIMITS: dict[VibrationMeasure, VibrationLimits] = {
 
 @dataclass(slots=True)
 class OnboardVibration:
-    """Vibration level (n,) m/s^2 at ``t`` (n,) s that the autopilot measured of an IMU, of the worst axis."""
+    """Onboard vibration level (n,) m/s^2 of an IMU at ``t`` (n,) s, of its worst axis if logged by axis."""
 
     unit: int
     measure: VibrationMeasure
@@ -361,9 +361,9 @@ class OnboardVibration:
 
 @dataclass(slots=True)
 class Burst:
-    """Successive samples ``x`` (n, 3) rad/s or m/s^2 of a sensor at its own ``rate`` Hz, from ``t`` s on.
+    """Batch of samples ``x`` (n, 3) rad/s or m/s^2 at the sensor's ``rate`` Hz, from ``t`` s on.
 
-    ``filtered``: taken behind the autopilot's low-pass and notches.
+    ``filtered``: logged after the autopilot's low-pass and notch filters.
     """
 
     sensor: Literal["gyro", "accelerometer"]
@@ -377,7 +377,7 @@ class Burst:
 
 @dataclass(slots=True)
 class OnboardSpectrum:
-    """Peaks (n, k) Hz that the autopilot found in its gyro of ``rate`` Hz, at ``t`` (n,) s; NaN for none.
+    """Peaks (n, k) Hz of the onboard gyro spectrum at ``t`` (n,) s, NaN without a peak; gyro rate ``rate`` Hz.
 
     ``resolution`` Hz: width of a bin.
     """
@@ -391,10 +391,10 @@ class OnboardSpectrum:
 
 @dataclass(slots=True)
 class Clipping:
-    """Samples at the end of a sensor's range, as the autopilot counted them.
+    """Samples at the end of a sensor's range, as counted on board.
 
     ``new`` (n,): samples since the record before, at ``t`` (n,) s. ``unit``: None for the selected unit. ``whole``:
-    every sample was counted, not only those of slower records.
+    counted at the sensor's full rate, not only in logged records.
     """
 
     sensor: str
@@ -407,10 +407,10 @@ class Clipping:
 
 @dataclass(slots=True)
 class Vibration:
-    """Vibration as logged beside the continuous samples.
+    """Vibration as measured on board.
 
-    ``level`` (n, 3) m/s^2: the autopilot's own measure of the replayed IMU, by axis. ``levels``: the level of every
-    IMU. ``bursts``: samples at the sensors' own rate. ``spectrum``: peaks of the onboard gyro spectrum.
+    ``level`` (n, 3) m/s^2: of the replayed IMU, by axis. ``levels``: of every IMU. ``bursts``: batches of samples at
+    the sensors' rate. ``spectrum``: peaks of the onboard gyro spectrum.
     """
 
     level: Stream | None = None
@@ -435,10 +435,10 @@ class Firmware:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """A defect of the log that readers of a result must know.
+    """Defect of the log or the flight, to be reported with the results.
 
-    ``t`` s (the first of ``count``) or ``offset`` bytes locate it; ``value`` in ``unit`` is its size. ``cause`` and
-    ``remedy``: a sentence each, empty where unknown.
+    ``t`` s (of the first of ``count``) or ``offset`` in bytes is its place, ``value`` in ``unit`` its size. ``cause``
+    and ``remedy``: a sentence each, empty if unknown.
     """
 
     code: str
@@ -457,12 +457,12 @@ class Problem:
 class FlightLog:
     """One power-up of a vehicle: sensors, attitudes, state and parameters on one clock.
 
-    ``imus[imu]`` is replayed, ``mags[mag]`` likewise (None: no usable one); ``choices`` gives the reason of each
-    choice. ``attitudes`` maps sources to attitudes, ``onboard`` names the one that flew. ``truth``: a simulator's or an
-    external attitude. ``poses``: attitudes of motion capture or vision by topic, in their own axes. ``true_heading``
-    (n, 1) rad: an external heading. ``rangefinder`` (n, 1) m: distance to the ground within the sensor's range.
-    ``utc_offset`` (s) turns ``t`` into Unix time. ``vehicle``: its usual name, ``kind`` its abilities. ``texts``:
-    messages of the autopilot (t, syslog level, text). ``settings``: what advice on the vehicle's settings is based on.
+    ``imus[imu]`` and ``mags[mag]`` are replayed (None: no usable one); ``choices`` gives the reason of each choice.
+    ``attitudes`` maps sources to attitudes, ``onboard`` is the name of the one that flew. ``truth``: a simulator's or
+    an external attitude. ``poses``: attitudes by motion capture or vision by topic, in their own axes.
+    ``true_heading`` (n, 1) rad: external heading. ``rangefinder`` (n, 1) m: distance to the ground within the sensor's
+    range. ``utc_offset`` s: Unix time minus ``t``. ``vehicle``: usual name of its type. ``texts``: messages of the
+    autopilot (t, syslog level, text). ``settings``: firmware and parameters for advice on settings.
     """
 
     path: Path
@@ -503,41 +503,41 @@ class FlightLog:
 
     @property
     def kind(self) -> VehicleKind:
-        """The vehicle's abilities, OTHER for an unknown vehicle."""
+        """The vehicle's kind, OTHER if unknown."""
         return vehicle_kind(self.vehicle)
 
     @property
     def replay_imu(self) -> Imu | None:
-        """The IMU to replay, None where no unit can be."""
+        """The IMU to replay, None if no unit is replayable."""
         return None if self.imu is None else self.imus[self.imu]
 
     @property
     def onboard_attitude(self) -> Attitude | None:
-        """The attitude that flew, None where the log holds none."""
+        """The attitude that flew, None if not logged."""
         return self.attitudes.get(self.onboard or "")
 
     @property
     def truth_with_north(self) -> Attitude | None:
-        """The truth, unless its heading has no known north."""
+        """The truth, None if its heading is not referred to north."""
         return None if self.truth is None or (self.truth.fit and self.truth.fit.north == "nobody") else self.truth
 
     def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
-        """Name the setting that would log ``what``, or the reason where every setting is right.
+        """Return the setting that would log ``what``, or the reason why no setting helps.
 
-        ``rate``: of the logged records in Hz, None without any. Empty where the firmware's settings are unknown.
+        ``rate``: of the logged records in Hz, None without any. Empty if the firmware's settings are unknown.
         """
         if what == "rest" and self.begins_disarmed:
             return advise_rest("The log begins before arming already")
         return logging_advice(self.settings, what, rate)
 
     def remedy(self, fault: str) -> str:
-        """Return what to do about a fault by the vehicle's parameters, empty where nothing helps."""
+        """Return the remedy for a fault by the vehicle's parameters, empty if none is known."""
         mag = None if self.mag is None else self.mags[self.mag]
         return remedy(self.settings, fault, 0 if mag is None else mag.index, None if mag is None else mag.device)
 
     @property
     def begins_disarmed(self) -> bool:
-        """Whether the log ran for some seconds before the first arming."""
+        """Whether the log begins at least BEGINS_DISARMED_S before the first arming."""
         armed = self.state.armed
         if armed is None or not armed.value or armed.value[0]:
             return False
@@ -545,13 +545,13 @@ class FlightLog:
         return float(ends) >= BEGINS_DISARMED_S
 
     def param(self, name: str, t: float | None = None) -> float | None:
-        """Return a parameter's value at ``t`` (default: the first IMU sample), None without one."""
+        """Return a parameter's value at ``t`` (default: the first IMU sample), None if not logged."""
         line = self.parameters.lines.get(name)
         return None if line is None else line.at(0.0 if t is None else t)
 
 
 def guarded_part(log: FlightLog, what: str, make: Callable[[], T], otherwise: Callable[[], T]) -> T:
-    """Return ``make()``; where that ends in a bug, add a problem to the log and return ``otherwise()``."""
+    """Return ``make()``; on an unexpected error add a problem to the log and return ``otherwise()``."""
 
     def without(sentence: str) -> T:
         log.problems.append(Problem("part_failed", "error", sentence))

@@ -23,7 +23,7 @@ from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag,
 from attlog.flight.px4 import reader as px4
 from attlog.formats.table import Messages, Table
 
-# Vectors forward-left-up times this are forward-right-down.
+# Factors from forward-left-up to forward-right-down.
 FLU = np.array([1.0, -1.0, -1.0])
 # Topics of PX4's inertial data.
 INERTIAL = ("sensor_combined", "vehicle_imu", "sensor_gyro")
@@ -39,13 +39,13 @@ STATE_TYPE, EXTENDED_STATE_TYPE = "mavros_msgs/msg/State", "mavros_msgs/msg/Exte
 VELOCITY_TYPES = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
 # ``ExtendedState.landed_state`` of a vehicle on the ground; 0 is unknown.
 ON_GROUND = 1
-# A 3D fix of any augmentation: NavSatStatus 0 and more.
+# Fix type for any NavSatStatus of 0 or more.
 FIX_3D = 3
-# Part of a topic's name: measured and not yet fused.
+# Part of the names of topics with measurements before sensor fusion.
 RAW_NAME = "raw"
-# Topics with at least this share of the records of the largest have the same rate.
+# Topics with at least this share of the largest topic's records count as equally fast.
 SAME_RATE_SHARE = 0.9
-# REP 145 asks for tesla. Drivers write other units, which differ by more than the earth's field varies.
+# Range of the earth's field, by which the unit is identified: REP 145 requires tesla, but drivers publish others.
 EARTH_FIELD_RANGE_T = (1e-5, 2e-4)
 FIELD_UNITS = {"tesla": 1.0, "microtesla": 1e-6, "gauss": 1e-4, "milligauss times 1000, an error of MAVROS": 1e-10}
 # ``orientation_covariance`` of an IMU message without an orientation begins with this.
@@ -53,18 +53,18 @@ NO_ORIENTATION = -1.0
 
 
 class BagBuilder(LogBuilder):
-    """A flight log in the making, of ROS messages."""
+    """Builder of a flight log from ROS messages."""
 
     __slots__ = ()
 
     def stamps(self, table: Table) -> Stamps:
-        """Return header stamps (n,) in us (time of measurement); where none is set, the recorder's."""
+        """Return header stamps (n,) in us (time of measurement), or the recorder's if all are unset."""
         own = table["header.stamp.sec"].astype(np.int64) * 1_000_000 + table["header.stamp.nanosec"] // 1000
         return np.asarray(own if own.any() else table["log_time_ns"] // 1000, np.int64)
 
 
 def read(messages: Messages, imu: int | None, mag: int | str | None) -> FlightLog:
-    """Return the flight in a bag; ``imu`` and ``mag`` ask for a unit."""
+    """Read the flight in a bag; ``imu`` and ``mag`` select units."""
     if any((name, 0) in messages.tables for name in INERTIAL):
         log = px4.read(messages, imu, mag)
         log.firmware = replace(log.firmware, name="PX4")
@@ -86,7 +86,7 @@ def read(messages: Messages, imu: int | None, mag: int | str | None) -> FlightLo
 
 
 def topics_of_type(builder: LogBuilder, *kinds: str) -> list[tuple[str, Table]]:
-    """Return topics of these types with their tables: most records first, of the same rate the raw data."""
+    """Return the topics of these types with their tables, fastest first and raw before fused ones."""
     types = builder.messages.info.get("types", {})
     found = [(name, table) for (name, _), table in builder.messages.items() if types.get(name) in kinds and len(table)]
     most = SAME_RATE_SHARE * max((len(table) for _, table in found), default=0)
@@ -94,7 +94,7 @@ def topics_of_type(builder: LogBuilder, *kinds: str) -> list[tuple[str, Table]]:
 
 
 def vectors(table: Table, name: str) -> Array:
-    """Return a vector (n, 3) in forward-right-down."""
+    """Return a vector field (n, 3) in FRD, logged in FLU."""
     return np.asarray(columns(table, *(f"{name}.{axis}" for axis in "xyz")) * FLU)
 
 
@@ -104,7 +104,7 @@ def quaternions(table: Table, name: str) -> Array:
 
 
 def imu_candidates(builder: BagBuilder) -> list[ImuCandidate]:
-    """Return each IMU topic as a unit, of one driver's data the raw one first."""
+    """Return each IMU topic as a unit, in the order of :func:`topics_of_type`."""
     found: list[ImuCandidate] = []
     for unit, (name, table) in enumerate(topics_of_type(builder, IMU_TYPE)):
         gyro, acc = vectors(table, "angular_velocity"), vectors(table, "linear_acceleration")
@@ -114,7 +114,7 @@ def imu_candidates(builder: BagBuilder) -> list[ImuCandidate]:
 
 
 def magnetometers(builder: BagBuilder) -> list[Mag]:
-    """Return each magnetic topic, in tesla."""
+    """Return each magnetic topic in tesla; other units are detected and reported."""
     found = []
     for unit, (name, table) in enumerate(topics_of_type(builder, FIELD_TYPE)):
         field = vectors(table, "magnetic_field")
@@ -129,7 +129,7 @@ def magnetometers(builder: BagBuilder) -> list[Mag]:
 
 
 def state_line(builder: BagBuilder, kind: str, column: str, value: int) -> TimeLine | None:
-    """Return whether a state has a value, over time; 0 of landing is unknown."""
+    """Return over time whether a state equals ``value``; records with unknown landing state are left out."""
     for name, table in topics_of_type(builder, kind):
         state = table[column].astype(np.int64)
         known = state > 0 if kind == EXTENDED_STATE_TYPE else np.ones(len(state), bool)
@@ -139,7 +139,7 @@ def state_line(builder: BagBuilder, kind: str, column: str, value: int) -> TimeL
 
 
 def receivers(builder: BagBuilder) -> list[Gnss]:
-    """Return fixes with the velocity of a topic beside them."""
+    """Return the receivers, with velocity from a topic in the same namespace."""
     moving = topics_of_type(builder, *VELOCITY_TYPES)
     found = []
     for unit, (name, table) in enumerate(topics_of_type(builder, FIX_TYPE)):
@@ -165,7 +165,7 @@ def receivers(builder: BagBuilder) -> list[Gnss]:
 
 
 def _velocity(builder: BagBuilder, t_us: NDArray[np.int64], table: Table) -> Array:
-    """Return velocities (n, 3) north-east-down at stamps (n,) us, of a topic in east-north-up."""
+    """Interpolate velocities of an east-north-up topic to stamps (n,) us, as (n, 3) north-east-down."""
     name = "twist.linear" if "twist.linear.x" in table else "twist.twist.linear"
     enu, at = columns(table, *(f"{name}.{axis}" for axis in "xyz")), builder.stamps(table)
     return np.column_stack([np.interp(t_us, at, x, np.nan, np.nan) for x in (enu[:, 1], enu[:, 0], -enu[:, 2])])
@@ -177,7 +177,7 @@ def attitudes(builder: BagBuilder) -> dict[str, Attitude]:
     for name, table in topics_of_type(builder, IMU_TYPE):
         q = quaternions(table, "orientation")
         if not np.ptp(q, axis=0).any() or float(np.median(table["orientation_covariance"][:, 0])) == NO_ORIENTATION:
-            continue  # nor are the unset one and the identity an attitude
+            continue  # without orientation, or constant (unset, identity)
         ned = rotation.multiply(rotation.multiply(rotation.ENU, q), rotation.FLU)
         ned[~np.any(q != 0.0, axis=1)] = 0.0
         attitude = builder.attitude(builder.stamps(table), ned, name)
@@ -187,7 +187,7 @@ def attitudes(builder: BagBuilder) -> dict[str, Attitude]:
 
 
 def poses(builder: BagBuilder) -> dict[str, Attitude]:
-    """Return attitudes of motion capture, vision or another estimator by topic, in their own axes."""
+    """Return attitudes by motion capture, vision or another estimator by topic, in their own axes."""
     types = builder.messages.info.get("types", {})
     found: dict[str, Attitude] = {}
     for name, table in topics_of_type(builder, *POSE_TYPES):
@@ -198,7 +198,7 @@ def poses(builder: BagBuilder) -> dict[str, Attitude]:
 
 
 def _pose(builder: BagBuilder, name: str, table: Table, orientation: str, position: str) -> Attitude | None:
-    """Return an attitude with its position, as stored."""
+    """Return an attitude with its position in the axes of the topic."""
     t_us = builder.stamps(table)
     attitude = builder.attitude(t_us, quaternions(table, orientation), name)
     if attitude is None:
@@ -208,9 +208,10 @@ def _pose(builder: BagBuilder, name: str, table: Table, orientation: str, positi
 
 
 def _ahead_us(messages: Messages) -> int:
-    """Return how far the autopilot's clock is ahead of the recorder's in us: of its fastest topic, the median.
+    """Return the median offset in us from the recorder's to the autopilot's clock.
 
-    Poses are stamped by the companion's clock. Messages need some ms between them, which the rates show later.
+    It converts poses, which are stamped by the companion computer. The transport delay of some ms is included; the
+    alignment by rates corrects it.
     """
     for name in INERTIAL:
         table = messages.tables.get((name, 0))

@@ -1,4 +1,4 @@
-"""Flight logs as lazy columns: ``open`` recognises the format by content, never by suffix.
+"""Log formats read as lazy columns; :func:`open` recognises the format by content, not by suffix.
 
 A new format is a folder with recogniser, reader and writer, and one line in :data:`FORMATS`.
 """
@@ -44,12 +44,12 @@ MAX_HEAD_BYTES = 1 << 16
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A log format with its recogniser, reader and writer.
+    """Log format with the functions that recognise, read and write it.
 
-    Functions are named ``module.name`` in the format's ``folder`` and imported when needed. ``name`` is
-    ``Messages.format``; messages show ``title`` and ``suffix``. ``recogniser(head) -> bool`` judges the first bytes,
-    ``reader(path, *, data) -> Messages`` decodes, and takes ``system`` too with ``several_vehicles``. ``writer(path,
-    recording)`` is empty for formats that are only read.
+    Functions are given as ``module.name`` in the format's ``folder`` and imported on use. ``name`` is
+    ``Messages.format``; ``title`` and ``suffix`` are for display. ``recogniser(head) -> bool`` tests the first bytes;
+    ``reader(path, *, data) -> Messages`` has a further argument ``system`` with ``several_vehicles``;
+    ``writer(path, recording)`` is empty for read-only formats.
     """
 
     name: str
@@ -63,11 +63,11 @@ class Format:
 
     @property
     def for_people(self) -> str:
-        """Title and suffix."""
+        """Title and suffix for display."""
         return f"{self.title} {self.suffix}"
 
     def recognises(self, head: bytes) -> bool:
-        """Return whether a file with these first bytes is such a log."""
+        """Return whether a file with these first bytes has this format."""
         return bool(self._load(self.recogniser)(head))
 
     def read(self, path: Path, data: NDArray[np.uint8], system: int | None = None) -> Messages:
@@ -124,10 +124,9 @@ WRAPPERS = (
 def open(path: Path | str, system: int | None = None, *, key: Path | str | None = None) -> Messages:
     """Open a log of any format; a gzip file is unpacked first.
 
-    ``system``: the MAVLink vehicle of the parameters, texts and boots, in formats that can hold several. ``key``: file
-    of the private key of an encrypted log, by default that of the variable ATTLOG_KEY. LogUnreadable: missing, a
-    folder, no permission. NotALog: empty or of another format. LogUnusable: cannot be read (encrypted, newer), or
-    unpacks to more than any log.
+    ``system``: number of the vehicle, in formats that can hold several. ``key``: private key file of an encrypted log,
+    by default from the environment variable ATTLOG_KEY. LogUnreadable: missing, a folder, no permission. NotALog:
+    empty or of another format. LogUnusable: cannot be read (encrypted, newer), or too large when unpacked.
     """
     from attlog.formats.file_bytes import unpacked_bytes
     from attlog.formats.ulog.encrypted import using_key
@@ -143,7 +142,7 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
 
 
 def recognise(path: Path | str) -> str:
-    """Return the format's name as in ``Messages.format``; LogUnreadable and NotALog as :func:`open`."""
+    """Return a file's format as in ``Messages.format``; LogUnreadable and NotALog as for :func:`open`."""
     path = Path(path)
     head = _head(path)
     if not head:
@@ -157,7 +156,7 @@ def recognise(path: Path | str) -> str:
 
 
 def recognise_bytes(file: BinaryIO) -> str:
-    """Return an open file's format, packed or not; empty without one."""
+    """Return the format of an open file, also of a gzip file; empty if unknown."""
     from attlog.formats.file_bytes import first_bytes_of
 
     return _format_of(first_bytes_of(file, MAX_HEAD_BYTES))
@@ -176,7 +175,7 @@ def _head(path: Path) -> bytes:
     if os.path.exists(path) and not os.path.isfile(path):
         raise LogUnreadable(f"{path}: is no regular file; logs are memory-mapped, so save it to a file first")
     try:
-        if not os.path.getsize(path):  # the system's own files have no size, and some block a reader for ever
+        if not os.path.getsize(path):  # files in /proc have no size, and some block a reader for ever
             return b""
         return first_bytes(path, MAX_HEAD_BYTES)
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""The bytes of a log: read or mapped, unpacked from gzip; records gathered, sorted by kind, and decoded as text."""
+"""Bytes of a log: read, map and unpack files; gather, sort and decode records."""
 
 from __future__ import annotations
 
@@ -30,10 +30,9 @@ _SALVAGE_STEP = 64  # bytes unpacked at a time before a broken place
 def read_file_bytes(path: str | Path) -> NDArray[np.uint8]:
     """Read a file into a uint8 array (n,).
 
-    Reading takes some 0.3 ms per MB. The system ends a process that reads on in a mapped file which was cut (SIGBUS).
-    So files larger than :data:`attlog.core.limits.READ_BYTES` are mapped only in a process with the environment
-    variable :data:`attlog.core.limits.MAPPED`. LogUnreadable if the file cannot be opened or is cut meanwhile,
-    LogUnusable if it is empty.
+    Files larger than :data:`attlog.core.limits.READ_BYTES` are mapped, but only with the environment variable
+    :data:`attlog.core.limits.MAPPED`, because truncation of a mapped file kills the process (SIGBUS). LogUnreadable if
+    the file cannot be opened or is truncated meanwhile, LogUnusable if it is empty.
     """
     try:
         with open(path, "rb") as file:
@@ -68,8 +67,8 @@ def offset_type(size: int) -> type[np.int32] | type[np.int64]:
 def gather(data: NDArray[np.uint8], at: Offsets, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return one value of ``dtype`` from each byte offset.
 
-    (n,), or (n, k) of a sub-array, at any alignment. Offsets must leave room for the value. Values k bytes behind each
-    offset come from ``data[k:]``.
+    (n,), or (n, k) for a sub-array, at any alignment. Offsets must leave room for the value. For values k bytes behind
+    each offset pass ``data[k:]``.
     """
     if len(at) == 0:
         return np.zeros((0, *dtype.shape), dtype.base)
@@ -103,7 +102,7 @@ class RecordColumns:
 
 
 def offsets_by_kind(segments: Sequence[tuple[Offsets, Kinds]]) -> list[tuple[int, Offsets]]:
-    """Return each kind, ascending, with the offsets of its records.
+    """Group records by kind: each kind, ascending, with the offsets of its records.
 
     ``segments``: offsets (n,) and kinds (n,) of records.
     """
@@ -169,7 +168,7 @@ def first_bytes_of(file: BinaryIO, count: int) -> bytes:
 
 
 def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
-    """Return a log's unpacked bytes, and what a broken gzip lost.
+    """Return a log's unpacked bytes, and the damage of a broken gzip file, if any.
 
     LogUnreadable if the file cannot be opened or the temporary folder cannot hold the log, LogUnusable if nothing or
     too much comes out.
@@ -192,7 +191,7 @@ def unpacked_bytes(path: Path) -> tuple[NDArray[np.uint8], Damage | None]:
 
 
 def unpack_gzip(path: Path, into: BinaryIO) -> Damage | None:
-    """Write the content of a gzip file; return its damage, if any. Errors as :func:`unpacked_bytes`."""
+    """Write the content of a gzip file; return its damage, if any. Errors as for :func:`unpacked_bytes`."""
     written = 0
     try:
         limit = min(MAX_UNPACKED_BYTES, max(UNPACKED_ANYWAY_BYTES, MAX_UNPACKED_RATIO * path.stat().st_size))
@@ -249,7 +248,7 @@ class GzipContent:
 
 
 def _up_to_the_error(inflate: zlib._Decompress, packed: bytes) -> bytes:
-    """Return what can be unpacked before a broken place."""
+    """Return the bytes that can be unpacked before an error."""
     found = []
     for k in range(0, len(packed), _SALVAGE_STEP):
         try:

@@ -1,7 +1,7 @@
-"""What a written log holds, in any format, and records of several messages merged by time.
+"""Content of a log to be written, for all formats, and merging of records by time.
 
-Names and columns are those of the format's reader, so that what was read can be written. Each writer refuses what its
-format cannot hold.
+Names and columns are those of the format's reader, so that a log can be read and written again. Writers raise
+UsageError for content that their format cannot store.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Key = tuple[str, int]
 
 @dataclass(frozen=True, slots=True)
 class MessageLayout:
-    """How a message is stored, beyond the types of its columns.
+    """Storage details of a message beyond the types of its columns.
 
     DataFlash: ``letters``, ``units`` and ``multipliers`` have one character per column; columns of the letters c C e E
     L are the printed numbers and are rounded to the letter's step. ULog: ``nested`` names the type of each nested
@@ -121,7 +121,7 @@ MERGED_ROWS = 1 << 14
 
 
 def time_order(times: Sequence[NDArray[np.integer]]) -> NDArray[np.int64]:
-    """Return the record at each place, by time, then by block."""
+    """Return the order of all records by time, then by block."""
     if not times:
         return np.zeros(0, np.int64)
     return np.argsort(np.concatenate([t.astype(np.int64) for t in times]), kind="stable")

@@ -1,7 +1,7 @@
-"""What every reader returns: lazy columns, parameters, texts, and a log of what could not be read.
+"""Common result of all readers: lazy columns, parameters, texts, and a log of damage.
 
-A reader maps the file, makes one index pass, and decodes a column when it is asked for. All readers return the same
-:class:`Messages`, so the flight layer does not depend on how bytes are stored.
+A reader indexes the file in one pass and decodes a column on access. All readers return the same :class:`Messages`, so
+the flight layer is independent of file formats.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ class Text:
 
 @dataclass(frozen=True, slots=True)
 class Boot:
-    """One power-up in a file: records from ``start`` to before ``end`` (byte offsets)."""
+    """Power-up in a file: byte offsets ``start`` to before ``end``."""
 
     start: int
     end: int
 
 
 def boots_at(edges: Iterable[int], size: int) -> list[Boot]:
-    """Return the power-ups of a file that begin at ``edges``. The first begins at 0, ``size`` is the file's."""
+    """Return the power-ups of a file of ``size`` bytes, which begin at 0 and at ``edges``."""
     return [Boot(a, b) for a, b in pairwise([0, *edges, size])]
 
 
@@ -70,7 +70,7 @@ def boots_of_timeline(timeline: Timeline, size: int) -> list[Boot]:
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """A damaged place: what was lost there and where reading went on."""
+    """Damaged place of a file, with the loss and the place where reading resumed, both as text."""
 
     offset: int
     length: int
@@ -80,7 +80,7 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Remark:
-    """A sentence of a reader on what it left out, and why."""
+    """Message of a reader about omitted content and its reason."""
 
     code: str
     text: str
@@ -89,10 +89,10 @@ class Remark:
 
 
 class DamageLog:
-    """Damaged places, left-out parts, and bugs met while reading a file.
+    """Log of damaged places, omitted parts, and unexpected errors while reading a file.
 
-    All places are counted (``places``, ``bytes``), the first ones :attr:`listed`. A whole kind of record (few per file)
-    goes through :meth:`add_kind` and is always listed.
+    All places are counted (``places``, ``bytes``), the first ones :attr:`listed`. Records of a whole kind are added by
+    :meth:`add_kind` and take precedence in the list.
     """
 
     def __init__(self) -> None:
@@ -105,30 +105,30 @@ class DamageLog:
         self._failed: set[str] = set()
 
     def add(self, offset: int, length: int, lost: str, resumed: str) -> None:
-        """Report one place with unusable bytes."""
+        """Add one place with unusable bytes."""
         self.places += 1
         self.bytes += length
         if len(self._single) < MAX_DAMAGE:
             self._single.append(Damage(offset, length, lost, resumed))
 
     def add_kind(self, offset: int, length: int, lost: str, resumed: str, counted: bool = False) -> None:
-        """Report all records of a kind by the first one's place. ``counted``: their bytes are counted already."""
+        """Add all records of a kind at the first one's place. ``counted``: their bytes are already counted."""
         self.places += 1
         self.bytes += 0 if counted else length
         if len(self._kinds) < MAX_DAMAGE:
             self._kinds.append(Damage(offset, length, lost, resumed))
 
     def add_cause(self, damage: Damage) -> None:
-        """Report the cause of other damage; it is listed first."""
+        """Add the cause of other damage; it is listed first."""
         self.places += 1
         self._first.append(damage)
 
     def add_remark(self, code: str, text: str, offset: int | None = None, count: int = 1) -> None:
-        """Report a sentence on what was left out."""
+        """Add a remark on omitted content."""
         self.remarks.append(Remark(code, text, offset, count))
 
     def add_limit(self, text: str, offset: int | None = None, count: int = 1) -> None:
-        """Report a sentence on a limit of :mod:`attlog.core.limits` that the log exceeds."""
+        """Add a remark on an exceeded limit of :mod:`attlog.core.limits`."""
         self.add_remark("log_limit", text, offset, count)
 
     @property
@@ -139,7 +139,7 @@ class DamageLog:
 
     @contextmanager
     def around(self, message: str, what: str, offset: int | None) -> Iterator[None]:
-        """Run a block that reads ``what`` of a message. An unexpected error in it ends here."""
+        """Run a block that reads ``what`` of a message; unexpected errors in it become a remark."""
         try:
             yield
         except Exception as error:
@@ -148,7 +148,7 @@ class DamageLog:
     def caught(self, error: Exception, message: str, what: str, offset: int | None) -> None:
         """Turn an error into one remark per message.
 
-        The traceback goes to log level debug. Expected errors, too little memory, and errors under test are raised.
+        The traceback is logged at level debug. Expected errors, MemoryError, and all errors under test are raised.
         """
         if isinstance(error, (AttlogError, MemoryError)) or os.environ.get(RAISE_VARIABLE):
             raise error
@@ -169,10 +169,10 @@ class DamageLog:
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One column of a message as the format declares it.
+    """Column of a message as declared by the format.
 
-    ``dtype`` is the stored type (sub-arrays such as ``64S1`` for text). ``scale`` turns the stored number into the
-    printed one (0.01 for DataFlash ``c``), ``unit`` is that of the printed number, None where unknown.
+    ``dtype`` is the stored type (sub-arrays such as ``64S1`` for text). ``scale`` converts the stored number to the
+    printed one (0.01 for DataFlash ``c``), ``unit`` is that of the printed number, None if unknown.
     """
 
     name: str
@@ -185,8 +185,8 @@ class Table:
     """All records of one message and instance, columns on demand.
 
     ``table["GyrX"]`` is the column with its stored dtype, ``table.value("Roll")`` the column as float64 with the
-    format's scaling (what the official library prints). ``offsets`` (n,) are the byte offsets of the records, int32
-    where that holds them; slices of a table stay lazy.
+    format's scaling (as printed by the official library). ``offsets`` (n,) are the byte offsets of the records, int32
+    if the file is small enough; slices of a table stay lazy.
     """
 
     def __init__(
@@ -229,8 +229,8 @@ class Table:
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Return the column as stored, (n,) or (n, k).
 
-        ``q[2]`` is one element of an array field. An array of one element is a number: beside columns (n,), one of (n,
-        1) would broadcast to n times n values. KeyError if the message has no such field.
+        ``q[2]`` is one element of an array field. Arrays of one element become (n,), because (n, 1) would broadcast
+        with (n,) to (n, n). KeyError if the message has no such field.
         """
         if column not in self._columns:
             element = self._element(column)
@@ -278,15 +278,14 @@ class Table:
             forget()
 
     def rows(self, select: NDArray[Any] | slice) -> Table:
-        """Return the same message with selected records (mask, indices or slice)."""
+        """Return the table with selected records (mask, indices or slice)."""
         return Table(self.name, self.instance, self._fields, self.offsets[select], self._decode, self._losses)
 
 
 class LazyList(Generic[T]):
-    """A list attribute that a function of the log makes on access.
+    """Descriptor of a list attribute that is built from the log on first access.
 
-    Logs hold thousands of parameters. A function that held the log itself would keep its bytes until the collector of
-    cycles runs.
+    The building function takes the log as argument: a closure over it would form a reference cycle and keep its bytes.
     """
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -314,10 +313,10 @@ class LazyList(Generic[T]):
 
 @dataclass
 class Messages(Mapping[tuple[str, int], Table]):
-    """An opened log: ``(name, instance) -> Table``, and contents beside the data.
+    """Opened log: ``(name, instance) -> Table``, with parameters, texts and information.
 
-    ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink`` or ``ros``. ``info`` holds the
-    format's own statements (versions, hardware), ``losses`` all that could not be read. For MAVLink the instance is
+    ``format`` is ``ulog``, ``dataflash``, ``dataflash_text``, ``tlog``, ``mavlink`` or ``ros``. ``info``: versions,
+    hardware and other metadata of the format. ``losses``: content that could not be read. For MAVLink the instance is
     ``system * 256 + component``.
     """
 
@@ -358,7 +357,7 @@ class Messages(Mapping[tuple[str, int], Table]):
 
     @property
     def remarks(self) -> list[Remark]:
-        """Sentences on what was left out, and why."""
+        """Remarks on omitted content."""
         return self.losses.remarks
 
     def forget(self) -> None:

@@ -117,7 +117,7 @@ def flown_units(builder: DataflashBuilder, have: list[int]) -> FlownUnits:
 
 
 def first_stamp(builder: DataflashBuilder) -> int:
-    """Return the boot time in us of the first non-inertial record, 0 without any."""
+    """Return t = 0 in us for a log without inertial data, 0 without stamps."""
     for name in FIRST_RECORDS:
         table = builder.messages.first(name)
         stamps = None if table is None else builder.clock.of_samples(table)

@@ -1,11 +1,11 @@
-"""Read the attitudes of PX4 logs, the states of its estimator, and what it reports of itself.
+"""Read attitudes, estimator states and reported faults of PX4 logs.
 
 ``estimator_sensor_bias.gyro_bias`` (since 1.11): rad/s in body axes, to be subtracted from the calibrated gyro. Before,
 ``estimator_status.states[10..12]`` hold an angle per step of the filter, whose length is not logged.
 
 ``yaw_estimator_status`` (EKF-GSF, since 1.11): ``yaw_composite`` rad and ``yaw_variance`` rad^2 in all eras,
-``timestamp_sample`` since 1.12, ``yaw_composite_valid`` since 1.14. Before, the EKF itself asked for one sigma below
-15 deg (EKFGSF_yaw_err_max).
+``timestamp_sample`` since 1.12, ``yaw_composite_valid`` since 1.14. Before, the EKF required a sigma below 15 deg
+(EKFGSF_yaw_err_max).
 
 Test ratios above 1 are rejections. ``estimator_status`` holds roots, innovation over gate and standard deviation, in
 all versions; low-passed since 1.16, where the heading's is called ``hdg_test_ratio``.
@@ -35,9 +35,9 @@ ATTITUDE_TOPICS = (
     "vehicle_visual_odometry",
     "vehicle_mocap_odometry",
 )
-# Topics with an attitude and a position of cameras or motion capture.
+# Topics with attitude and position by vision or motion capture.
 POSE_TOPICS = ("vehicle_visual_odometry", "vehicle_mocap_odometry")
-# Instance changes that a problem lists.
+# Most instance changes that a problem lists.
 MAX_LISTED_CHANGES = 5
 SELECTOR = "estimator_selector_status"
 
@@ -46,7 +46,7 @@ SELECTOR = "estimator_selector_status"
 
 
 def attitudes(builder: TopicBuilder) -> dict[str, Attitude]:
-    """Return every attitude: the published one, each EKF instance, and cameras or motion capture."""
+    """Return every attitude: the published one, each EKF instance, vision and motion capture."""
     found: dict[str, Attitude] = {}
     switches = builder.read_optional(SELECTOR, partial(instance_changes, builder), ())
     for name in ATTITUDE_TOPICS:
@@ -64,7 +64,7 @@ def attitudes(builder: TopicBuilder) -> dict[str, Attitude]:
 
 
 def read_positions(builder: TopicBuilder, name: str, instance: int, attitude: Attitude) -> Array | None:
-    """Return positions (n, 3) m of a pose at the times of its attitude, in its own axes; None without any."""
+    """Return positions (n, 3) m of a pose at the times of its attitude, in the pose's axes; None if not logged."""
     table = builder.messages[name, instance]
     names = ("position",) if "position" in table else ("x", "y", "z")
     if not all(column in table for column in names):
@@ -75,7 +75,7 @@ def read_positions(builder: TopicBuilder, name: str, instance: int, attitude: At
 def read_attitude(
     builder: TopicBuilder, name: str, instance: int = 0, switches_us: tuple[int, ...] = ()
 ) -> Attitude | None:
-    """Return an attitude topic, None without it; resets come from its counter and from instance switches."""
+    """Read an attitude topic, None if not logged; resets come from its counter and from instance switches."""
     table = builder.table(name, instance)
     if table is None or "q" not in table:
         return None
@@ -90,7 +90,7 @@ def read_attitude(
 
 
 def instance_changes(builder: TopicBuilder) -> tuple[int, ...]:
-    """Return boot times in us at which another EKF instance took over."""
+    """Return boot times in us of changes of the primary EKF instance, and report them."""
     table = builder.table(SELECTOR)
     if table is None or "primary_instance" not in table:
         return ()
@@ -107,7 +107,7 @@ def instance_changes(builder: TopicBuilder) -> tuple[int, ...]:
 
 
 def attitude_setpoint(builder: TopicBuilder) -> Attitude | None:
-    """Return the attitude set-point; old versions hold Euler angles beside or instead of ``q_d``."""
+    """Return the attitude set-point; old versions log Euler angles in addition to or instead of ``q_d``."""
     table = builder.table("vehicle_attitude_setpoint")
     if table is None:
         return None
@@ -134,7 +134,7 @@ def selected_instance(builder: TopicBuilder) -> int:
 
 
 def selected_instance_line(builder: TopicBuilder) -> TimeLine | None:
-    """Return the instance that flew over time, None without a selector."""
+    """Return the primary instance over time, None without a selector."""
     table = builder.table(SELECTOR)
     if table is None or "primary_instance" not in table:
         return None
@@ -142,10 +142,10 @@ def selected_instance_line(builder: TopicBuilder) -> TimeLine | None:
 
 
 def gyro_bias_stream(builder: TopicBuilder) -> Stream | None:
-    """Return the gyro bias (n, 3) in rad/s to subtract from the replayed gyro, None where it is not logged.
+    """Return the onboard bias (n, 3) rad/s to subtract from the replayed gyro, None if not logged.
 
-    Of the instance selected longest, or of another one on the replayed gyro. ``vehicle_angular_velocity`` has the bias
-    taken off already, and the estimator does not correct an uncalibrated gyro: None.
+    Among the instances on the replayed gyro, the one that flew longest is preferred. None for
+    ``vehicle_angular_velocity``, which is already corrected, and for an uncalibrated gyro.
     """
     imu = builder.log.replay_imu
     found = {i: t for i, t in builder.topics("estimator_sensor_bias").items() if "gyro_bias" in t}
@@ -160,7 +160,7 @@ def gyro_bias_stream(builder: TopicBuilder) -> Stream | None:
 
 
 def is_on_gyro(table: Table, imu: Imu) -> bool:
-    """Return whether an instance runs on a gyro, True where a device id is missing."""
+    """Return whether an EKF instance uses an IMU's gyro, True if a device id is missing."""
     if imu.device in (None, "", "0") or "gyro_device_id" not in table:
         return True
     ids = table["gyro_device_id"]
@@ -173,12 +173,12 @@ def acc_bias_stream(builder: TopicBuilder) -> Stream | None:
     return builder.column_stream(builder.table(name), ("accel_bias",), "m/s^2", name, limits.ACC_BIAS, frame="FRD")
 
 
-# Before ``yaw_composite_valid``: EKFGSF_yaw_err_max.
+# EKFGSF_yaw_err_max, the largest sigma that EKF2 accepts.
 MAX_YAW_SIGMA_RAD = 0.262
 
 
 def yaw_estimator_stream(builder: TopicBuilder) -> Stream | None:
-    """Return heading and sigma (n, 2) in rad by GNSS motion where they are valid, None without any."""
+    """Return EKF-GSF's valid headings from GNSS motion with their sigma (n, 2) in rad, None without any."""
     names = ("yaw_composite", "yaw_variance")
     found = {i: t for i, t in builder.topics("yaw_estimator_status").items() if all(name in t for name in names)}
     if not found:
@@ -222,7 +222,7 @@ SQUARED_RATIO_COLUMNS = {
     "height": ("baro_vpos", "gps_vpos"),
     "airspeed": ("airspeed",),
 }
-# Fusions that failed numerically, by bit, to PX4 1.14; later bits are no failures of fusion.
+# Fusions with numerical failures, by bit of ``filter_fault_flags`` up to PX4 1.14.
 FUSION_FAULTS = (
     "compass x",
     "compass y",
@@ -241,8 +241,8 @@ FUSION_FAULTS = (
     "position down",
     "accelerometer bias",
 )
-# The first bits mean the same in all versions. From ``ver_sw_release`` 1.15 on bits 10 and 11 are FORCE_FAULTS
-# (EKF/common.h, fault_status_u), and velocity and position have none.
+# The first bits are equal in all versions. Since ``ver_sw_release`` 1.15 bits 10 and 11 are FORCE_FAULTS (EKF/common.h,
+# fault_status_u), and there are no bits for velocity and position.
 STABLE_FAULT_BITS, MOVED_FAULTS_RELEASE = 9, 0x010F0000
 FORCE_FAULTS = {10: "bad vertical acceleration", 11: "a clipping accelerometer"}
 
@@ -270,7 +270,10 @@ def innovation_tests(builder: TopicBuilder) -> list[InnovationTest]:
 
 
 def _largest_ratio(table: Table, names: tuple[str, ...]) -> Array | None:
-    """Return the largest squared ratio (n,) of some columns, NaN or None without any: axes not fused are infinite."""
+    """Return the largest squared ratio (n,) of some columns, NaN without a finite one (axes not fused).
+
+    None if no column is logged or all are zero.
+    """
     have = [name for name in names if name in table]
     if not have:
         return None
@@ -281,7 +284,7 @@ def _largest_ratio(table: Table, names: tuple[str, ...]) -> Array | None:
 
 
 def report_faults(builder: TopicBuilder) -> None:
-    """Add a problem for failed fusions, and one for bad forces, with their first time."""
+    """Report failed fusions and accelerometer faults, at their first time."""
     table = builder.table("estimator_status")
     if table is None or len(table) < 2:
         return
@@ -301,14 +304,14 @@ def report_faults(builder: TopicBuilder) -> None:
 
 
 def _add_fault(builder: TopicBuilder, t: Array, flags: NDArray[np.int64], mask: int, text: str) -> None:
-    """Add a problem with the first time at which a bit of the mask is set."""
+    """Add a problem at the first time at which a bit of the mask is set."""
     first = float(t[np.argmax(flags & mask != 0)])
     cause = "Sensors contradict each other or are stuck."
     builder.problems.append(Problem("ekf_fault", "warning", text, t=first, cause=cause))
 
 
 def _has_moved_faults(builder: TopicBuilder) -> bool:
-    """Return whether the log's firmware has the bits of 1.15: by the flags' own names, else by its version."""
+    """Return whether fault bits are those of 1.15, by names of logged flags, else by version."""
     named = builder.table("estimator_status_flags")
     if named is not None and "fs_bad_acc_vertical" in named:
         return "fs_bad_vel_n" not in named
@@ -317,7 +320,7 @@ def _has_moved_faults(builder: TopicBuilder) -> bool:
 
 
 def report_failsafe(builder: TopicBuilder) -> None:
-    """Add a problem for failsafes, with the first one's time."""
+    """Report failsafes, at the first one's time."""
     table = builder.table("vehicle_status")
     if table is None or "failsafe" not in table:
         return

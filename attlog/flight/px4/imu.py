@@ -40,22 +40,22 @@ from attlog.formats.table import Table
 
 # Lowest rate in Hz of ``vehicle_imu`` and raw topics; half of it for the control topics.
 MIN_FAST_HZ = 100.0
-# Stamps further apart than this many integration times: the logger dropped samples between.
+# Interval between samples, in integration times, above which the logger decimated them.
 DECIMATION_FACTOR = 1.5
-# Share of the expected interval by which the stamps of FIFO batches may be off.
+# Largest deviation of the interval between FIFO batches from the expected one, as a share of it.
 MAX_BATCH_JITTER = 0.5
 # ``accelerometer_timestamp_relative`` without an accelerometer sample.
 NO_ACC_SAMPLE = 0x7FFFFFFF
 
-# The first ``ver_sw_release`` whose gyro masks are set, and their largest value.
+# First ``ver_sw_release`` with valid gyro masks (1.15), and their largest value.
 GYRO_MASK_RELEASE, MAX_CLIPPING_MASK = 1 << 24 | 15 << 16, 7
-# Of the usual range, 2,000 deg/s: slower turns clip nothing.
+# 80 % of the usual range of 2,000 deg/s: slower rates do not clip.
 NEAR_RANGE_RAD_S = 0.8 * np.radians(2000.0)
 
 
 @dataclass(slots=True)
 class TopicBuilder(LogBuilder):
-    """A flight log in the making, of PX4 topics; ``values``: parameters at boot."""
+    """Builder of a flight log from PX4 topics; ``values``: parameters at boot."""
 
     values: dict[str, float] = field(init=False)
 
@@ -69,7 +69,7 @@ class TopicBuilder(LogBuilder):
 
 
 def sample_stamps(table: Table) -> Stamps | None:
-    """Return the times of measurement (n,) of a topic in us, None without any."""
+    """Return the times of measurement (n,) of a topic in us, None if not logged."""
     return read_stamps(table, "timestamp_sample") if "timestamp_sample" in table else None
 
 
@@ -77,7 +77,7 @@ def sample_stamps(table: Table) -> Stamps | None:
 
 
 def topic_device(table: Table, column: str = "device_id") -> int:
-    """Return the device id of most records of a topic, 0 without any."""
+    """Return the most frequent device id of a topic, 0 without one."""
     if column not in table or len(table) == 0:
         return 0
     ids: NDArray[Any] = table[column]
@@ -86,7 +86,10 @@ def topic_device(table: Table, column: str = "device_id") -> int:
 
 
 def units_of_devices(builder: TopicBuilder, wanted: set[int]) -> dict[int, int]:
-    """Return the instances of ``vehicle_imu`` (or its status) by device id of their gyro, of ids that are not 0."""
+    """Return the IMU instance of each wanted gyro device id, except 0.
+
+    By ``vehicle_imu`` or its status, else by ``sensor_gyro``.
+    """
     found: dict[int, int] = {}
     for name in ("vehicle_imu", "vehicle_imu_status"):
         for i, table in builder.topics(name).items():
@@ -113,7 +116,7 @@ def flown_units(builder: TopicBuilder) -> FlownUnits:
 
 
 def voted_accelerometer(builder: TopicBuilder) -> str | None:
-    """Return the device id of the accelerometer in ``sensor_combined``, None where it changed or is not logged."""
+    """Return the device id of the accelerometer in ``sensor_combined``, None if it changed or is not logged."""
     for name in ("sensor_selection", "estimator_selector_status"):
         table = builder.table(name)
         if table is not None and "accel_device_id" in table and len(table):
@@ -140,7 +143,7 @@ def imu_candidates(builder: TopicBuilder, selected: int) -> list[ImuCandidate]:
 
 
 def fifo_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
-    """Read ``sensor_gyro_fifo``: every gyro sample; acceleration from ``sensor_accel_fifo``, else the voted one."""
+    """Read ``sensor_gyro_fifo``: all gyro samples, with ``sensor_accel_fifo`` or the accelerometer in use."""
     found = []
     for i, table in builder.topics("sensor_gyro_fifo").items():
         device = topic_device(table)
@@ -163,7 +166,7 @@ def fifo_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
 
 
 def oversized_batches(table: Table) -> list[Problem]:
-    """Return the problem of a FIFO topic with batches that count more samples than they can hold, if any."""
+    """Return the problem of FIFO batches with a sample count above their size, if any."""
     size = table["x"].shape[1]
     count = int(np.count_nonzero(table["samples"].astype(np.int64) > size))
     if not count:
@@ -173,7 +176,7 @@ def oversized_batches(table: Table) -> list[Problem]:
 
 
 def fifo_acceleration(builder: TopicBuilder, unit: int) -> tuple[Stamps, Array, bool, str, str | None] | None:
-    """Return stamps, body-frame acceleration, "calibrated", source and device beside a gyro FIFO, None without."""
+    """Return the acceleration to a gyro FIFO: stamps, body-frame values, calibrated, source and device."""
     topics = builder.topics("sensor_accel_fifo")
     if topics:
         table = topics.get(unit, next(iter(topics.values())))
@@ -191,8 +194,8 @@ def fifo_acceleration(builder: TopicBuilder, unit: int) -> tuple[Stamps, Array, 
 def unpack_fifo(table: Table) -> tuple[Stamps, Array]:
     """Return stamps (m,) in us and samples (m, 3) in SI of a FIFO topic.
 
-    The batch's stamp is that of its last sample. The samples are spread evenly since the batch before, so that jitter
-    of the stamps moves no rotation; behind a lost batch the sensor's own interval ``dt`` counts.
+    A batch's stamp is that of its last sample. Its samples are spread evenly over the time since the batch before, so
+    that stamp jitter changes no rotation. Behind a lost batch the sensor's interval ``dt`` is used.
     """
     x = np.stack([table[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     scale = table["scale"].astype(np.float64)
@@ -212,10 +215,10 @@ def unpack_fifo(table: Table) -> tuple[Stamps, Array]:
 
 
 def sample_intervals(logged: Array, since: Array, count: NDArray[np.int64]) -> Array:
-    """Return the sensor's intervals (n,) in us between samples: as logged, else what its batches need for them.
+    """Return the sample intervals (n,) in us: the logged ones if plausible, else the median of the batches.
 
-    ``since`` (n,): us since the batch before. Batches can be lost, so samples may be closer than the logged batches
-    need, but no closer than a sensor can sample.
+    ``since`` (n,): us since the batch before. Lost batches lengthen the median, so a logged interval may be shorter,
+    but not shorter than a sensor's fastest.
     """
     needed = since[1:][count[1:] > 0] / count[1:][count[1:] > 0]
     typical = max(float(np.median(needed)) if len(needed) else 0.0, 0.0)
@@ -225,7 +228,7 @@ def sample_intervals(logged: Array, since: Array, count: NDArray[np.int64]) -> A
 
 
 def vehicle_imu_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
-    """Read ``vehicle_imu``: calibrated increments of every unit, with their own integration times."""
+    """Read ``vehicle_imu``: calibrated increments of every unit, with their integration times."""
     found = []
     for i, table in builder.topics("vehicle_imu").items():
         dt = table["delta_angle_dt"].astype(np.float64) * 1e-6
@@ -249,7 +252,7 @@ def vehicle_imu_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
 
 
 def status_temperature(builder: TopicBuilder, unit: int, t: Stamps) -> Array | None:
-    """Return the gyro temperature of a unit at stamps, from the slow ``vehicle_imu_status``."""
+    """Interpolate a unit's gyro temperature from ``vehicle_imu_status`` to stamps, None if not usable."""
     table = builder.table("vehicle_imu_status", unit)
     if table is None or "temperature_gyro" not in table or len(table) < 2:
         return None
@@ -258,7 +261,7 @@ def status_temperature(builder: TopicBuilder, unit: int, t: Stamps) -> Array | N
 
 
 def sensor_combined_candidates(builder: TopicBuilder, selected: int) -> list[ImuCandidate]:
-    """Read ``sensor_combined``: means of the voted unit over ``gyro_integral_dt``, calibrated, body frame."""
+    """Read ``sensor_combined``: means of the selected unit over ``gyro_integral_dt``, calibrated, body frame."""
     table = builder.table("sensor_combined")
     if table is None or "gyro_rad" not in table or "accelerometer_m_s2" not in table:
         return []
@@ -277,7 +280,7 @@ def sensor_combined_candidates(builder: TopicBuilder, selected: int) -> list[Imu
 
 
 def integration_times(table: Table) -> Array:
-    """Return integration times (n,) in s: a float column holds seconds (1.5, 1.6dev), an integer one microseconds."""
+    """Return integration times (n,) in s; logged as float in seconds (1.5, 1.6dev) or as integer in us."""
     if "gyro_integral_dt" not in table:
         return np.full(len(table), np.nan)
     stored = table["gyro_integral_dt"]
@@ -285,7 +288,7 @@ def integration_times(table: Table) -> Array:
 
 
 def decimation_problem(source: str, t: Stamps, dt: Array) -> list[Problem]:
-    """Return the problem of a source whose stamps are wider apart than each sample covers (``dt`` s), if it is one."""
+    """Return the problem of a source that is logged more slowly than its samples cover (``dt`` s), if any."""
     with np.errstate(invalid="ignore"):
         covered = dt[np.isfinite(dt) & (dt > 0)]
     if len(t) < 3 or len(covered) == 0:
@@ -298,7 +301,7 @@ def decimation_problem(source: str, t: Stamps, dt: Array) -> list[Problem]:
 
 
 def filtered_candidates(builder: TopicBuilder, selected: int) -> list[ImuCandidate]:
-    """Read ``vehicle_angular_velocity`` with ``vehicle_acceleration``, behind the control filters: a last resort."""
+    """Read ``vehicle_angular_velocity`` with ``vehicle_acceleration``, which are filtered for control."""
     gyro_table, acc_table = builder.table("vehicle_angular_velocity"), builder.table("vehicle_acceleration")
     if gyro_table is None or acc_table is None:
         return []
@@ -315,7 +318,7 @@ def filtered_candidates(builder: TopicBuilder, selected: int) -> list[ImuCandida
 
 
 def raw_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
-    """Read ``sensor_gyro`` with ``sensor_accel`` of every unit: the driver's samples, calibrated by parameters."""
+    """Read ``sensor_gyro`` with ``sensor_accel`` of every unit: driver samples, calibrated by parameters."""
     found = []
     for i, gyro_table in builder.topics("sensor_gyro").items():
         acc_table = builder.table("sensor_accel", i)
@@ -340,7 +343,7 @@ def raw_candidates(builder: TopicBuilder) -> list[ImuCandidate]:
 
 
 def clippings(builder: TopicBuilder) -> list[Clipping]:
-    """Return new clipped samples over time: the counters of every unit, then the mask of the selected one."""
+    """Return clipped samples over time: by counters of every unit, and by the mask of the selected one."""
     found = []
     for unit, table in builder.topics("vehicle_imu_status").items():
         for sensor, column in (("accelerometer", "accel_clipping"), ("gyro", "gyro_clipping")):
@@ -355,7 +358,10 @@ def clippings(builder: TopicBuilder) -> list[Clipping]:
 
 
 def gyro_mask_problem(builder: TopicBuilder, source: str, table: Table, column: str, rate: Array) -> list[Problem]:
-    """Return the problem of a gyro at the end of its range by its mask, if any; ``rate`` (n, 3) rad/s beside it."""
+    """Return the problem of a clipped gyro by its mask, if any.
+
+    The mask must be confirmed by a counter or a ``rate`` (n, 3) rad/s near the end of the range.
+    """
     release: Any = builder.messages.info.get("ver_sw_release")
     if column not in table or not isinstance(release, (int, np.integer)) or int(release) < GYRO_MASK_RELEASE:
         return []

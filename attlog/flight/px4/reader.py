@@ -1,7 +1,7 @@
 """Read PX4 logs (ULog) as a flight log, from 1.5 to 1.18.
 
-Topics are told apart by their fields and types, never by a version number: old logs have none and development builds
-carry the next one.
+Topics are interpreted by their fields and types, not by version number: old logs have none, and development builds
+have that of the next release.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from attlog.formats.table import Messages
 
 # Parameters of the declination with their factor to degrees, those of the newer estimator first.
 DECLINATION_PARAMETERS = {"EKF2_MAG_DECL": 1.0, "ATT_MAG_DECL": 1.0}
-# Topics by which PX4, or a fork, is known; other programs write ULogs as well.
+# Topics that identify PX4 or a fork; other programs write ULogs as well.
 PX4_TOPICS = ("vehicle_status", "sensor_combined", "vehicle_attitude")
 # Topics whose time is t = 0 in a log without inertial data.
 FIRST_TOPICS = ("vehicle_attitude", "vehicle_status", "vehicle_gps_position")
@@ -70,7 +70,7 @@ STREAMS = (
 
 
 def read(messages: Messages, imu: int | None = None, mag: int | str | None = None) -> FlightLog:
-    """Return the flight in a PX4 ULog; ``imu`` and ``mag`` ask for an instance instead of the one that flew."""
+    """Read the flight in a PX4 ULog; ``imu`` and ``mag`` select other instances than those that flew."""
     builder = TopicBuilder(messages)
     log, read_optional = builder.log, builder.read_optional
     flown = read_optional("The choice of IMU", partial(flown_units, builder), FlownUnits())
@@ -100,7 +100,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
 
 
 def read_firmware(messages: Messages) -> Firmware:
-    """Return the firmware; development builds carry the next release number and the word dev."""
+    """Return the firmware; development builds have the next release number and "dev"."""
     info = messages.info
     number = info.get("ver_sw_release")
     version = px4_version(int(number)) if isinstance(number, (int, np.integer)) and number > 0 else ""
@@ -108,7 +108,7 @@ def read_firmware(messages: Messages) -> Firmware:
 
 
 def first_stamp(builder: TopicBuilder) -> int:
-    """Return the boot time in us of the first sample of anything, 0 without any."""
+    """Return t = 0 in us for a log without inertial data, 0 without stamps."""
     for name in FIRST_TOPICS:
         table = builder.table(name)
         if table is not None and "timestamp" in table:
@@ -118,7 +118,7 @@ def first_stamp(builder: TopicBuilder) -> int:
 
 
 def _report_switches(builder: TopicBuilder) -> None:
-    """Report that ``sensor_combined`` is replayed and jumped from one sensor to another."""
+    """Report changes of the sensor in ``sensor_combined``, if that is replayed."""
     line, unit = builder.log.imu_that_flew, builder.log.replay_imu
     if line is None or len(line.value) < 2 or unit is None or unit.gyro.source != "sensor_combined":
         return

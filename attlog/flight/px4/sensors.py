@@ -23,16 +23,16 @@ from attlog.formats.table import Table
 
 # --- magnetometers ----------------------------------------------------------------------------------------------
 
-# Raw records of a compass that suffice for what the firmware subtracts from it beside the parameters.
+# Number of raw compass records kept, enough to estimate a bias that the firmware subtracts beside the parameters.
 RAW_RECORDS = 400
 
 
 def magnetometers(builder: TopicBuilder) -> list[Mag]:
-    """Return every compass: calibrated topics first, else raw ones with the vehicle's own calibration."""
+    """Return every compass: calibrated topics, then raw ones calibrated by the vehicle's parameters."""
     calibrated = published_magnetometers(builder) or combined_magnetometer(builder)
     devices = {m.device for m in calibrated}
     if calibrated and devices == {None}:
-        return calibrated  # old topics name no device: a raw one may be the same compass
+        return calibrated  # without device ids a raw topic may be the same compass
     return calibrated + raw_magnetometers(builder, devices, {m.index for m in calibrated})
 
 
@@ -45,14 +45,14 @@ def published_magnetometers(builder: TopicBuilder) -> list[Mag]:
         name = str(device) if device else None
         mag = build_mag(builder, i, builder.stamps(table), field, source, t_sample_us=sampled, device=name)
         if mag is not None:
-            single = "device_id" in table and len(np.unique(table["device_id"])) == 1  # else two sensors take turns
+            single = "device_id" in table and len(np.unique(table["device_id"])) == 1  # else two sensors alternate
             mag.raw = uncalibrated_field(builder, device) if single else None
             found.append(mag)
     return found
 
 
 def uncalibrated_field(builder: TopicBuilder, device: int) -> Stream | None:
-    """Return RAW_RECORDS of the driver of a device (``sensor_mag``), spread over the log, None without."""
+    """Return RAW_RECORDS of a device's ``sensor_mag`` spread over the log, None if not logged."""
     for i, table in builder.topics("sensor_mag").items() if device else ():
         if topic_device(table) != device or "x" not in table:
             continue
@@ -63,7 +63,7 @@ def uncalibrated_field(builder: TopicBuilder, device: int) -> Stream | None:
 
 
 def combined_magnetometer(builder: TopicBuilder) -> list[Mag]:
-    """Read the field in ``sensor_combined`` (1.5 to 1.7), repeated at the IMU's rate with its own relative time."""
+    """Read the field in ``sensor_combined`` (1.5 to 1.7), repeated at the IMU's rate with a relative time."""
     table = builder.table("sensor_combined")
     if table is None or "magnetometer_ga" not in table:
         return []
@@ -76,7 +76,7 @@ def combined_magnetometer(builder: TopicBuilder) -> list[Mag]:
 
 
 def raw_magnetometers(builder: TopicBuilder, known: set[str | None], taken: set[int]) -> list[Mag]:
-    """Read ``sensor_mag`` of devices without a calibrated topic; indices in ``taken`` are not given again."""
+    """Read ``sensor_mag`` of devices that are not ``known``; indices in ``taken`` are not reused."""
     values, found = builder.values, []
     for i, table in builder.topics("sensor_mag").items():
         device, source = topic_device(table), f"sensor_mag:{i}"
@@ -99,7 +99,7 @@ def raw_magnetometers(builder: TopicBuilder, known: set[str | None], taken: set[
             continue
         taken = taken | {mag.index}
         found.append(mag)
-        if enabled and calibrated:  # the others have problems of their own
+        if enabled and calibrated:  # others are reported by choose_mag
             slot = f"CAL_MAG{px4_slot('MAG', values, device)}"
             text = f"{source} (device {device}): only raw values are logged; it is calibrated with {slot}."
             builder.problem("mag_raw", "note", text)
@@ -107,7 +107,7 @@ def raw_magnetometers(builder: TopicBuilder, known: set[str | None], taken: set[
 
 
 def flown_compass(builder: TopicBuilder) -> int | None:
-    """Return the index of the magnetometer that the estimator used, None where it is not logged."""
+    """Return the index of the magnetometer that the estimator used, None if not logged."""
     for name in ("estimator_selector_status", "sensor_selection"):
         table = builder.table(name)
         if table is None or "mag_device_id" not in table:
@@ -129,12 +129,12 @@ RECEPTION_COLUMNS = {
     "jamming_state": "jamming_state",
     "spoofing_state": "spoofing_state",
 }
-# MAV_SENSOR_ROTATION_PITCH_270: the rangefinder looks at the ground.
+# MAV_SENSOR_ROTATION_PITCH_270: a rangefinder that points down.
 DOWNWARD_ORIENTATION = 25
 
 
 def receivers(builder: TopicBuilder) -> list[Gnss]:
-    """Return receivers of ``vehicle_gps_position`` or ``sensor_gps``, whichever was logged faster."""
+    """Return receivers of ``vehicle_gps_position`` or ``sensor_gps``, by the larger number of records."""
     topics = {name: builder.topics(name) for name in ("vehicle_gps_position", "sensor_gps")}
     counts = {name: max((len(t) for t in tables.values()), default=0) for name, tables in topics.items()}
     name = max(counts, key=lambda n: counts[n])
@@ -145,7 +145,7 @@ def receivers(builder: TopicBuilder) -> list[Gnss]:
 
 
 def read_receiver(builder: TopicBuilder, name: str, instance: int, table: Table) -> Gnss | None:
-    """Return a receiver; positions are 1e-7 deg integers (mm) before 1.15 and double degrees (m) since."""
+    """Read a receiver; positions are integers (1e-7 deg, mm) before 1.15 and doubles (deg, m) since."""
     if "latitude_deg" in table:
         place = columns(table, "latitude_deg", "longitude_deg", "altitude_msl_m")
     elif "lat" in table and "lon" in table and "alt" in table:
@@ -231,7 +231,7 @@ MAX_ESCS = 16
 
 
 def throttle_stream(builder: TopicBuilder) -> Stream | None:
-    """Return the demanded thrust 0 to 1: norm of the thrust set-point, in old versions the throttle control."""
+    """Return the commanded thrust 0 to 1, as norm of the thrust set-point."""
     for name, column in THRUST_COLUMNS:
         table = builder.table(name)
         if table is not None and column in table:
@@ -273,12 +273,12 @@ def rate_setpoint_stream(builder: TopicBuilder) -> Stream | None:
 
 # --- vibration --------------------------------------------------------------------------------------------------
 
-# IMU_INTEG_RATE by default, and its largest value.
+# IMU_INTEG_RATE: default and largest value.
 DEFAULT_INTEGRATION_HZ, MAX_INTEGRATION_HZ = 200.0, 1000.0
 
 
 def vibration_levels(builder: TopicBuilder) -> list[OnboardVibration]:
-    """Return the level of every IMU in m/s^2."""
+    """Return the vibration level of every IMU in m/s^2."""
     found = []
     for unit, table in builder.topics("vehicle_imu_status").items():
         if "accel_vibration_metric" not in table:
@@ -293,7 +293,7 @@ def vibration_levels(builder: TopicBuilder) -> list[OnboardVibration]:
 
 
 def increment_seconds(builder: TopicBuilder, unit: int) -> float:
-    """Return the time in s that a unit's velocity increments cover."""
+    """Return the integration time in s of a unit's velocity increments."""
     table = builder.table("vehicle_imu", unit)
     if table is not None and "delta_velocity_dt" in table and len(table):
         dt = float(np.median(table["delta_velocity_dt"])) * 1e-6
@@ -303,7 +303,7 @@ def increment_seconds(builder: TopicBuilder, unit: int) -> float:
 
 
 def onboard_spectrum(builder: TopicBuilder) -> OnboardSpectrum | None:
-    """Return the peaks of the onboard gyro spectrum of all axes (n, k) in Hz, None where it did not run."""
+    """Return the peaks (n, k) in Hz of the onboard gyro spectrum over all axes, None if not logged."""
     table = builder.messages.first("sensor_gyro_fft")
     names = [f"peak_frequencies_{axis}" for axis in "xyz"]
     needed = (*names, "sensor_sample_rate_hz", "resolution_hz")

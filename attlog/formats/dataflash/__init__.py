@@ -1,1 +1,1 @@
-"""ArduPilot's DataFlash logs, binary and text: recognised, read and written."""
+"""ArduPilot's DataFlash logs: reader of binary and text logs, writer of binary ones."""

@@ -38,10 +38,7 @@ LETTER_SCALES = {"c": 0.01, "C": 0.01, "e": 0.01, "E": 0.01, "L": 1e-7}
 
 
 class MessageFormat(NamedTuple):
-    """One FMT record: layout of a message type from ``offset`` on.
-
-    A tuple, because each log defines some 200, and these are made four times as fast.
-    """
+    """Layout of a message type from byte ``offset`` on, as defined by an FMT record."""
 
     type: int
     length: int
@@ -56,7 +53,7 @@ class MessageFormat(NamedTuple):
         return _length_of(self.letters) == self.length
 
     def place(self, k: int) -> int:
-        """Return the position of the k-th column in the record (bytes)."""
+        """Return the byte position of the k-th column in the record."""
         return HEADER_BYTES + sum(map(_LETTER_SIZES.__getitem__, self.letters[:k]))
 
     def same_layout(self, other: MessageFormat) -> bool:
@@ -95,7 +92,7 @@ def _printable_text(raw: bytes) -> str | None:
 
 
 def column_names(listed: Iterable[str]) -> tuple[str, ...]:
-    """Strip the names; repeated ones become empty. Only the first column of a name can be asked for."""
+    """Strip the column names; a repeated name becomes empty, so that it selects its first column."""
     names = tuple(map(str.strip, listed))
     if len(set(names)) == len(names):
         return names
@@ -103,10 +100,9 @@ def column_names(listed: Iterable[str]) -> tuple[str, ...]:
 
 
 class Definitions:
-    """The different formats of a log in file order.
+    """Distinct message formats of a log in file order.
 
-    A type whose redefinition exceeds the limits gets a format without letters, so that its records are framed and given
-    up, never read by an older definition.
+    Redefinitions beyond the limits become formats without letters, so that their records are framed but not decoded.
     """
 
     def __init__(self) -> None:
@@ -117,7 +113,7 @@ class Definitions:
         self._of_name: Counter[str] = Counter()
 
     def take(self, raw: bytes, offset: int) -> None:
-        """Take in the 89 bytes of an FMT record at this place."""
+        """Add the 89 bytes of the FMT record at ``offset``."""
         if self._bytes.get(raw[3]) == raw or not 0x30 <= raw[5] <= 0x7A:  # a name begins with a letter or digit
             return
         fmt = parse_fmt_record(raw, offset)

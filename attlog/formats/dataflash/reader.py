@@ -1,10 +1,10 @@
 """Read ArduPilot's DataFlash logs, binary (``.bin``) and text (``.log``).
 
 Layout: ArduPilot, libraries/AP_Logger/LogStructure.h. An FMT record describes every type, since 3.6 also FMTU (one unit
-and one multiplier id per column, spelled out by UNIT and MULT). Deliberate differences from pymavlink's reader: formats
-are valid from their place in the file on, records that do not frame are left out and counted, times are the logged
-ones. Text logs (ArduPilot 3.x, libraries/DataFlash) hold lines ``NAME, value, value``: values are scaled already, modes
-are names, and a banner may precede the first FMT line. A line counts only if all its numbers can be read.
+and one multiplier id per column, defined by UNIT and MULT). Deliberate differences from pymavlink's reader: formats
+are valid from their place in the file on, records with invalid framing are left out and counted, times are as logged.
+Text logs (ArduPilot 3.x, libraries/DataFlash) have lines ``NAME, value, value``: values are already scaled, modes are
+names, and a banner may precede the first FMT line. Lines with an unreadable number are left out.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> M
 
 
 def _carry_their_time(layouts: list[MessageFormat]) -> bool:
-    """Return whether parameters and texts carry their own time."""
+    """Return whether parameters and texts have their own stamps."""
     return all(
         time_column(fmt) == ("TimeUS", 1) and "q" not in fmt.letters
         for fmt in layouts
@@ -112,17 +112,17 @@ def _carry_their_time(layouts: list[MessageFormat]) -> bool:
 def _find_boots(data: NDArray[np.uint8], index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> list[Boot]:
     """Return the power-ups of the file.
 
-    A boot begins where the clock falls for good or a new block of formats begins.
+    A boot begins where the clock restarts or a new block of formats begins.
     """
     starts = {0}
     for k in restarts(time):
-        # records without time (formats, parameters) precede the first time of a boot
+        # records without stamp (formats, parameters) precede the first stamp of a boot
         first = int(np.searchsorted(index.offsets, at[k - 1])) + 1
         starts.add(int(index.offsets[first]))
     defined = index.offsets[index.layout == 0]
     own = defined[gather(data, defined + HEADER_BYTES, np.dtype("u1")) == index.layouts[0].type]
     starts.update(own[1:].tolist())
-    # two hints of the same restart (FMT block, then the first earlier time) leave no timed record between them
+    # an FMT block and the first earlier time show the same restart if no timed record lies between them
     joined = [0]
     for edge in sorted(starts)[1:]:
         timed = np.searchsorted(at, [joined[-1], edge])
@@ -164,9 +164,9 @@ def read_text(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> Mes
 
 
 def parse_fmt_line(line: bytes) -> MessageFormat | None:
-    """Return the format in an FMT line, None if it is none.
+    """Parse an FMT line, None if invalid.
 
-    Some converters put further values before the column list: the list begins with the last value behind a blank.
+    Some converters insert further values before the column list, which begins with the last value behind a blank.
     """
     cells = line.split(b",", 5)
     try:
@@ -259,7 +259,7 @@ class _SortedLines:
 
 
 def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
-    """Return the pattern of a line. Further values are allowed; a last text may contain commas."""
+    """Return the pattern of a line; extra values are allowed, and a last text may contain commas."""
     whole = re.escape(fmt.name.encode())
     for cell, alike in groupby(map(_cell_pattern, fmt.letters)):  # short patterns compile faster
         whole += rb"(?:,%b){%d}+" % (cell, len(list(alike)))
@@ -267,7 +267,7 @@ def _line_pattern(fmt: MessageFormat) -> re.Pattern[bytes]:
 
 
 def _cell_pattern(letter: str) -> bytes:
-    """Return the pattern of a value. Unscaled integers are printed as such, all other numbers in decimal."""
+    """Return the pattern of a value: an integer for unscaled integers, else a decimal number."""
     if letter in _TEXT_LETTERS:
         return _ANY_PATTERN
     return _INTEGER_PATTERN if _is_integer_letter(letter) else _NUMBER_PATTERN

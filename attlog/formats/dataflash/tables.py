@@ -104,7 +104,7 @@ def _split_by_instance(
     by_instance: bool,
     losses: DamageLog,
 ) -> list[Table]:
-    """Return the records of one layout, a table for each instance."""
+    """Split the records of one layout into a table for each instance."""
     ids, texts = described
     layout = _ColumnLayout(data, fmt, texts)
     column = instance_column(fmt, ids) if by_instance else None
@@ -142,10 +142,10 @@ def instance_column(fmt: MessageFormat, unit_ids: str) -> str | None:
 
 
 class MixedTable(Table):
-    """Records of one message whose layout changed in the file.
+    """Table of a message whose layout changes in the file, as in joined logs of two firmware versions.
 
-    As in joined logs of two firmwares. A column that some layouts lack, or have with another type or scale, is float64
-    of the printed values, NaN where it does not exist. ``rows`` within one layout returns that layout's plain table.
+    Columns that differ in type or scale, or are missing in some layouts, are float64 of the printed values, with NaN
+    if missing. :meth:`rows` within one layout returns that layout's plain table.
     """
 
     def __init__(self, parts: list[Table], losses: DamageLog | None = None) -> None:
@@ -170,7 +170,7 @@ class MixedTable(Table):
         super().__init__(parts[0].name, parts[0].instance, fields, every[order], self._mixed, losses)
 
     def _mixed(self, column: str, offsets: Offsets) -> NDArray[Any]:
-        """Decode a column of all records; a table only decodes its own offsets."""
+        """Decode a column of all records; only the table's own offsets are supported."""
         dtype = self.fields[column].dtype
         blank = np.nan if dtype.kind == "f" else 0
         result = np.full((len(offsets), *dtype.shape), b"" if dtype.kind == "S" else blank, dtype.base)
@@ -200,7 +200,7 @@ class MixedTable(Table):
 
 
 def report_unreadable(index: RecordIndex) -> None:
-    """Report records of formats whose letters contradict their length. Framing goes on by the length."""
+    """Report records of formats whose letters contradict their length, by which they are framed."""
     if all(fmt.readable for fmt in index.layouts):
         return
     counts = np.bincount(index.layout, minlength=len(index.layouts)).tolist()
@@ -218,7 +218,7 @@ INFO_SEVERITY = 6
 
 
 def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
-    """Return PARM records; a logged default precedes the value as its own entry."""
+    """Return the parameters in PARM records; a logged default is an entry before the value."""
     table = messages.first("PARM")
     if table is None or not has_text(table, "Name") or not has_number(table, "Value"):
         return []
@@ -236,7 +236,7 @@ def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
 
 
 def read_texts(messages: Messages, timeline: Timeline) -> list[Text]:
-    """Return MSG records: banner and events."""
+    """Return the texts in MSG records: banner and events."""
     table = messages.first("MSG")
     if table is None or not has_text(table, "Message"):
         return []
@@ -261,7 +261,7 @@ def has_integer(table: Table, column: str) -> bool:
 
 
 def _record_times(table: Table, timeline: Timeline) -> list[int | None]:
-    """Return the time of each record, else that of the record before."""
+    """Return the stamp of each record, or that of the timed record before it."""
     if "TimeUS" in table.fields and table.fields["TimeUS"].dtype.kind in "iu":
         return [t if 0 <= t <= LAST_TIME_US else None for t in table["TimeUS"].tolist()]
     return times_before(table.offsets, timeline)
@@ -313,7 +313,7 @@ def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
 
 
 def _id_values(table: Table | None, column: str, is_fit: Callable[[Table, str], bool]) -> list[tuple[str, Any]]:
-    """Return id and value of UNIT or MULT records. Empty where the log gives these columns another type."""
+    """Return the values of UNIT or MULT records by id, empty if the columns have unexpected types."""
     if table is None or not is_fit(table, column) or not has_integer(table, "Id"):
         return []
     ids = [chr(int(i) & 0xFF) for i in table["Id"].tolist()]
@@ -323,9 +323,9 @@ def _id_values(table: Table | None, column: str, is_fit: Callable[[Table, str], 
 def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: float) -> str | None:
     """Return the unit of the printed number, None if unknown.
 
-    The logged value times the multiplier is in ``name``. The letter's scale is often part of the multiplier (c with B =
-    0.01, L with G = 1e-7), or the multiplier is 1 beside a scaled letter: both mean that the printed number is in
-    ``name``. The rest becomes an SI prefix or a factor.
+    The stored value times the multiplier is in unit ``name``. The printed number is in ``name`` if the multiplier
+    equals the letter's scale (c with B = 0.01, L with G = 1e-7), or is 1 with a scaled letter. A remaining factor
+    becomes an SI prefix or a number.
     """
     if unit_id in "-?#" or mult_id == "?" or not name or not 0.0 <= factor < np.inf:
         return None
@@ -338,7 +338,7 @@ def _unit_text(name: str, unit_id: str, factor: float, mult_id: str, scale: floa
 
 
 def time_column(fmt: MessageFormat) -> tuple[str, int] | None:
-    """Return a format's clock column and its unit in us, or None."""
+    """Return a format's clock column and its unit in us, None without one."""
     letters = dict(zip(fmt.columns, fmt.letters, strict=False))
     if letters.get("TimeUS") in ("Q", "q"):
         return "TimeUS", 1
@@ -348,7 +348,7 @@ def time_column(fmt: MessageFormat) -> tuple[str, int] | None:
 
 
 def record_timeline(data: NDArray[np.uint8], index: RecordIndex) -> tuple[Offsets, NDArray[np.int64]]:
-    """Return offset and time of every timed record, in file order. Releases ``index.stamps``."""
+    """Return offset and time of every timed record in file order, and release ``index.stamps``."""
     stamps, index.stamps = index.stamps, np.zeros(0, np.int64)
     columns = [time_column(fmt) if fmt.readable else None for fmt in index.layouts]
     timed = np.array([column is not None for column in columns])[index.layout]
@@ -382,9 +382,9 @@ def table_timeline(messages: Messages, formats: Mapping[str, MessageFormat]) -> 
 
 
 def drop_false_times(index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -> tuple[Offsets, NDArray[np.int64]]:
-    """Remove records with a contradicted time from timeline and index, as damage.
+    """Remove records with false times from timeline and index, and report them as damage.
 
-    DataFlash has no checksum, so this is the only sign of a record with changed bytes.
+    DataFlash has no checksum: a false time is the only sign of changed bytes within a record.
     """
     far = false_times(time)
     if len(far) == 0:
@@ -395,7 +395,7 @@ def drop_false_times(index: RecordIndex, at: Offsets, time: NDArray[np.int64]) -
     false[records[impossible]] = True
     flagged = np.bincount(index.layout[records], minlength=len(index.layouts))
     every = np.bincount(index.layout, minlength=len(index.layouts))
-    # a message with many false times has another clock
+    # a message with many false times has another clock and is kept
     damaged = (flagged < 3) | (flagged < 0.1 * every)
     false[records[damaged[index.layout[records]]]] = True
     kept = np.ones(len(at), np.bool_)

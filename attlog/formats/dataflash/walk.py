@@ -1,8 +1,8 @@
 """Find the records of a DataFlash file in one vectorised pass.
 
-There is no checksum, so a record counts only when another header (or the end of the file) is at its end. Anything else
-is damage, and reading goes on at the next record that is confirmed in this way. Work and memory are linear in the file
-size, whatever the bytes are.
+There is no checksum, so a record is accepted only if another header (or the end of the file) is at its end. Anything
+else is damage, and reading resumes at the next record that is confirmed in this way. Work and memory are linear in the
+file size for any content.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class RecordIndex:
     """Offsets and layouts of all records in file order, and damage.
 
     ``layout[i]`` is the position in ``layouts`` of the format of the record at ``offsets[i]``, ``stamps[i]`` the first
-    8 bytes of its payload, usually the time. The reader of the times releases them.
+    8 bytes of its payload, usually the time. They are released once the times are read.
     """
 
     layouts: list[MessageFormat]
@@ -41,10 +41,10 @@ class RecordIndex:
 
 
 def index_records(data: NDArray[np.uint8]) -> RecordIndex:
-    """Return the index of a whole file; no formats means no records.
+    """Index the records of a whole file; without formats there are none.
 
-    A header inside a payload is passed over because the chain of lengths does not lead to it. A record whose end is no
-    header is given up: its own bytes or the following ones may be overwritten.
+    Headers inside a payload are skipped, because record lengths do not lead to them. A record without a header at its
+    end is rejected, because its bytes or the following ones may be overwritten.
     """
     size = len(data)
     start, types, stamps = _find_headers(data)
@@ -88,7 +88,7 @@ def _find_headers(data: NDArray[np.uint8]) -> tuple[Offsets, NDArray[np.uint8], 
 def _defined_formats(
     data: NDArray[np.uint8], headers: Offsets, types: NDArray[np.uint8], losses: DamageLog
 ) -> list[MessageFormat]:
-    """Return the formats that FMT records anywhere in the file define."""
+    """Return the formats defined by FMT records anywhere in the file."""
     at = headers[types == FMT_TYPE]
     found = Definitions()
     for offset in at[at + FMT_LENGTH <= len(data)].tolist():
@@ -98,7 +98,7 @@ def _defined_formats(
 
 
 def _layout_of_headers(types: NDArray[np.uint8], headers: Offsets, layouts: list[MessageFormat]) -> NDArray[np.int16]:
-    """Return the layout of each header, -1 without one. The last definition of its type before it, else the first."""
+    """Return the layout of each header: the last definition of its type before it, else the first, else -1."""
     table = np.full(256, -1, np.int16)
     per_type: dict[int, list[int]] = {}
     for k, fmt in enumerate(layouts):
@@ -116,7 +116,7 @@ def _layout_of_headers(types: NDArray[np.uint8], headers: Offsets, layouts: list
 
 
 def _stands_at_header(data: NDArray[np.uint8], at: Offsets) -> NDArray[np.bool_]:
-    """Select offsets of a header, whole or cut, or of the end."""
+    """Mark offsets at a header, at a header cut by the end of the file, or at the end."""
     size = len(data)
     result: NDArray[np.bool_] = at == size
     if size >= 2:
@@ -129,10 +129,10 @@ def _stands_at_header(data: NDArray[np.uint8], at: Offsets) -> NDArray[np.bool_]
 def _chain_candidates(
     start: Offsets, end: Offsets, breaks: NDArray[np.int64], followed: NDArray[np.bool_], size: int
 ) -> tuple[NDArray[np.bool_], list[tuple[int, int]]]:
-    """Return the candidates that are records, and the holes (from, to) between them.
+    """Return the mask of candidates that are records, and the holes (from, to) between them.
 
-    ``breaks`` are the candidates that do not end where the next one begins, ``followed`` selects those that end at a
-    header. Segments of successive records are taken at once; the loop steps from break to break.
+    ``breaks``: candidates that do not end where the next one begins. ``followed``: mask of candidates that end at a
+    header. The loop steps from break to break over segments of successive records.
     """
     n = len(start)
     kept = np.zeros(n, np.bool_)
@@ -165,7 +165,7 @@ def _chain_candidates(
 
 
 def _next_true(mask: NDArray[np.bool_], first: int) -> int:
-    """Return the first true index from ``first`` on, else the length."""
+    """Return the index of the first True from ``first`` on, else the length."""
     rest = mask[first:]
     k = int(rest.argmax()) if len(rest) else 0
     return first + k if len(rest) and rest[k] else len(mask)
@@ -174,7 +174,7 @@ def _next_true(mask: NDArray[np.bool_], first: int) -> int:
 def _report_holes(
     data: NDArray[np.uint8], holes: list[tuple[int, int]], layouts: list[MessageFormat], losses: DamageLog
 ) -> None:
-    """Report the holes; records without FMT are counted per type."""
+    """Report holes as damage; records without FMT are counted by type."""
     size = len(data)
     defined = {f.type for f in layouts}
     unknown: Counter[int] = Counter()

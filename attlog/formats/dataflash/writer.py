@@ -51,7 +51,7 @@ _MESSAGE_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
 
 
 def write_dataflash(path: Path | str, recording: Recording) -> None:
-    """Write the log; attlog and pymavlink give the same numbers back.
+    """Write a DataFlash log, which attlog and pymavlink read back with equal numbers.
 
     The clock column is ``TimeUS`` (uint64). Types choose the letters where the layout does not; where one layout has
     units, FMTU, UNIT and MULT describe all messages. A message with several instances has a column that numbers them

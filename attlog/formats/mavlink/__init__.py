@@ -1,1 +1,1 @@
-"""MAVLink telemetry, tlogs and raw captures: recognised, read and written."""
+"""MAVLink telemetry: reader of tlogs and raw captures, writer of tlogs."""

@@ -1,6 +1,6 @@
 """Layout of MAVLink packets: recognition, checksum, and messages of pymavlink's ``ardupilotmega`` dialect.
 
-The dialect contains ``common`` and so what PX4 sends.
+The dialect contains ``common``, which PX4 uses.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ _NATIVE_TYPES = dict(zip("bBhHiIqQfd", "i1 u1 <i2 <u2 <i4 <u4 <i8 <u8 <f4 <f8".s
 
 
 def is_tlog(head: bytes) -> bool:
-    """Return whether a file begins with packets behind receiver times."""
+    """Return whether a file begins with MAVLink packets, each behind a receiver time."""
     return _has_packets(head, STAMP_BYTES)
 
 
 def is_capture(head: bytes) -> bool:
-    """Return whether a file begins with packets alone."""
+    """Return whether a file begins with MAVLink packets without receiver times."""
     return _has_packets(head, 0)
 
 
 def _has_packets(head: bytes, stamp: int) -> bool:
     """Return whether MAVLink packets follow each other, each behind ``stamp`` bytes.
 
-    Firmware images hold the marker everywhere. Four packets with fitting lengths, or a short file of packets only, are
-    no coincidence.
+    Required are four packets with matching lengths, or a short file of packets only, because other files, such as
+    firmware images, contain the marker byte too.
     """
     if _packets_in_row(head, 0, stamp) >= 1 and len(head) < 2048:
         return True
@@ -88,7 +88,7 @@ class Catalogue:
     sizes: NDArray[np.int16]
 
     def knows(self, number: int) -> bool:
-        """Return whether a message is of the dialect."""
+        """Return whether a message is in the dialect."""
         return number < len(self.seeds) and self.seeds[number] >= 0
 
 

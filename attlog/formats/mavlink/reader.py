@@ -1,7 +1,7 @@
 """Read MAVLink telemetry logs (``.tlog``) and raw MAVLink captures (``.mavlink``, ``.rlog``).
 
-MAVLink 1 and 2 may be mixed in one file. Deliberate differences from pymavlink's reader: every packet with a right
-checksum is found wherever it begins, also behind damage, and nothing is reported in between; numbers stay as sent.
+MAVLink 1 and 2 may be mixed in one file. Deliberate differences from pymavlink's reader: every packet with a valid
+checksum is found, also behind damage; bytes between packets are not returned as messages; numbers stay as sent.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def list_systems(messages: Messages) -> dict[int, dict[str, Any]]:
         system["packets"] += len(table)
         if name == "HEARTBEAT":
             flies = (table["autopilot"] != NO_AUTOPILOT) & (table["type"] != _GROUND_STATION)
-            # a companion may forward under its own component; the autopilot is the lowest that says it flies
+            # a companion may send heartbeats of an autopilot too; the autopilot is the lowest such component
             if flies.any() and (system["component"] is None or instance & 0xFF < system["component"]):
                 k = int(np.argmax(flies))
                 system["component"] = instance & 0xFF
@@ -159,7 +159,7 @@ def main_vehicle(messages: Messages) -> int | None:
     systems = messages.info.get("systems") or list_systems(messages)
     flying = {s: d for s, d in systems.items() if d["autopilot"] is not None}
     if not flying:
-        # a capture that lost its heartbeats: whoever sends an attitude is the vehicle
+        # without heartbeats the sender of an attitude is the vehicle
         senders = {i >> 8 for n, i in messages.tables if n in CLOCK_MESSAGES}
         flying = {s: systems[s] for s in senders}
     return max(flying, key=lambda s: (flying[s]["packets"], -s), default=None)

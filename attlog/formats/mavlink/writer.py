@@ -30,7 +30,7 @@ _PX4_AUTOPILOT = 12
 
 
 def write_tlog(path: Path | str, recording: Recording) -> None:
-    """Write the log; attlog and pymavlink give the same columns back.
+    """Write a tlog, which attlog and pymavlink read back with equal columns.
 
     The instance is system * 256 + component. The clock column is ``_t_us``, the receiver's clock (Unix us), which
     orders the packets; fields that are not given are zero. Parameters become PARAM_VALUE packets, whole numbers as the

@@ -1,6 +1,6 @@
-"""The channels of a ROS 2 bag: MCAP, or a SQLite database as rosbag2 wrote by default before Iron.
+"""Read the channels of a ROS 2 bag: MCAP, or SQLite (default of rosbag2 before Iron).
 
-MCAP is read record by record, so that a bag whose end is missing gives all whole records before. A record is an opcode
+MCAP is read record by record, so that a truncated bag yields all complete records. A record is an opcode
 (u8), a length (u64) and its body; chunks hold records, packed or not. Specification: MCAP 0, "mcap.dev/spec".
 """
 
@@ -46,7 +46,7 @@ ChannelFilter = Callable[[str, str], bool]  # True for a topic and type whose me
 
 @dataclass(slots=True)
 class BagChannel:
-    """One topic with its messages as bytes and the recorder's times in ns.
+    """Topic of a bag with its messages as bytes and the recorder's times in ns.
 
     ``type`` is ``pkg/msg/Name``, ``definition`` its text in ``encoding`` (ros2msg, ros2idl, or empty).
     """
@@ -61,7 +61,7 @@ class BagChannel:
 
 @dataclass(slots=True)
 class Bag:
-    """Kept channels, types of all topics, damage, and whether it ended."""
+    """Kept channels of a bag, types of all topics, damage, and whether its end was found."""
 
     channels: list[BagChannel]
     types: dict[str, str]
@@ -95,7 +95,7 @@ class _McapReader:
         self.false_times = 0
 
     def read(self, path: Path, data: memoryview) -> Bag:
-        """Read a file, schemas and channels first. They are repeated at the end, should a chunk have lost them."""
+        """Read a file, beginning with schemas and channels outside chunks, which a bag repeats at its end."""
         try:
             import mcap.records  # noqa: F401
         except ImportError:
@@ -130,7 +130,7 @@ class _McapReader:
         self.losses.add(at, length, f"{length} bytes of {what}", resumed)
 
     def _read_chunk(self, at: int, body: memoryview, whole: bool) -> None:
-        """Read the records of a chunk, of a cut one its beginning."""
+        """Read the records of a chunk, of a truncated one as many as possible."""
         try:
             _, _, size, crc, letters = CHUNK_HEAD.unpack_from(body)
             name = bytes(body[CHUNK_HEAD.size : CHUNK_HEAD.size + letters]).decode("ascii", "replace")
@@ -149,7 +149,7 @@ class _McapReader:
         self._read_records(at, memoryview(content))
 
     def _read_records(self, at: int, content: memoryview) -> None:
-        """Read the records of an unpacked chunk. A loop without generator, for hundred thousands of messages."""
+        """Read the records of an unpacked chunk."""
         head, end, place = RECORD_HEAD.unpack_from, len(content), 0
         while place + RECORD_HEAD.size <= end:
             opcode, length = head(content, place)
@@ -177,7 +177,7 @@ class _McapReader:
         channel.times_ns.append(time)
 
     def _define(self, at: int, opcode: int, body: memoryview) -> None:
-        """Take in a schema or a channel. A channel's messages are kept if they are ROS 2's and wanted."""
+        """Add a schema or a channel; messages of a channel are kept if in CDR and selected."""
         from mcap.data_stream import ReadDataStream
         from mcap.exceptions import McapError
         from mcap.records import Channel, Schema

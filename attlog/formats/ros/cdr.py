@@ -1,4 +1,4 @@
-"""ROS 2 messages as columns: the place of every number, found once for all messages of a topic.
+"""Decode ROS 2 messages into columns; field places are found once for all messages of a topic.
 
 OMG's Common Data Representation (XCDR1): 4 bytes with the byte order, then the fields in order, numbers aligned to
 their own size, texts and sequences behind their length. Messages of one topic mostly have equal lengths, so that a
@@ -38,7 +38,7 @@ RECORDER_COLUMN = "log_time_ns"
 
 @dataclass(frozen=True, slots=True)
 class FieldPlace:
-    """A field ``at`` bytes from the start of each message."""
+    """Place of a field, ``at`` bytes from the start of each message."""
 
     name: str
     at: int
@@ -48,8 +48,8 @@ class FieldPlace:
 class MessageLayoutCdr:
     """Places of the fields of one message.
 
-    ``lengths`` (place, value) are what other messages must share. ValueError for a message that ends early or holds
-    what is not decoded.
+    ``lengths``: place and value of the lengths that other messages of this layout must share. ValueError for a
+    truncated message or unsupported types.
     """
 
     def __init__(self, types: dict[str, Any], kind: str, message: bytes) -> None:

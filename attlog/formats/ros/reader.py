@@ -1,4 +1,4 @@
-"""A ROS 2 bag as :class:`Messages`: PX4's topics by their uORB names, as in a ULog; others by their topics.
+"""Read a ROS 2 bag as :class:`Messages`: PX4's topics under uORB names as in a ULog, others under topic names.
 
 PX4's own messages (``px4_msgs``) have the fields of the topics that PX4 logs, so readers of a ULog read them too.
 """
@@ -33,7 +33,7 @@ BAG_FILES = re.compile(rb"^\s*-\s*\S+\.(?:mcap|db3)\S*\s*$", re.MULTILINE)
 
 
 def is_wanted(topic: str, kind: str) -> bool:
-    """Return whether a topic describes a flight."""
+    """Return whether a topic is read: PX4's topics and supported sensor messages."""
     return kind.startswith(PX4_PACKAGE) or bool(KNOWN_TYPES.fullmatch(kind))
 
 

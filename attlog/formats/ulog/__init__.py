@@ -1,1 +1,1 @@
-"""PX4's ULog: recognised, read (also damaged or encrypted), and written."""
+"""PX4's ULog: reader, also of damaged or encrypted logs, and writer."""

@@ -25,9 +25,9 @@ MAX_START_US = 2**63
 
 
 class Content:
-    """Collect the records that are neither data nor definitions, in file order.
+    """Collector of information, parameters, texts and dropouts, in file order.
 
-    ``time_before(position)`` is the time (us) of a parameter change, None or 0 without data before.
+    ``time_before(position)`` gives the time (us) of a parameter change, None or 0 without data before it.
     """
 
     def __init__(self, time_before: Callable[[int], int | None]) -> None:
@@ -44,7 +44,7 @@ class Content:
 
     @property
     def info(self) -> dict[str, Any]:
-        """The log's statements; those in parts as lists of the joined parts."""
+        """Information of the log; multi-part values are joined."""
         return self._info | {
             name: [type(group[0])().join(group) if isinstance(group, list) else group for group in groups]
             for name, groups in self._parts.items()
@@ -57,20 +57,20 @@ class Content:
         return self._dropouts.tolist()
 
     def report(self, losses: DamageLog) -> None:
-        """Report what exceeds the limits of a log."""
+        """Report exceeded limits of a log."""
         kept = {"parameters": MAX_PARAM_CHANGES, "texts": MAX_TEXTS, "statements": MAX_INFO, "dropouts": MAX_DROPOUTS}
         for what, most in kept.items():
             if n := self._left_out[what]:
                 losses.add_limit(f"The log holds {most + n} {what}; the first {most} are kept.", count=n)
 
     def start(self, version: int, start_us: int) -> None:
-        """Take in a file header; the first one describes the file. ``version`` of the logger, start time in us."""
+        """Add a file header with the logger's ``version`` and start time in us; the first one is kept."""
         self._start_us, self.in_data = start_us if start_us < MAX_START_US else 0, False
         self._info.setdefault("ulog_version", version)
         self._info.setdefault("ulog_start_us", self._start_us)
 
     def take(self, kind: int, payload: bytes, position: int) -> None:
-        """Take in one record. IndexError or struct.error if it is too short for its type."""
+        """Add one record. IndexError or struct.error if it is too short for its type."""
         match chr(kind):
             case "I":
                 key_type, name, raw = split_key(payload)
@@ -124,7 +124,7 @@ class Content:
 
 @dataclass(slots=True)
 class Topic:
-    """A topic's records so far, in parts of one layout each."""
+    """Records of a topic, in parts of one layout each."""
 
     layouts: list[TopicLayout]
     parts: list[tuple[int, Offsets]] = field(default_factory=list)
@@ -132,7 +132,7 @@ class Topic:
     decoder: _TopicDecoder | None = None
 
     def add(self, layout: TopicLayout, offsets: Offsets) -> None:
-        """Take in records of one layout, in file order."""
+        """Add records of one layout, in file order."""
         if self.layouts[-1] != layout:
             if len(self.layouts) >= MAX_LAYOUTS:
                 self.left_out += len(offsets)
@@ -141,9 +141,9 @@ class Topic:
         self.parts.append((len(self.layouts) - 1, offsets))
 
     def table(self, data: Bytes, name: str, multi: int, losses: DamageLog, *, own_starts: bool = False) -> Table:
-        """Return the table of fields that all layouts share.
+        """Return the table of the fields common to all layouts, and release the parts.
 
-        Releases the parts. ``own_starts``: copy the starts, because a slice would keep those of its whole group.
+        ``own_starts``: copy the starts; a view would keep the starts of all topics in memory.
         """
         parts, self.parts = self.parts, []
         one = len(parts) == 1 and not own_starts
@@ -170,9 +170,9 @@ class Topic:
 
 
 class _TopicDecoder:
-    """Gather the bytes of a topic's records once; columns are views of them.
+    """Decoder of a topic's columns as views of a single copy of its records.
 
-    ``which`` (n,) is the layout of each record, None where there is one.
+    ``which`` (n,): layout of each record, None if there is only one.
     """
 
     def __init__(
@@ -217,10 +217,10 @@ MIN_RECORDS = 5
 
 
 def implausible(table: Table) -> NDArray[np.bool_]:
-    """Select records with a far time or an impossible number.
+    """Select records with an implausible time or number.
 
-    ULog has no checksums, and damage within a record leaves the framing intact. Random bytes have an exponent or a time
-    that nothing on an aircraft has. Used only on damaged files, so that intact logs are read as they are.
+    ULog has no checksums, and damage within a record can leave the framing intact. Random bytes usually form
+    implausible exponents or times. It is applied to damaged files only, so that intact logs are read unchanged.
     """
     found = np.zeros(len(table), bool)
     if len(table) < MIN_RECORDS:

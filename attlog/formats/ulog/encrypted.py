@@ -33,7 +33,7 @@ MAX_KEY_BYTES = 1 << 13
 
 @contextmanager
 def using_key(key: str | Path | None) -> Iterator[None]:
-    """Decrypt with this private key within the block. None: with that of the environment."""
+    """Decrypt with this private key within the block, with None by the environment's key."""
     token = _GIVEN_KEY.set(None if key is None else Path(key))
     try:
         yield
@@ -47,10 +47,10 @@ def is_encrypted(head: bytes) -> bool:
 
 
 def decrypt(path: Path, data: Bytes) -> Bytes:
-    """Return the bytes of the log in an encrypted one.
+    """Decrypt a log, a truncated one as far as possible.
 
-    Of a cut one as many as it holds. UsageError for an invalid key, a missing package or no key; LogUnreadable if a
-    file cannot be opened; LogUnusable for a damaged header and a key of another vehicle.
+    UsageError for a missing or invalid key or a missing package; LogUnreadable if a file cannot be opened; LogUnusable
+    for a damaged header or another vehicle's key.
     """
     named = _GIVEN_KEY.get() or os.environ.get(KEY_VARIABLE, "")
     if not named:
@@ -89,7 +89,7 @@ def has_key() -> bool:
 
 
 def _log_beside(path: Path) -> Bytes:
-    """Return the log of an older firmware's key file."""
+    """Return the path of the log that belongs to a separate key file (older firmware)."""
     log = path.with_suffix(".ulgc")
     if not log.exists():
         raise LogUnreadable(f"{path}: is the key of an encrypted ULog; put {log.name} beside it, both unpacked")
@@ -97,7 +97,7 @@ def _log_beside(path: Path) -> Bytes:
 
 
 def _unwrap_key(path: Path, key_file: Path, wrapped: bytes) -> bytes:
-    """Return the key of the stream. Errors as of :func:`decrypt`."""
+    """Return the key of the stream cipher. Errors as for :func:`decrypt`."""
     try:
         from Crypto.Cipher import PKCS1_OAEP
         from Crypto.Hash import SHA256

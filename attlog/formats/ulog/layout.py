@@ -56,7 +56,7 @@ class _Extent:
 
 
 class TopicLayout:
-    """A flattened message: fields with their byte positions behind the record's id.
+    """Layout of a flattened message: fields with their byte positions behind the record's id.
 
     ``size`` is the payload without trailing padding, ``full_size`` with it; the logger may write either. ``time_at`` is
     the position of the u64 ``timestamp``, None if absent. ``columns`` counts the fields with padding.
@@ -67,7 +67,7 @@ class TopicLayout:
         self.size, self.full_size, self.columns, self.time_at = size, full_size, columns, time_at
 
     def __eq__(self, other: object) -> bool:
-        """Return whether records of both are decoded alike."""
+        """Return whether records of both layouts are decoded identically."""
         if self is other:
             return True
         return isinstance(other, TopicLayout) and self.size == other.size and self._placed == other._placed
@@ -101,7 +101,7 @@ class TopicLayout:
 
 
 class Formats:
-    """The format texts of one log, with extents and layouts. A text once used is never changed."""
+    """Format texts of one log, with extents and layouts; a text that was used is never changed."""
 
     def __init__(self, texts: Mapping[str, str] = MappingProxyType({})) -> None:
         self.texts = dict(texts)
@@ -110,11 +110,11 @@ class Formats:
         self._layouts: dict[str, TopicLayout | str] = {}
 
     def is_used(self, name: str) -> bool:
-        """Return whether something was derived from this name's text, or from its absence."""
+        """Return whether the format of this name was used, or found missing."""
         return name in self._members
 
     def layout(self, name: str) -> TopicLayout | str:
-        """Return the layout of a message, or the reason why there is none."""
+        """Return the layout of a message, or the reason why it cannot be used."""
         if name not in self._layouts:
             self._layouts[name] = self._layout(name)
         return self._layouts[name]
@@ -158,7 +158,7 @@ class Formats:
         )
 
     def _extent(self, name: str) -> _Extent:
-        """Count a format and its types, each once. Without recursion, because definitions may nest at will."""
+        """Return the size of a format with its nested types, without recursion."""
         waiting, opened = [name], set()
         while waiting:
             top = waiting[-1]
@@ -215,7 +215,7 @@ def _members_in(text: str) -> Members | None:
 
 
 def parse_format(text: str) -> tuple[str, Members] | None:
-    """Return name and members of a format text, None if it is none."""
+    """Parse a format text into name and members, None if invalid."""
     name, _, described = text.partition(":")
     if _FORMAT_NAME.fullmatch(name) is None:
         return None
@@ -257,9 +257,9 @@ def is_record(kind: int, head: bytes, size: int) -> bool:
 
 
 def is_odd_definition(kind: int, head: bytes, size: int) -> bool:
-    """Return whether a record defines something under a name that no logger uses.
+    """Return whether a record is a printable definition under an unusual name.
 
-    Correctly framed and printable. This suffices behind a valid record, not to find records among garbage.
+    It is accepted behind a valid record, but not when records are searched among damaged bytes.
     """
     at = _NAME_AT.get(kind)
     if at is None or size <= at or size > len(head):
@@ -365,7 +365,7 @@ class Definitions:
         self._free_of_size: dict[int, list[tuple[str, TopicLayout]]] | None = None
 
     def declare(self, text: str) -> None:
-        """Take in a format text; it is parsed when it is used."""
+        """Add a format text; it is parsed on first use."""
         name = text.partition(":")[0]
         known = self._formats.texts.get(name)
         if known == text:
@@ -381,7 +381,7 @@ class Definitions:
             self._redefined += 1
 
     def subscription(self, identifier: int, name: str, multi: int) -> Subscription | None:
-        """Return the meaning of an id from a subscription on. None if the definition cannot be used."""
+        """Return topic, instance and layout of an id by its subscription, None if its format is unusable."""
         layout = self._formats.layout(name)
         before = self.by_id.get(identifier)
         if isinstance(layout, str):
@@ -394,7 +394,7 @@ class Definitions:
         return before if self._resubscribed > MAX_RESUBSCRIBED else now
 
     def without_subscription(self, size: int) -> list[tuple[str, TopicLayout]]:
-        """Return the formats without an id, of records of ``size`` bytes. Behind the id; called at the log's end."""
+        """Return the formats without subscription that fit records of ``size`` bytes (id not included)."""
         if self._free_of_size is None:
             self._free_of_size = {}
             subscribed = {subscription.name for subscription in self.by_id.values()}

@@ -1,9 +1,8 @@
 """Read PX4 logs (``.ulg``) as lazy columns.
 
-One pass finds the place of every record (:mod:`attlog.formats.ulog.walk`); a topic's bytes are gathered when the first
-of its columns is asked for. ULog has no checksums, so a data record counts only when another record begins at its end:
-the one before damage is given up, and reading goes on at the next place with three valid records in a row and a
-plausible time.
+One pass finds all records (:mod:`attlog.formats.ulog.walk`); a topic's bytes are gathered on first access to one of its
+columns. ULog has no checksums, so a data record is accepted only if another record begins at its end. The record before
+damage is rejected, and reading resumes at the next place with three valid records in a row and a plausible time.
 """
 
 from __future__ import annotations
@@ -48,11 +47,11 @@ from attlog.formats.ulog.walk import (
 
 __all__ = ["read_ulog"]
 
-# Longer data records of an unknown id are searched for known records.
+# Above this size data records of an unknown id are searched for known records.
 MIN_HIDING_BYTES = 300
-# Records whose times represent the present, and the last ones among which they are searched.
+# Number of recent records with which times are compared, and of last records among which they are searched.
 RECENT_RECORDS, MAX_RECENT_SEARCHED = 3, 256
-# After this many records of one size an unknown id is followed like a known one.
+# Records of one size in a row from which an unknown id is followed like a known one.
 MIN_EQUAL_RECORDS = 8
 
 
@@ -73,12 +72,12 @@ def read_ulog(path: Path | str, *, data: Bytes | None = None) -> Messages:
 
 
 class _Reader:
-    """One walk over the file; ``messages`` makes the result."""
+    """Reader of one file, in one pass by :meth:`messages`."""
 
     def __init__(self, path: Path, data: Bytes) -> None:
         self.path, self.data, self.raw, self.size = path, data, data.data, len(data)
         self.losses = DamageLog()
-        self.damaged = False  # by more than a cut
+        self.damaged = False  # by more than truncation
         self.sizes = Sizes()  # of subscribed ids
         self.framing = Framing(data, self.sizes)
         self.followed = Sizes()  # of all ids that the chain follows
@@ -174,14 +173,14 @@ class _Reader:
         return position
 
     def _keep(self, starts: Offsets, ids: Identifiers) -> None:
-        if self.pending >= MAX_SORTED_RECORDS:  # before, because the last record may be given up
+        if self.pending >= MAX_SORTED_RECORDS:  # before adding, because the last record may be rejected
             self._group()
         self.segments.append((starts, ids))
         self.pending += len(starts)
         self._remember()
 
     def _remember(self) -> None:
-        """Update the last record, and the last ones with a known time."""
+        """Update the last record and the recent records with known times."""
         if not self.segments:
             self.last, self.framing.recent = 0, []
             return
@@ -196,7 +195,7 @@ class _Reader:
         self.framing.recent = starts[-RECENT_RECORDS:].tolist()
 
     def _record(self, position: int, stop: int) -> int | None:
-        """Take in a record that is no known data. Return the next position, None without a record."""
+        """Read a record other than known data; return the next position, None without a valid record."""
         if self.framing.is_header(position) and position + FILE_HEADER <= stop:
             self._end_log()
             self._start_log(position)
@@ -212,7 +211,10 @@ class _Reader:
         return end
 
     def _uncertain_record(self, position: int, end: int, stop: int) -> int | None:
-        """Take in a record that could be chance. Data of an unknown id, or a record not quite valid for its type."""
+        """Read a doubtful record: data of an unknown id, or a record that is not strictly valid for its type.
+
+        Returns the next position, None if rejected.
+        """
         kind, length = self.raw[position + 2], end - position - 3
         if kind == 0 or not length or (not KNOWN_KINDS[kind] and length > MAX_UNKNOWN_BYTES):
             return None
@@ -228,9 +230,9 @@ class _Reader:
         return end
 
     def _take_unknown(self, identifier: int, position: int, length: int) -> None:
-        """Take in a data record without definition.
+        """Add a data record without definition.
 
-        Ids with several records of one size are then followed like known ones.
+        After MIN_EQUAL_RECORDS records of one size its id is followed like a known one.
         """
         self.unknown.setdefault(identifier, array("q")).append(position)
         if self.followed.smallest[identifier] or len(self.equal_sized) >= MAX_IDS_FOLLOWED:
@@ -242,10 +244,9 @@ class _Reader:
             self.chain.forget()
 
     def _resume(self, position: int, stop: int) -> int:
-        """Give up a record and find the next valid one.
+        """Report damage at ``position`` and return the next valid record's position.
 
-        The record that ended at ``position`` is given up, and the damage reported. Where nothing follows and the rest
-        is the beginning of a record, the log was cut there and the record before is whole.
+        The data record that ends at ``position`` is rejected, except if the log ends in a truncated record.
         """
         if self.framing.is_cut_off(position, stop) and self.framing.anchor(position + 1, stop) == stop:
             resumed = "at the end of the file" if stop == self.size else f"at the appended data, byte {stop}"
@@ -282,7 +283,7 @@ class _Reader:
         return table.rows(~false)
 
     def _end_log(self) -> None:
-        """Sort pending records, and assign or report those without subscription."""
+        """Sort pending records by topic, and assign or report records without subscription."""
         self._group()
         for identifier, places in self.unknown.items():
             starts: Offsets = np.sort(np.frombuffer(places, np.int64)).astype(offset_type(self.size))
@@ -312,7 +313,7 @@ class _Reader:
             self.definitions.report(self.losses)
 
     def _only_topic_for(self, lengths: Offsets, starts: Offsets) -> tuple[str, TopicLayout] | None:
-        """Return the one topic without subscription that fits, or None. It has this size and rising times."""
+        """Return the only topic without subscription with this size and rising times, else None."""
         if len(starts) < ANCHOR_RECORDS or (lengths != lengths[0]).any():
             return None
         fitting: list[tuple[str, TopicLayout]] = []

@@ -1,7 +1,7 @@
 """Find the records of a ULog: chains of data records in whole blocks, and single records among damage.
 
 A data record is ``u16 size, 'D', u16 id, payload``; the next record begins at its end. ULog has no checksums, so a
-place is judged by its record, the ones behind it, and their times.
+record is validated by its header, the records behind it, and their times.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ FIRST_SEARCH_BYTES, MAX_SEARCH_BYTES = 1 << 12, 1 << 20
 
 
 def identifier_at(raw: memoryview, start: int) -> int:
-    """Return the id of the data record that starts here."""
+    """Return the id of the data record at a position."""
     identifier: int = raw[start + 3] | raw[start + 4] << 8
     return identifier
 
@@ -79,7 +79,7 @@ class Sizes:
 
 
 class DataChain:
-    """Successive data records, found in whole blocks. ``forget`` must be called when the sizes change."""
+    """Chain of successive data records, found block by block; call :meth:`forget` when the sizes change."""
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self._data, self._sizes, self._width = data, sizes, offset_type(len(data))
@@ -91,7 +91,7 @@ class DataChain:
         self._block = FIRST_BLOCK_BYTES
 
     def follow(self, position: int, stop: int) -> tuple[Offsets, Identifiers]:
-        """Return starts and ids of unbroken records from ``position`` on. Within one block and before ``stop``."""
+        """Return starts and ids of contiguous records from ``position`` to ``stop``, at most to the block's end."""
         if not self._begin <= position < self._end:
             self._look(position)
         first = int(self._starts.searchsorted(position))
@@ -103,7 +103,7 @@ class DataChain:
         return self._starts[first:last].astype(self._width), self._ids[first:last]
 
     def _look(self, position: int) -> None:
-        """Find possible data records in the next block, and chain breaks."""
+        """Find data record candidates in the next block, and breaks between them."""
         self._begin, self._end = position, min(position + self._block, len(self._data))
         self._block = min(4 * self._block, MAX_BLOCK_BYTES)
         length = self._end - position
@@ -128,7 +128,7 @@ class DataChain:
         self._breaks = breaks[~self._leads_over_a_mark(breaks)]
 
     def _leads_over_a_mark(self, breaks: Offsets) -> NDArray[np.bool_]:
-        """Select the breaks that are synchronisation marks with the next record behind them."""
+        """Mark the breaks that consist of a synchronisation mark."""
         over = np.zeros(len(breaks), bool)
         if len(breaks) > 1:
             marks = self._ends[breaks[:-1]]
@@ -146,20 +146,20 @@ def _u16_at(block: Bytes, at: Offsets) -> NDArray[np.uint16]:
 
 
 class Framing:
-    """Judge places by bytes, sizes, and times of ``recent`` records."""
+    """Validation of records by their bytes, sizes, and the times of ``recent`` records."""
 
     def __init__(self, data: Bytes, sizes: Sizes) -> None:
         self.data, self.raw, self.size, self.sizes = data, data.data, len(data), sizes
         self.forget()
 
     def forget(self) -> None:
-        """Begin another log with its own definitions."""
+        """Reset for another power-up with its own definitions."""
         self.checked = -1  # a place whose record was found to be valid
         self.recent: list[int] = []
         self._time_places: dict[int, int | None] = {}
 
     def subscribe(self, identifier: int, layout: TopicLayout) -> None:
-        """Read records of this id by this layout."""
+        """Set the layout of records of an id."""
         self._time_places[identifier] = layout.time_at
         self.sizes.set(identifier, layout.size + 2, layout.full_size + 2)
 
@@ -169,11 +169,11 @@ class Framing:
         return None if place is None else int(struct.unpack_from("<Q", self.raw, start + DATA_HEADER_BYTES + place)[0])
 
     def end(self, start: int) -> int:
-        """Return the end of the record that starts here, by its size."""
+        """Return the end of the record at ``start``, by its size field."""
         return start + 3 + (self.raw[start] | self.raw[start + 1] << 8)
 
     def is_header(self, position: int) -> bool:
-        """Return whether another log begins here, by its file header."""
+        """Return whether a file header begins at ``position``."""
         return self.raw[position] == MAGIC[0] and self.raw[position : position + len(MAGIC)] == MAGIC
 
     def is_strict(self, position: int, end: int) -> bool:
@@ -186,13 +186,13 @@ class Framing:
         return bytes(self.raw[position + 3 : min(end, position + 3 + MAX_HEAD_BYTES)])
 
     def is_cut_off(self, position: int, stop: int) -> bool:
-        """Return whether a record begins here whose end is missing."""
+        """Return whether a record at ``position`` extends beyond ``stop``."""
         return position + 3 > stop or (self.end(position) > stop and self._begins_well(position))
 
     def leads_on(self, position: int, stop: int, records: int, *, odd: bool = False) -> bool:
         """Return whether ``records`` valid records follow, or the section ends.
 
-        ``odd``: behind a valid record definitions under names that no logger uses suffice.
+        ``odd``: accept definitions under unusual names, as behind a valid record.
         """
         for _ in range(records):
             if position >= stop - 2 or self.is_header(position):
@@ -215,7 +215,7 @@ class Framing:
         return True
 
     def anchor(self, position: int, stop: int) -> int:
-        """Return the first place from ``position`` on with valid records, else ``stop``."""
+        """Return the first position from ``position`` on with ANCHOR_RECORDS valid records, else ``stop``."""
         length = FIRST_SEARCH_BYTES
         while position < stop:
             end = min(position + length, stop)
@@ -239,7 +239,7 @@ class Framing:
         return position + DATA_HEADER_BYTES > self.size or self.sizes.fits(identifier_at(self.raw, position), size)
 
     def _candidates(self, begin: int, end: int) -> list[int]:
-        """Return the places that could be a record."""
+        """Return the positions at which a record could begin, by kind, size and id."""
         last = min(end, self.size - DATA_HEADER_BYTES)
         if last <= begin:
             return []
@@ -259,7 +259,7 @@ class Framing:
 
 
 def times_rise(data: Bytes, starts: Offsets, layout: TopicLayout) -> bool:
-    """Return whether records of this layout have rising, near times. False without stamp."""
+    """Return whether records read by a layout have rising times within half a day; False without stamps."""
     if layout.time_at is None:
         return False
     return rise_nearby(gather(data[DATA_HEADER_BYTES + layout.time_at :], starts, np.dtype("<u8")))

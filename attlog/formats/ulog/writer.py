@@ -25,7 +25,7 @@ SIZE_FIELD, KIND_FIELD, ID_FIELD = "(size)", "(kind)", "(id)"
 
 
 def write_ulog(path: Path | str, recording: Recording) -> None:
-    """Write the log; attlog and any ULog reader give the same columns back.
+    """Write a ULog, which ULog readers read back with equal columns.
 
     The clock column is ``timestamp`` (uint64 us), the instance the multi id. Columns ``member[0].field`` become a
     nested type. Records of all topics are merged by time, stable. Parameters without time come before the data, the
