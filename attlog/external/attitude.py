@@ -62,7 +62,7 @@ def _dual_antenna(log: FlightLog) -> Stream:
 
 
 def _file_named_as_log(folder: Path, log: Path) -> Path:
-    """Return the file in a folder with the log's name up to its first dot. UsageError unless there is exactly one."""
+    """Return the only file in a folder with the log's name up to its first dot, else UsageError."""
     names = sorted(name for name in os.listdir(folder) if name.partition(".")[0] == log.name.partition(".")[0])
     if len(names) != 1:
         which = f"several named {log.stem}: {', '.join(names[:5])}" if names else f"none named {log.stem}.*"

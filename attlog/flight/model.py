@@ -537,7 +537,7 @@ class FlightLog:
 
     @property
     def begins_disarmed(self) -> bool:
-        """Whether the log begins at least BEGINS_DISARMED_S before the first arming."""
+        """True if the log begins at least BEGINS_DISARMED_S before the first arming."""
         armed = self.state.armed
         if armed is None or not armed.value or armed.value[0]:
             return False

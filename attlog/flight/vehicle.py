@@ -30,22 +30,22 @@ class VehicleKind(Enum):
 
     @property
     def flies(self) -> bool:
-        """Whether it can leave the ground; an unknown vehicle may."""
+        """True if the vehicle can leave the ground, also if unknown."""
         return self not in (VehicleKind.ROVER, VehicleKind.BOAT, VehicleKind.SUB, VehicleKind.TRACKER)
 
     @property
     def hovers(self) -> bool:
-        """Whether it can hover; an unknown vehicle may."""
+        """True if the vehicle can hover, also if unknown."""
         return self.flies and self not in (VehicleKind.PLANE, VehicleKind.PARAFOIL, VehicleKind.ROCKET)
 
     @property
     def fixed_wing(self) -> bool:
-        """Whether it always flies where its nose points, so that its course is its heading."""
+        """True if the vehicle always flies along its nose, so that course is heading."""
         return self in (VehicleKind.PLANE, VehicleKind.ORNITHOPTER)
 
     @property
     def winged(self) -> bool:
-        """Whether it may fly steeply banked or inverted: a plane, or a VTOL in forward flight."""
+        """True if the vehicle may fly steeply banked or inverted: a plane, or a VTOL in forward flight."""
         return self.fixed_wing or self is VehicleKind.VTOL
 
 

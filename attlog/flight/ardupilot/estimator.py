@@ -252,7 +252,7 @@ def innovation_tests(builder: DataflashBuilder) -> list[InnovationTest]:
 
 
 def flown_ratio_table(builder: DataflashBuilder) -> tuple[Table | None, str]:
-    """Return table and name of the test ratios of the core that flew; before 4.0 core 1 wrote NKF9 or XKF9."""
+    """Return the table with the flown core's test ratios, and its name."""
     messages, ekf = builder.messages, builder.values.get("AHRS_EKF_TYPE")
     family, t_us, cores = primary_core(builder)
     if not family:

@@ -76,12 +76,12 @@ class RecordClock:
 
     @cached_property
     def known(self) -> bool:
-        """Whether any record has a stamp."""
+        """True if any record has a stamp."""
         return bool(self._timed)
 
     @cached_property
     def interpolates(self) -> bool:
-        """Whether only GPS records have stamps (3.1 and older)."""
+        """True if only GPS records have stamps (3.1 and older)."""
         return self.known and all(table.name == "GPS" for table, _ in self._timed)
 
     @cached_property

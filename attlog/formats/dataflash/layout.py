@@ -49,7 +49,7 @@ class MessageFormat(NamedTuple):
 
     @property
     def readable(self) -> bool:
-        """Whether known letters add up to the declared length."""
+        """True if all letters are known and add up to the declared length."""
         return _length_of(self.letters) == self.length
 
     def place(self, k: int) -> int:
