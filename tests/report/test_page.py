@@ -253,5 +253,5 @@ def test_a_page_of_a_healthy_flight_is_short(name: str) -> None:
 )
 def test_a_page_of_a_flight_with_trouble_is_short(corpus: Path, name: str) -> None:
     first, whole = counted(page(corpus / "logs" / "cases" / name))
-    assert first <= FIRST + 25  # five findings of up to 18 words, each with what to do
+    assert first <= FIRST + 40  # five findings of up to 18 words, each with what to do, and the re-run's sentence
     assert whole <= WHOLE + 100

@@ -228,10 +228,10 @@ CONTROL_BITS = {
     "cs_wind": 8,
     "cs_ev_pos": 12,
     "cs_ev_yaw": 13,
-    "cs_fuse_aspd": 16,
+    "cs_fuse_aspd": 19,
     "cs_fuse_beta": 15,
     "cs_mag_aligned_in_flight": 23,
-    "cs_gps_yaw": 18,
+    "cs_gps_yaw": 22,
 }
 
 
