@@ -97,6 +97,8 @@ ELSEWHERE = {
     "venv/bin/pip install": "changes the installation; tests/test_package.py installs the wheel",
     "pip install": "changes the installation; tests/test_package.py installs the wheel",
     "attlog --install-completion": "changes the user's shell; tests/cli/test_options.py",
+    "attlog sweep copter_4.5.7_gps_delay.BIN": "its log is not in the repository; tests/compare/test_what_if.py",
+    "attlog compare px4_magfault.ulg": "its log is not in the repository; tests/compare/test_what_if.py",
     "attlog batch s3://": "needs a cluster; tests/batch/test_cluster.py runs one",
 }
 """Commands that begin so are not run here, and why."""
@@ -111,6 +113,7 @@ SHORTER = {
     "--metric tilt_rmse_deg --metric noise_tilt_deg@hover",
     "attlog tune flights/ vqf tau_acc=0.5..10log tau_mag=1..30log --objective tilt=1,noise=0.5,step=0.5": "attlog tune "
     "flights/*.bin vqf tau_acc=0.5..10log --objective tilt=1,noise=0.5,step=0.5",
+    "attlog sweep flights/*.ulg EKF2_GPS_DELAY=20..250/12": "attlog sweep flights/*.ulg EKF2_GPS_DELAY=20..250/2",
     "attlog simulate hover --seeds 1..20 -j 2 -o flights": "attlog simulate hover --seeds 1..2 -j 2 -o flights",
 }
 """Commands that would run for minutes, and the same with fewer repetitions."""
@@ -160,6 +163,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         archive.write(SAMPLES / "copter_steps_stabilize.tlog", "seven.tlog")
     (folder / "filters.toml").write_text(blocks("docs/compare.md", "toml")[0])
     (folder / "new.param").write_text("COMPASS_OFS_X,10\n")
+    (folder / "new.params").write_text("1\t1\tEKF2_MAG_NOISE\t0.1\t9\n")
     (folder / "gates.toml").write_text('[gates]\n"drift_air_deg_per_min.onboard" = { max = 1000.0 }\n')
     before = [
         "attlog analyze flight.ulg --estimators gyro,mahony -o before",
