@@ -121,7 +121,7 @@ def rerun_sentences(result: Result) -> list[str]:
 
 def reproduction_text(estimator: str, found: Reproduction) -> str:
     """Describe how closely an estimator such as ``px4_ekf2`` follows the flown attitude."""
-    where = "in the air" if found.airborne else "whole log"
+    where = "in the air" if found.airborne else "over the log"
     size = f"{_upper_bound(found.tilt_median_deg)} tilt and {_upper_bound(found.heading_median_deg)} heading"
     if found.follows:
         return f"{flown_name(estimator)} run again: within {size} of what flew (median {where})."
