@@ -165,6 +165,12 @@ def estimate_flown(spec: estimators.EstimatorSpec, log: FlightLog | Path | str) 
     return run_again(case, imu, spec.estimator.name, changes).estimate(case.log.t0_us * 1e-6)
 
 
+def first_lane_switch(log: FlightLog) -> float | None:
+    """Return the time in s of the first switch of EKF lanes."""
+    lanes = log.estimator.lane
+    return float(lanes.t[1]) if lanes is not None and len(lanes.t) > 1 else None
+
+
 def onboard_difference(case: Case, estimate: Estimate) -> Array:
     """Return time, tilt and signed heading of a re-run minus the onboard attitude.
 
@@ -175,9 +181,9 @@ def onboard_difference(case: Case, estimate: Estimate) -> Array:
         return np.zeros((0, 3))
     t = onboard.t if onboard.t_sample is None else onboard.t_sample
     inside = (t >= estimate.t[0]) & (t <= estimate.t[-1])
-    lanes = case.log.estimator.lane
-    if lanes is not None and len(lanes.t) > 1:
-        inside &= t < lanes.t[1]
+    until = first_lane_switch(case.log)
+    if until is not None:
+        inside &= t < until
     if np.count_nonzero(inside) < MIN_RECORDS:
         return np.zeros((0, 3))
     flown = alignment.untrim(onboard.q[inside], case.log.parameters.trim if onboard.has_trim else None)
@@ -213,6 +219,7 @@ def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | N
         start,
         median[0] <= MAX_TILT_MEDIAN_DEG and p95[0] <= MAX_TILT_P95_DEG and median[1] <= MAX_HEADING_MEDIAN_DEG,
         float(t[apart[0]]) if len(apart) else None,
+        first_lane_switch(case.log),
     )
 
 

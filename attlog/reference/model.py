@@ -220,7 +220,8 @@ class Reproduction:
     """Agreement of a re-run onboard filter with the logged onboard attitude.
 
     Medians and 95 % quantiles of the difference over ``n`` records in ``seconds``, in the air where the log flew.
-    ``start``: ``warm`` from logged states, ``cold`` from gravity. ``leaves_s``: first time apart, s on the log's clock.
+    ``start``: ``warm`` from logged states, ``cold`` from gravity. ``leaves_s``: first time apart, ``until_s``: first
+    lane switch, after which another filter flew, both in s on the log's clock.
     """
 
     tilt_median_deg: float
@@ -233,6 +234,7 @@ class Reproduction:
     start: str
     follows: bool
     leaves_s: float | None = None
+    until_s: float | None = None
 
 
 @dataclass(slots=True, eq=False, weakref_slot=True)

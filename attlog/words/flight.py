@@ -123,6 +123,8 @@ def reproduction_text(estimator: str, found: Reproduction) -> str:
     """Describe how closely an estimator such as ``px4_ekf2`` follows the flown attitude."""
     where = "in the air" if found.airborne else "over the log"
     size = f"{_upper_bound(found.tilt_median_deg)} tilt and {_upper_bound(found.heading_median_deg)} heading"
+    if found.until_s is not None:
+        where += f" to the lane switch at {moment(found.until_s)}"
     if found.follows:
         return f"{flown_name(estimator)} run again: within {size} of what flew (median {where})."
     leaves = "" if found.leaves_s is None else f", from {moment(found.leaves_s, 0)}"

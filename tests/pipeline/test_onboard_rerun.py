@@ -15,7 +15,7 @@ from attlog.core.errors import UsageError
 from attlog.estimators import DEFAULT, parse
 from attlog.flight.model import TimeLine
 from attlog.metrics.metric import Case
-from attlog.pipeline.onboard_rerun import flown_filter, rerun_row
+from attlog.pipeline.onboard_rerun import flown_filter, onboard_difference, reproduction, rerun_row, run_again
 from attlog.pipeline.replay import run_rows
 from attlog.reference.model import Track
 from attlog.result import EstimatorRow, Result
@@ -148,6 +148,21 @@ def test_a_re_run_that_does_not_follow_says_by_how_much_and_since_when(result: R
     assert rerun_sentences(replace(result, estimators=[replace(row, reproduction=lost)])) == [
         "EKF2 run again does not follow what flew: 1.3° tilt and 0.1° heading apart (median in the air, from 34 s)."
     ]
+
+
+def test_a_lane_switch_ends_the_comparison_and_is_named(result: Result) -> None:
+    """Another lane is another filter: after the switch the difference says nothing about the re-run."""
+    log = attlog.read(SAMPLES / "px4_steps.ulg")
+    log.estimator.lane = TimeLine(np.array([0.0, 40.0]), [0, 1], "estimator_selector_status")
+    case = attlog.prepare(log)
+    assert case.log.replay_imu is not None
+    run = run_again(case, case.log.replay_imu, "px4_ekf2", {}).estimate(case.log.t0_us * 1e-6)
+    assert 39.0 < onboard_difference(case, run)[-1, 0] < 40.0
+    row = row_of(result, RUN)
+    found = reproduction(case, run, "cold")
+    assert rerun_sentences(replace(result, estimators=[replace(row, reproduction=found)]))[0].endswith(
+        "of what flew (median in the air to the lane switch at 40.0 s)."
+    )
 
 
 def test_an_ardupilot_log_that_flew_another_filter_has_no_re_run() -> None:
