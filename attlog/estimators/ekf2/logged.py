@@ -1,4 +1,4 @@
-"""What EKF2 logged of itself, in the layout of its re-run: sigmas and innovations to draw beside it."""
+"""Sigmas and innovations that EKF2 logged, in the layout of its re-run, to draw beside it."""
 
 from __future__ import annotations
 

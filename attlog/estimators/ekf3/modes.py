@@ -1,4 +1,4 @@
-"""What EKF3 decides in each step: flight, learning states, alignment, aiding, and which observations are due."""
+"""Decisions of EKF3 in each step: flight, learning states, alignment, aiding, and which observations are due."""
 
 from __future__ import annotations
 

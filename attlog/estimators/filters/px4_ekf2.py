@@ -39,5 +39,5 @@ def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float]:
 
 
 def run(*_: Any) -> NoReturn:
-    """Refuse arrays: the filter needs what the log tells beside its samples."""
+    """Refuse arrays: the filter needs what the log holds beside its samples."""
     raise UsageError("px4_ekf2 runs on a PX4 log, not on arrays: attlog analyze LOG.ulg --estimators default,px4_ekf2")
