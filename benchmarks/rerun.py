@@ -77,7 +77,8 @@ def row(path: str) -> str:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("logs", nargs="+", metavar="LOG")
+    logs = parser.parse_args().logs
     print("| log | version, start | tilt, deg | heading, deg | variances, ours / logged | CPU s per 100 s |")
     print("| --- | --- | --- | --- | --- | --- |")
-    for log in parser.parse_args().logs:
+    for log in logs:
         print(row(log), flush=True)
