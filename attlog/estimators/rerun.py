@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from attlog.core.errors import UsageError
 from attlog.estimators.interface import Estimate
 
 Array = NDArray[np.float64]
+# Resets, use of GNSS and compass in use: as logged, or by the filter's own rules.
+Mode = Literal["flown", "own"]
 # The earth's radius of the firmwares' map projections.
 EARTH_RADIUS_M = 6371000.0
 INNOVATION = "innovation."
@@ -50,7 +53,7 @@ class Rerun:
     ``q`` (n, 4) at the IMU's times ``t``, NaN before the start. ``states`` (k,) or (k, 3) by name at the filter's steps
     ``t_step``, NaN before the start: ``attitude_variance`` (rad^2, earth axes), ``velocity_variance``, ``gyro_bias``
     (rad/s), ``acc_bias`` (m/s^2), ``gnss`` 1 while it is fused, and the filter's own. ``innovations`` (m, 4) by aid.
-    ``start``: ``warm`` from logged states, ``cold`` from gravity.
+    ``start``: ``warm`` from logged states, ``cold`` from gravity. ``mode``: ``own`` also where the log holds no event.
     """
 
     t: Array
@@ -60,6 +63,7 @@ class Rerun:
     innovations: dict[str, Array]
     start: str
     facts: dict[str, float] = field(default_factory=dict)
+    mode: Mode = "flown"
 
     def estimate(self, t0_s: float) -> Estimate:
         """Return the re-run on a log's clock that begins ``t0_s`` after boot."""

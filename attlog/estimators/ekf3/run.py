@@ -19,7 +19,7 @@ from attlog.estimators.ekf3 import state as s
 from attlog.estimators.ekf3.loop import Samples, run_filter
 from attlog.estimators.ekf3.parameters import check_changes, settings_of, sources_of
 from attlog.estimators.error_state import BA, BG, MI, N_ERR, N_STATE, NEVER, POS, TH, VEL, WIND, Filter, new_filter
-from attlog.estimators.rerun import Rerun, attitude_variances, held, innovation_tables, local_ned, side_by_side
+from attlog.estimators.rerun import Mode, Rerun, attitude_variances, held, innovation_tables, local_ned, side_by_side
 
 if TYPE_CHECKING:
     from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs, Ekf3States
@@ -61,11 +61,11 @@ class Span(NamedTuple):
 
 
 def rerun(
-    inputs: Ekf3Inputs, changes: Mapping[str, float] | None = None, *, own: bool = False, cold: bool = False
+    inputs: Ekf3Inputs, changes: Mapping[str, float] | None = None, *, mode: Mode = "flown", cold: bool = False
 ) -> Rerun:
     """Run EKF3 with the log's parameters and ``changes`` (short names) over them.
 
-    ``own``: resets and the use of GNSS follow the filter's own rules instead of the log. ``cold``: start from gravity
+    ``mode``: resets and the use of GNSS as ``flown``, or by the filter's ``own`` rules. ``cold``: start from gravity
     although the log holds states.
     """
     check_changes(changes or {}, inputs.version)
@@ -78,8 +78,10 @@ def rerun(
     length = ring_length(inputs, setting, lag_ms)
     spans, steps = steps_of(inputs, step_s, frames)
     horizon_s = (length - 1) * step_s
-    samples = samples_of(inputs, setting, steps, horizon_s, lag_ms, own)
-    known = known_facts(inputs, setting, samples, step_s, length, own)
+    if inputs.states is None and not any(len(times) for times in inputs.events.values()):
+        mode = "own"
+    samples = samples_of(inputs, setting, steps, horizon_s, lag_ms)
+    known = known_facts(inputs, setting, samples, step_s, length, mode)
     par = s.Parameters(*(setting[name.upper()] for name in s.Parameters._fields))
     q, out = np.full((len(steps), 4), np.nan), np.full((len(steps), OUT_COLUMNS), np.nan)
     logs, starts = [], []
@@ -122,7 +124,7 @@ def rerun(
     }
     facts = {"version": known.version, "step_s": step_s, "horizon_s": horizon_s, "gnss_lag_ms": lag_ms}
     t_step = steps[:, 0].copy()
-    return Rerun(t_step, q, t_step, states, innovation_tables(np.concatenate(logs)), starts[0], facts)
+    return Rerun(t_step, q, t_step, states, innovation_tables(np.concatenate(logs)), starts[0], facts, mode)
 
 
 def filter_step(inputs: Ekf3Inputs) -> tuple[float, int]:
@@ -206,7 +208,7 @@ def fill_flags(inputs: Ekf3Inputs, steps: Array, tas: Array) -> None:
 
 
 def samples_of(
-    inputs: Ekf3Inputs, setting: Mapping[str, float], steps: Array, horizon_s: float, lag_ms: float, own: bool
+    inputs: Ekf3Inputs, setting: Mapping[str, float], steps: Array, horizon_s: float, lag_ms: float
 ) -> Samples:
     """Return what the loop reads, each sample with the time of measurement that the firmware gives it."""
     events = inputs.events
@@ -308,7 +310,7 @@ def table_field(inputs: Ekf3Inputs, lat: float, lon: float) -> tuple[float, floa
 
 
 def known_facts(
-    inputs: Ekf3Inputs, setting: Mapping[str, float], samples: Samples, step_s: float, length: int, own: bool
+    inputs: Ekf3Inputs, setting: Mapping[str, float], samples: Samples, step_s: float, length: int, mode: Mode
 ) -> s.Known:
     """Return what a step needs beside parameters and samples."""
     g, params = inputs.gnss, inputs.params
@@ -328,7 +330,6 @@ def known_facts(
             field = (level * math.cos(table[0]), level * math.sin(table[0]), table[2] * math.sin(table[1]))
             inside = scale == 0.0 or COMPASS_SCALE_LIMITS[0] <= scale <= COMPASS_SCALE_LIMITS[1]
             has_table = setting["MAG_EF_LIM"] > 0 and inside and inputs.version >= (4, 0)
-    flown = not own and (inputs.states is not None or any(len(t) for t in inputs.events.values()))
     compass = (
         bool(np.isfinite(samples.mag[0, 0]))
         and params.get("COMPASS_USE", 1.0) > 0
@@ -349,7 +350,7 @@ def known_facts(
         plane=float(inputs.plane),
         airspeed=float(uses_airspeed(inputs)),
         compass=float(compass),
-        flown=float(flown),
+        flown=float(mode == "flown"),
         gsf=float(len(samples.gsf) > 0),
     )
 
