@@ -29,7 +29,8 @@ from attlog.health import vibration
 from attlog.health.accelerometer import OFFSET_OFF_M_S2, accelerometer_offsets, offset_axes
 from attlog.health.check import HealthCase
 from attlog.health.imu import SensorBias, smoothed_acc_bias
-from attlog.pipeline.evaluation import motion_attitude, prepare
+from attlog.pipeline.evaluation import motion_attitude
+from attlog.pipeline.preparation import prepare
 
 PLANTED = 0.3
 TRUTH = re.compile(r"acc(?:elerometer offset| bias IMU0 \(SIM_ACC1_BIAS\)) ([-\d.]+)[ /]([-\d.]+)[ /]([-\d.]+)")

@@ -1,15 +1,14 @@
-"""Read and write parameters: those of a log over time, and files of ground stations.
+"""Read parameters: those of a log over time, and files of ground stations.
 
 Three spellings of files: Mission Planner ``NAME,VALUE``, MAVProxy ``NAME VALUE`` and QGroundControl (tabs: vehicle,
-component, name, value, type). ``#`` begins a comment. Mission Planner skips a line that holds more than a name and a
-value, so comments have lines of their own.
+component, name, value, type). ``#`` begins a comment.
 """
 
 from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from itertools import accumulate, chain
 from pathlib import Path
 
@@ -18,7 +17,7 @@ import numpy as np
 from attlog.core.errors import UsageError
 from attlog.core.files import read_settings_bytes
 from attlog.flight.builder import LogBuilder
-from attlog.flight.limits import broken_limits, is_integer
+from attlog.flight.limits import broken_limits
 from attlog.flight.model import FlightLog, Problem, TimeLine
 from attlog.formats.table import Messages, ParamChange
 
@@ -170,37 +169,3 @@ def compare_with_log(
 
 def _list_names(items: list[str]) -> str:
     return ", ".join(items[:MAX_SHOWN]) + (f" and {len(items) - MAX_SHOWN} more" if len(items) > MAX_SHOWN else "")
-
-
-LEARNED_OFFSETS_NOTE = "PX4 may have moved compass offsets at disarming: old values are those that flew."
-# MAV_PARAM_TYPE_INT32, MAV_PARAM_TYPE_REAL32 and MAV_COMP_ID_AUTOPILOT1.
-INT32, FLOAT, AUTOPILOT = 6, 9, 1
-# Prefixes of parameters that swap compass slots at the next boot, and of parameters of a slot.
-COMPASS_ORDER_PREFIX = "COMPASS_PRIO"
-COMPASS_SLOT_PREFIXES = ("COMPASS_OFS", "COMPASS_MOT", "COMPASS_DIA", "COMPASS_ODI", "COMPASS_SCALE")
-
-
-def parameter_file_text(
-    firmware: str, values: Mapping[str, float], head: Sequence[str], beside: Mapping[str, str], vehicle: int = 1
-) -> str:
-    """Return a parameter file: ``head`` as comments, then ``values``, each below its comment in ``beside``.
-
-    ``firmware``: PX4 or ArduPilot. ``vehicle``: its MAVLink id. COMPASS_PRIO is omitted if the file also calibrates
-    compasses, because a new order swaps all slots.
-    """
-    calibrates = any(name.startswith(COMPASS_SLOT_PREFIXES) for name in values)
-    lines = [f"# {line}" for line in head]
-    if firmware == "PX4":
-        lines += [f"# {LEARNED_OFFSETS_NOTE}", "# Vehicle-Id\tComponent-Id\tName\tValue\tType"]
-    for name, value in values.items():
-        if calibrates and name.startswith(COMPASS_ORDER_PREFIX):
-            lines.append(f"# left out: {name} {value:.0f} swaps the compasses at a boot. Set it alone, reboot, fly.")
-            continue
-        lines += [f"# {beside[name]}"] if beside.get(name) else []
-        whole = is_integer(name)
-        number = f"{value:.0f}" if whole else f"{value:.9g}"
-        if firmware == "PX4":
-            lines.append(f"{vehicle}\t{AUTOPILOT}\t{name}\t{number}\t{INT32 if whole else FLOAT}")
-        else:
-            lines.append(f"{name},{number}")
-    return "\n".join(lines) + "\n"

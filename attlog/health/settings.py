@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from attlog import __version__
 from attlog.flight import limits as ranges
-from attlog.flight import parameters, recalibration
+from attlog.flight import recalibration
 from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag
 from attlog.health.check import Setting
@@ -121,22 +121,46 @@ FILE_WARNING = (
     "These values hold only for the vehicle of this log, and only where its parameters are still those named below.",
     "Check each old value before you load the file, and the headings on the ground before you fly.",
 )
+LEARNED_OFFSETS_NOTE = "PX4 may have moved compass offsets at disarming: old values are those that flew."
+# PX4's own MAVLink id, which QGroundControl compares with the connected vehicle.
+MAVLINK_ID_PARAMETER = "MAV_SYS_ID"
+# MAV_PARAM_TYPE_INT32, MAV_PARAM_TYPE_REAL32 and MAV_COMP_ID_AUTOPILOT1.
+INT32, FLOAT, AUTOPILOT = 6, 9, 1
+# Prefixes of parameters that swap compass slots at the next boot, and of parameters of a slot.
+COMPASS_ORDER_PREFIX = "COMPASS_PRIO"
+COMPASS_SLOT_PREFIXES = ("COMPASS_OFS", "COMPASS_MOT", "COMPASS_DIA", "COMPASS_ODI", "COMPASS_SCALE")
 
 
-def param_file(firmware: str, log_name: str, settings: Sequence[Setting], vehicle: int = 1) -> str:
+def param_file(log: Mapping[str, Any], settings: Sequence[Setting]) -> str:
     """Return the text of a parameter file, empty without settings; the first of duplicates counts.
 
-    ``firmware``: PX4 or ArduPilot; ``vehicle``: its MAVLink id.
+    ``log``: description of the log in a result. QGroundControl reads lines of vehicle, component, name, value and type
+    (PX4), Mission Planner ``NAME,VALUE`` (ArduPilot); it skips a line that holds more, so comments have lines of their
+    own. COMPASS_PRIO is omitted if the file also calibrates compasses, because a new order swaps all slots.
     """
     first: dict[str, Setting] = {}
     for setting in settings:
         first.setdefault(setting.name, setting)
     if not first:
         return ""
-    head = f"attlog {__version__}: what to set, found in {log_name} ({firmware or 'unknown firmware'})"
-    values = {name: setting.new for name, setting in first.items()}
-    beside = {name: _before(setting) for name, setting in first.items()}
-    return parameters.parameter_file_text(firmware, values, [" ".join(head.split()), *FILE_WARNING], beside, vehicle)
+    firmware = str((log.get("firmware") or {}).get("name") or "")
+    vehicle = int((log.get("params") or {}).get(MAVLINK_ID_PARAMETER) or 1)
+    name = " ".join(str(log.get("name") or "log").split())
+    lines = [f"attlog {__version__}: what to set, found in {name} ({firmware or 'unknown firmware'})", *FILE_WARNING]
+    if firmware == "PX4":
+        lines += [LEARNED_OFFSETS_NOTE, "Vehicle-Id\tComponent-Id\tName\tValue\tType"]
+    lines = [f"# {line}" for line in lines]
+    calibrates = any(name.startswith(COMPASS_SLOT_PREFIXES) for name in first)
+    for name, setting in first.items():
+        if calibrates and name.startswith(COMPASS_ORDER_PREFIX):
+            text = f"# left out: {name} {setting.new:.0f} swaps the compasses at a boot. Set it alone, reboot, fly."
+            lines.append(text)
+            continue
+        whole = ranges.is_integer(name)
+        number = f"{setting.new:.0f}" if whole else f"{setting.new:.9g}"
+        own = f"{vehicle}\t{AUTOPILOT}\t{name}\t{number}\t{INT32 if whole else FLOAT}"
+        lines += [f"# {_before(setting)}", own if firmware == "PX4" else f"{name},{number}"]
+    return "\n".join(lines) + "\n"
 
 
 def _before(setting: Setting) -> str:

@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from attlog.pipeline.evaluation import analyze, evaluate, prepare
+    from attlog.pipeline.evaluation import analyze, evaluate
+    from attlog.pipeline.preparation import prepare
 
 __all__ = ["analyze", "evaluate", "prepare"]
 
@@ -17,9 +18,9 @@ def __getattr__(name: str) -> Any:
     """Import a function of the pipeline."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from attlog.pipeline import evaluation
+    from attlog.pipeline import evaluation, preparation
 
-    return getattr(evaluation, name)
+    return getattr(preparation if name == "prepare" else evaluation, name)
 
 
 def __dir__() -> list[str]:

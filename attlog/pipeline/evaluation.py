@@ -1,26 +1,20 @@
-"""Prepare a log once, then evaluate filters on it as often as wanted.
-
-``prepare``: read, segments, reference, heading references. ``evaluate``: estimators, metrics, ranking, checks,
-findings.
-"""
+"""Evaluate filters on a prepared log: estimators, metrics, ranking, checks, findings."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from attlog import estimators, flight, metrics, reference, segments, story
+from attlog import estimators, metrics, reference, segments, story
 from attlog.core.errors import AttlogError, PluginError, PluginTimeout, UsageError
 from attlog.core.log_cache import log_cache
 from attlog.core.machine import versions
 from attlog.estimators.filters.smoother import OWN_HEADING
-from attlog.estimators.interface import Estimate
 from attlog.estimators.rerun import INNOVATION
 from attlog.flight.model import FlightLog, Problem, guarded_part
 from attlog.health import (
@@ -38,20 +32,17 @@ from attlog.health import (
 from attlog.health.attitude import wrong_angle
 from attlog.health.figures import traces
 from attlog.health.findings import findings, problem_finding
-from attlog.metrics.gyro_bias import common_bias
-from attlog.metrics.gyro_bias import no_common_bias as no_bias
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.ranking import DuplicateSearch, Ranking
 from attlog.metrics.trace import Trace
-from attlog.pipeline import onboard_rerun, preparation, replay
+from attlog.pipeline import onboard_rerun, replay
 from attlog.pipeline.config import Config
-from attlog.pipeline.preparation import Stages
+from attlog.pipeline.preparation import Stages, flight_of, prepared, reference_options, samples_of, with_next_reference
 from attlog.pipeline.proven_settings import prove_settings
 from attlog.pipeline.replay import Chosen
 from attlog.pipeline.summary import describe
-from attlog.reference.model import AlignmentStep, HeadingReference, Reference, Track
+from attlog.reference.model import AlignmentStep, Reference, Track
 from attlog.result import TIMED_OUT, Duplicates, EstimatorRow, ReferenceSummary, Result
-from attlog.result import Trace as result_Trace
 from attlog.segments.model import Segments
 from attlog.words.answers import ONLY_BASELINE, QUESTIONS, verdicts
 
@@ -80,16 +71,13 @@ def motion_attitude(case: Case) -> MotionAttitude | None:
         return None
     try:
         found = replay.smoother(
-            case.log, case.segments, preparation.reference_options(Config.trusted(case.settings)), compass=False
+            case.log, case.segments, reference_options(Config.trusted(case.settings)), compass=False
         )
     except UsageError:
         return None
     segment = np.zeros(len(found.t), np.int64) if found.segment is None else np.asarray(found.segment, np.int64)
     heading = found.aux.get(OWN_HEADING, found.aux["sigma_heading"])
     return MotionAttitude(found.t, found.q, segment, found.aux["sigma_tilt"], heading, dict(found.quality))
-
-
-# Findings of an analysis: failed and slow filters, broken metrics, open questions.
 
 
 def of_reference_and_filters(
@@ -260,7 +248,7 @@ def without_replay(
     with stage("segments"):
         phases = segments.build(log) if case is None else case.segments
         happened = story.events(log, phases)
-    drawn: list[result_Trace] = []
+    drawn: list[Trace] = []
     with stage("checks"):
         checks = checks_of(log, phases, case, drawn=drawn if case is None else None)
     described = describe(log, phases)  # before the findings, which include its errors
@@ -278,63 +266,6 @@ def without_replay(
         traces=drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         gyro_bias=[] if case is None else list(case.gyro_bias.values()),
-        timing=stage.seconds,
-    )
-
-
-@log_cache()
-def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
-    """Prepare a log for :func:`evaluate`: everything independent of the filters compared.
-
-    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. A mapping is checked like a configuration file.
-    LogUnreadable or LogUnusable (no inertial data, encrypted, not a log) if the log cannot be analysed, UsageError for
-    a missing sensor, reference or window.
-    """
-    config = Config.of(config)
-    stage = Stages()
-    with stage("read"):
-        log = preparation.flight_of(source, config)
-    return prepared(log, config, stage)
-
-
-def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
-    """Prepare a log that was read. LogUnusable if it cannot be replayed."""
-    preparation.require_imu(log)
-    flight.check_analysis_memory(log, flight.ANALYSIS_BYTES)
-    stage.samples = samples_of(log)
-    with stage("segments"):
-        phases = segments.build(log)
-        windows = preparation.windows(config, phases)
-    options = preparation.reference_options(config)
-
-    def smooth() -> Estimate:
-        with stage("smoother"):
-            return replay.smoother(log, phases, options)
-
-    with stage("reference"):
-        ref = guarded_part(
-            log,
-            "The reference",
-            lambda: reference.choose(log, phases, options, smooth=smooth),
-            lambda: reference.choose(log, phases, replace(options, reference="none")),
-        )
-        headings = guarded_part(
-            log, "Other headings", lambda: reference.heading_references(log, phases, ref), dict[str, HeadingReference]
-        )
-    imus = preparation.units(log, config)
-    biases = {
-        imu.index: guarded_part(log, "The gyro bias", partial(common_bias, log, phases, imu, config.gyro_bias), no_bias)
-        for imu in imus.values()
-    }
-    return Case(
-        log,
-        phases,
-        ref,
-        heading_references=headings,
-        imus=imus,
-        gyro_bias=biases,
-        windows=windows,
-        settings=config.resolved(),
         timing=stage.seconds,
     )
 
@@ -437,7 +368,7 @@ def analyze(
     settings, stage = Config.of(config), Stages()
     with log_cache():
         with stage("read"):
-            log = preparation.flight_of(source, settings)
+            log = flight_of(source, settings)
         if log.imu is None and has_a_story(log):
             return without_replay(log, settings, stage, command)
         case = prepared(log, settings, stage)
@@ -454,7 +385,7 @@ def health(
     settings, stage = Config.of(config), Stages()
     with log_cache():
         with stage("read"):
-            log = preparation.flight_of(source, settings)
+            log = flight_of(source, settings)
         replayable = log.imu is not None or not has_a_story(log)
         return without_replay(log, settings, stage, command, prepared(log, settings, stage) if replayable else None)
 
@@ -463,11 +394,6 @@ def has_a_story(log: FlightLog) -> bool:
     """Return whether a log has an attitude, GNSS data or arming times."""
     armed = log.state.armed is not None and len(log.state.armed.t) > 1 and log.state.armed.t[-1] > log.state.armed.t[0]
     return bool(log.attitudes or log.gnss or armed)
-
-
-def samples_of(log: FlightLog) -> int:
-    """Return the number of replayed inertial samples."""
-    return 0 if log.replay_imu is None else len(log.replay_imu.gyro.t)
 
 
 @per_case
@@ -489,16 +415,6 @@ def _events(case: Case) -> list[story.Event]:
 @per_case
 def _described(case: Case) -> dict[str, Any]:
     return describe(case.log, case.segments)
-
-
-def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
-    """Return the case with the next best reference, or none."""
-    options = preparation.reference_options(Config.trusted(case.settings))
-    refused = case.reference.faults.refused | {case.reference.kind: fault}
-    ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
-    ref.alignment.steps.append(step)
-    headings = reference.heading_references(case.log, case.segments, ref)
-    return case.compared_with(ref, headings)
 
 
 def summarize(ref: Reference) -> ReferenceSummary:

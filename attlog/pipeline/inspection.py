@@ -15,7 +15,7 @@ from attlog.formats import Messages
 from attlog.health import answerable
 from attlog.pipeline import evaluation
 from attlog.pipeline.config import Config
-from attlog.pipeline.preparation import Stages
+from attlog.pipeline.preparation import Stages, prepared
 
 # Shortest time span for which a message rate is computed.
 SHORTEST_S = 1.0
@@ -37,7 +37,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
     log.estimator.inputs = None  # frees the inputs of the onboard filter, not needed here
     config, stage = Config(), Stages()
     with log_cache():
-        case = evaluation.prepared(log, config, stage) if log.imu is not None else None
+        case = prepared(log, config, stage) if log.imu is not None else None
         answers = guarded_part(log, "What can be answered", lambda: answerable(log, case), list)
         result = evaluation.without_replay(log, config, stage, case=case)
     return {

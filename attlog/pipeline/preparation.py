@@ -1,4 +1,4 @@
-"""Timed stages of an analysis; sensors and reference chosen by its configuration."""
+"""Prepare a log for filters: read, segments, reference, heading references, gyro bias."""
 
 from __future__ import annotations
 
@@ -6,14 +6,22 @@ import logging
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from attlog import reference
+from attlog import flight, reference, segments
 from attlog.core.errors import LogUnusable, UsageError
+from attlog.core.log_cache import log_cache
 from attlog.core.machine import release_memory
-from attlog.flight import read
-from attlog.flight.model import FlightLog, Imu
+from attlog.estimators.interface import Estimate
+from attlog.flight.model import FlightLog, Imu, guarded_part
+from attlog.metrics.gyro_bias import common_bias, no_common_bias
+from attlog.metrics.metric import Case
+from attlog.pipeline import replay
 from attlog.pipeline.config import Config
+from attlog.reference.model import AlignmentStep, HeadingReference
 from attlog.segments.model import WINDOWS, Segments
 
 # Logs the name of each stage as it begins.
@@ -78,7 +86,7 @@ def require_imu(log: FlightLog) -> None:
 def _read(path: str | Path, config: Config) -> FlightLog:
     """Read the flight in a file. UsageError for a sensor that the log lacks."""
     imu = config.imu if isinstance(config.imu, int) else None
-    log = read(path, imu=imu, mag=config.mag, boot=config.boot, system=config.system, params=config.params)
+    log = flight.read(path, imu=imu, mag=config.mag, boot=config.boot, system=config.system, params=config.params)
     for what, asked, units in (("imu", imu, log.imus), ("mag", config.mag, log.mags)):
         present = [unit.index for unit in units]
         if isinstance(asked, int) and present and asked not in present:
@@ -126,3 +134,77 @@ def reference_options(config: Config) -> reference.ReferenceOptions:
         input_delay=config.input_delay,
         score_from=config.score_from,
     )
+
+
+@log_cache()
+def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
+    """Prepare a log for :func:`evaluate`: everything independent of the filters compared.
+
+    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. A mapping is checked like a configuration file.
+    LogUnreadable or LogUnusable (no inertial data, encrypted, not a log) if the log cannot be analysed, UsageError for
+    a missing sensor, reference or window.
+    """
+    config = Config.of(config)
+    stage = Stages()
+    with stage("read"):
+        log = flight_of(source, config)
+    return prepared(log, config, stage)
+
+
+def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
+    """Prepare a log that was read. LogUnusable if it cannot be replayed."""
+    require_imu(log)
+    flight.check_analysis_memory(log, flight.ANALYSIS_BYTES)
+    stage.samples = samples_of(log)
+    with stage("segments"):
+        phases = segments.build(log)
+        shown = windows(config, phases)
+    options = reference_options(config)
+
+    def smooth() -> Estimate:
+        with stage("smoother"):
+            return replay.smoother(log, phases, options)
+
+    with stage("reference"):
+        ref = guarded_part(
+            log,
+            "The reference",
+            lambda: reference.choose(log, phases, options, smooth=smooth),
+            lambda: reference.choose(log, phases, replace(options, reference="none")),
+        )
+        headings = guarded_part(
+            log, "Other headings", lambda: reference.heading_references(log, phases, ref), dict[str, HeadingReference]
+        )
+    imus = units(log, config)
+    biases = {
+        imu.index: guarded_part(
+            log, "The gyro bias", partial(common_bias, log, phases, imu, config.gyro_bias), no_common_bias
+        )
+        for imu in imus.values()
+    }
+    return Case(
+        log,
+        phases,
+        ref,
+        heading_references=headings,
+        imus=imus,
+        gyro_bias=biases,
+        windows=shown,
+        settings=config.resolved(),
+        timing=stage.seconds,
+    )
+
+
+def samples_of(log: FlightLog) -> int:
+    """Return the number of replayed inertial samples."""
+    return 0 if log.replay_imu is None else len(log.replay_imu.gyro.t)
+
+
+def with_next_reference(case: Case, fault: str, step: AlignmentStep) -> Case:
+    """Return the case with the next best reference, or none."""
+    options = reference_options(Config.trusted(case.settings))
+    refused = case.reference.faults.refused | {case.reference.kind: fault}
+    ref = reference.choose(case.log, case.segments, options, refused=refused, second=case.reference.second)
+    ref.alignment.steps.append(step)
+    headings = reference.heading_references(case.log, case.segments, ref)
+    return case.compared_with(ref, headings)

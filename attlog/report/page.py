@@ -9,20 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from attlog.core.files import write_atomic
+from attlog.health.settings import param_file
 from attlog.report import shell
 from attlog.report.bundle import Bundle
 from attlog.report.figures.catalogue import sections
 from attlog.report.figures.figure import FigureSource
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
-from attlog.result import MEASURED_TIMES, Result
-from attlog.words.findings import (
-    findings,
-    parameter_file,
-    question_titles,
-    reasons_unknown,
-    repeat_advice_once,
-    shown_checks,
-)
+from attlog.result import MEASURED_TIMES, Result, agreed_settings
+from attlog.words.findings import findings, question_titles, reasons_unknown, repeat_advice_once, shown_checks
 from attlog.words.flight import (
     alarming,
     firmware,
@@ -105,7 +99,7 @@ def render(
         windows=window_tables(result),
         sections=figures,
         checks=shown_checks(result.checks),
-        param_file=parameter_file(result),
+        param_file=param_file(result.log, agreed_settings(result.checks)),
         file_stem=file_stem(result),
         messages=[(t, level_name(level), alarming(level, text), text) for t, level, text in messages(result)],
         config=toml(result.config),

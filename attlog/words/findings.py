@@ -9,10 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from attlog.health.check import agreed_settings
-from attlog.health.settings import param_file
 from attlog.result import CHECKS, Check, Setting, setting_number
-from attlog.result.model import Result as model_Result
 from attlog.words.numbers import MINUS, decimals, duration, interval, moment, number, quantity, unit_sign
 from attlog.words.text import clean, typeset
 
@@ -272,16 +269,3 @@ def _with_half(value: float, half: float, unit: str) -> str:
     if half > 0.0:
         places = max(places, min(-math.floor(math.log10(half)), 6))
     return f"{value + 0.0:.{places}f} ± {half:.{places}f}".replace("-", MINUS)
-
-
-# Settings of a result as a parameter file of its ground station.
-
-# PX4's own MAVLink id, which QGroundControl compares with the connected vehicle.
-MAVLINK_ID_PARAMETER = "MAV_SYS_ID"
-
-
-def parameter_file(result: model_Result) -> str:
-    """Return the text of the ``.param`` file, empty without settings."""
-    firmware = str((result.log.get("firmware") or {}).get("name") or "")
-    vehicle = (result.log.get("params") or {}).get(MAVLINK_ID_PARAMETER) or 1
-    return param_file(firmware, str(result.log.get("name") or "log"), agreed_settings(result.checks), int(vehicle))

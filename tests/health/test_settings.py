@@ -157,6 +157,7 @@ def test_what_cannot_be_mapped_is_refused_whole() -> None:
 
 # The parameter file loads in ground stations, and says what every value was.
 
+MADE_LOG = {"name": "made.log", "firmware": {"name": "ArduPilot"}}
 SETTINGS = [
     Setting("COMPASS_OFS_X", 12.4, -151.25, "mG"),
     Setting("COMPASS_MOTCT", 0.0, 2.0),
@@ -166,7 +167,7 @@ SETTINGS = [
 
 def test_pymavlink_and_attlog_load_an_ardupilot_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "new.param"
-    path.write_text(param_file("ArduPilot", "made.log", SETTINGS))
+    path.write_text(param_file(MADE_LOG, SETTINGS))
     expected = {"COMPASS_OFS_X": -151.25, "COMPASS_MOTCT": 2.0}
     assert read_parameter_file(path) == expected
     loaded = MAVParmDict()
@@ -177,7 +178,7 @@ def test_pymavlink_and_attlog_load_an_ardupilot_file(tmp_path: Path, capsys: pyt
 
 def test_mission_planner_finds_a_name_and_a_value_in_every_line_that_is_no_comment() -> None:
     """ParamFile.cs: a line that begins with # is skipped, and so is one without exactly two words, silently."""
-    lines = param_file("ArduPilot", "made.log", SETTINGS).splitlines()
+    lines = param_file(MADE_LOG, SETTINGS).splitlines()
     values = [line for line in lines if not line.startswith("#")]
     assert [line.split(",") for line in values] == [["COMPASS_OFS_X", "-151.25"], ["COMPASS_MOTCT", "2"]]
     assert lines[lines.index("COMPASS_OFS_X,-151.25") - 1] == "# COMPASS_OFS_X was 12.4 mG when the log was flown"
@@ -188,8 +189,9 @@ def test_mission_planner_finds_a_name_and_a_value_in_every_line_that_is_no_comme
 
 def test_a_px4_file_has_the_vehicle_the_component_and_the_type(tmp_path: Path) -> None:
     settings = [Setting("CAL_MAG0_XOFF", 0.01, -0.1511, "G"), Setting("CAL_MAG_COMP_TYP", 0.0, 2.0)]
+    log = {"name": "made.ulg", "firmware": {"name": "PX4"}, "params": {"MAV_SYS_ID": 3}}
     path = tmp_path / "new.params"
-    path.write_text(param_file("PX4", "made.ulg", settings, vehicle=3))
+    path.write_text(param_file(log, settings))
     rows = [line.split("\t") for line in path.read_text().splitlines() if not line.startswith("#")]
     assert rows == [["3", "1", "CAL_MAG0_XOFF", "-0.1511", "9"], ["3", "1", "CAL_MAG_COMP_TYP", "2", "6"]]
     assert read_parameter_file(path) == {"CAL_MAG0_XOFF": -0.1511, "CAL_MAG_COMP_TYP": 2.0}
@@ -198,15 +200,15 @@ def test_a_px4_file_has_the_vehicle_the_component_and_the_type(tmp_path: Path) -
 
 def test_the_order_of_compasses_never_stands_beside_their_offsets() -> None:
     order = Setting("COMPASS_PRIO1_ID", 97539.0, 131874.0)
-    assert "COMPASS_PRIO1_ID,131874" in param_file("ArduPilot", "made.log", [order])
-    both = param_file("ArduPilot", "made.log", [order, *SETTINGS])
+    assert "COMPASS_PRIO1_ID,131874" in param_file(MADE_LOG, [order])
+    both = param_file(MADE_LOG, [order, *SETTINGS])
     assert "\nCOMPASS_PRIO1_ID" not in both
     assert "# left out: COMPASS_PRIO1_ID 131874" in both
 
 
 def test_without_settings_there_is_no_file() -> None:
-    assert param_file("ArduPilot", "made.log", []) == ""
-    assert "its value is not in the log" in param_file("ArduPilot", "made.log", [Setting("A", None, 1.0)])
+    assert param_file(MADE_LOG, []) == ""
+    assert "its value is not in the log" in param_file(MADE_LOG, [Setting("A", None, 1.0)])
 
 
 # A setting is offered where the parameter exists, the value is within its range, and something changes.

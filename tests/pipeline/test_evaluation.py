@@ -53,8 +53,8 @@ def test_a_second_evaluation_prepares_nothing_again(case: Case, alone: Result, m
 
     for module, names in (
         (evaluation, ("describe",)),
-        (preparation, ("read",)),
-        (evaluation.segments, ("build",)),
+        (preparation.flight, ("read",)),
+        (preparation.segments, ("build",)),
         (evaluation.reference, ("choose", "heading_references", "onboard_rows")),
     ):
         for name in names:

@@ -145,7 +145,7 @@ def test_the_file_to_save_is_the_one_that_the_writer_made():
     result = make_result()
     markup = section(result)
     text = html.unescape(re.search(r'<pre id="param"[^>]*>(.*?)</pre>', markup, re.S).group(1))
-    assert text == param_file("ArduPilot", "flight.bin", agreed_settings(result.checks))
+    assert text == param_file(result.log, agreed_settings(result.checks))
     assert 'data-file="flight.param"' in markup
 
 

@@ -257,9 +257,10 @@ def write_parameters(result: Result, path: Path, params: str | None) -> str | No
     UsageError where a flight log or the file of ``--params`` would be overwritten, OutputError if it cannot be written.
     """
     from attlog.core.files import write_atomic
-    from attlog.words.findings import parameter_file
+    from attlog.health.settings import param_file
+    from attlog.result import agreed_settings
 
-    text = parameter_file(result)
+    text = param_file(result.log, agreed_settings(result.checks))
     if not text:
         return f"nothing to set; {path} is of an earlier run" if path.exists() else None
     refuse_file("-o", str(path), [] if params is None else [params])
