@@ -11,14 +11,6 @@ import pytest
 import attlog
 
 
-def test_all_public_names_are_listed_and_importable() -> None:
-    for name in attlog.__all__:
-        assert name in dir(attlog)
-        assert getattr(attlog, name).__name__ == name
-    with pytest.raises(AttributeError, match="no attribute 'analyse'"):
-        attlog.analyse  # noqa: B018
-
-
 def test_the_public_names_are_listed_before_their_first_use_and_import_nothing() -> None:
     code = (
         "import sys, attlog\n"
@@ -29,17 +21,13 @@ def test_the_public_names_are_listed_before_their_first_use_and_import_nothing()
     assert done.stdout.strip() == "[]"
 
 
-def test_every_error_on_purpose_is_an_attlog_error() -> None:
-    with pytest.raises(attlog.AttlogError):
-        attlog.read("/nowhere/at/all.ulg")
-
-
 @pytest.mark.parametrize("room", ["attlog", "attlog.estimators", "attlog.metrics"])
 def test_every_public_name_is_there_and_no_other(room: str) -> None:
     """Those that are imported late too."""
     module = import_module(room)
     assert all(getattr(module, name) is not None for name in module.__all__)
     assert set(module.__all__) <= set(dir(module))
+    assert room != "attlog" or all(getattr(module, name).__name__ == name for name in module.__all__)
     with pytest.raises(AttributeError, match="nothing_of_that_name"):
         module.nothing_of_that_name  # noqa: B018
 
@@ -110,7 +98,3 @@ def test_a_typed_program_passes_a_strict_checker_and_knows_every_type(tmp_path: 
     cache = ["--cache-dir", str(tmp_path / "cache")]
     told, wrong, code = api.run(["--strict", "--follow-imports=silent", *cache, str(tmp_path / "program.py")])
     assert (code, wrong) == (0, ""), told
-
-
-def test_the_package_says_that_it_is_typed() -> None:
-    assert Path(attlog.__file__).with_name("py.typed").is_file()

@@ -81,85 +81,6 @@ def test_a_made_log_is_sound_for_attlog(name: str, script: Script, tmp_path: Pat
     assert len(log.params) == len(source.params)
 
 
-@pytest.mark.slow
-def test_a_made_ulog_is_sound_for_pyulog(script: Script, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    from pyulog import ULog
-
-    made = script("made_logs").repeated(SAMPLES / "px4_steps.ulg", tmp_path / "x.ulg", 6_000_000)
-    long, short = ULog(str(made)), ULog(str(SAMPLES / "px4_steps.ulg"))
-    assert not long.file_corruption
-    assert capfd.readouterr() == ("", "")
-    lengths = [{d.name: len(d.data["timestamp"]) for d in log.data_list} for log in (long, short)]
-    assert lengths[0].keys() == lengths[1].keys()
-    assert lengths[0]["sensor_combined"] == 2 * lengths[1]["sensor_combined"]
-
-
-@pytest.mark.slow
-def test_a_made_dataflash_log_is_sound_for_pymavlink(
-    script: Script, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    """Each record is found by its header, none is skipped: a damaged one would be said on standard error."""
-    from pymavlink.DFReader import DFReader_binary
-
-    made = script("made_logs").repeated(SAMPLES / "copter_yaw_turns.bin", tmp_path / "x.bin", 2_600_000)
-    found = {"FMT": 0, "FMTU": 0, "IMU": 0}
-    log = DFReader_binary(str(made))
-    while (message := log.recv_msg()) is not None:
-        if message.get_type() in found:
-            found[message.get_type()] += 1
-    assert capfd.readouterr() == ("", "")
-    source = formats.open(SAMPLES / "copter_yaw_turns.bin")
-    assert found == {"FMT": len(source["FMT", 0]), "FMTU": len(source["FMTU", 0]), "IMU": 2 * len(source["IMU", 0])}
-
-
-@pytest.mark.slow
-def test_a_made_tlog_is_sound_for_pymavlink(script: Script, tmp_path: Path) -> None:
-    """Every checksum is right."""
-    from pymavlink import mavutil
-
-    made = script("made_logs").repeated(SAMPLES / "copter_steps_stabilize.tlog", tmp_path / "x.tlog", 1_700_000)
-    log, found = mavutil.mavlink_connection(str(made), dialect="ardupilotmega"), {"RAW_IMU": 0, "BAD_DATA": 0}
-    while (message := log.recv_msg()) is not None:
-        if message.get_type() in found:
-            found[message.get_type()] += 1
-    assert found == {"RAW_IMU": 2 * 4256, "BAD_DATA": 0}
-
-
-@pytest.mark.slow
-def test_a_made_log_is_as_dense_and_as_slow_as_was_asked(script: Script, tmp_path: Path) -> None:
-    """Megabytes in a second of flight within a tenth; the IMU thinned, its neighbours as they were paced."""
-    made = script("made_logs")
-    for how, rate in (({"mb_per_second": 0.1}, None), ({"imu_hz": 25.0}, 25.0)):
-        log = formats.open(made.repeated(SAMPLES / "px4_hover.ulg", tmp_path / "x.ulg", 1, **how))
-        t = log["sensor_combined", 0]["timestamp"].astype(np.int64) / 1e6
-        assert not log.damage
-        if rate is None:
-            assert log.size / 1e6 / (t[-1] - t[0]) == pytest.approx(0.1, rel=0.1)
-        else:
-            assert (len(t) - 1) / (t[-1] - t[0]) == pytest.approx(rate, rel=0.2)
-        assert all((np.diff(log[key]["timestamp"].astype(np.int64)) >= 0).all() for key in log)
-
-
-@pytest.mark.slow
-def test_both_readers_run_equally_often(script: Script) -> None:
-    """The reader's benchmark gives the peer as many runs as attlog, first logs of a process too."""
-    found = script("readers").compared(SAMPLES / "px4_steps.ulg", False, runs=3)
-    assert len(found.later.ours) == len(found.later.peer) == 3
-    assert len(found.first.ours) == len(found.first.peer) == 3
-    assert found.times_faster > 1
-
-
-def test_works_by_turns_change_who_is_first(script: Script) -> None:
-    order: list[str] = []
-
-    def work(name: str, took: float) -> Callable[[], float]:
-        return lambda: order.append(name) or took  # type: ignore[func-returns-value]
-
-    pair = script("measured").by_turns(work("a", 2.0), work("b", 1.0), runs=3)
-    assert order == ["a", "b", "b", "a", "a", "b"]
-    assert pair.ratio == 2.0
-
-
 def test_memory_of_a_child_is_its_own_not_that_of_a_mapped_file(script: Script, tmp_path: Path) -> None:
     """A child that maps and touches 64 MB and allocates 32 MB held 32 MB and a little Python."""
     big = tmp_path / "big"
@@ -173,18 +94,6 @@ def test_memory_of_a_child_is_its_own_not_that_of_a_mapped_file(script: Script, 
         pytest.skip("this system does not tell")
     assert 32 < child.anonymous_mb < 64
     assert child.resident_mb > 96
-
-
-def test_a_child_keeps_its_bytecode_as_an_installed_package_does(
-    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Else a clone would be compiled at every start, and its peers would not."""
-    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
-    (tmp_path / "module.py").write_text("")
-    script("measured").child(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import module"]
-    )
-    assert list((tmp_path / "__pycache__").glob("module.*.pyc"))
 
 
 def test_a_verdict_says_met_missed_or_why_not(script: Script) -> None:
@@ -265,23 +174,6 @@ def test_measuring_some_filters_again_keeps_the_lines_of_the_others(script: Scri
     ]
 
 
-def test_a_peer_without_heading_is_written_with_its_tilt_alone(
-    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from attlog.estimators import accuracy
-
-    written, file = script("accuracy_file"), tmp_path / "accuracy.csv"
-    trial = np.array([np.nan, np.nan, 1.26, 50.0])
-    groups = ("broad", "euroc", "sitl/px4", "unbiased/px4")
-    written.write({("peer riann", group): [trial, trial] for group in groups}, file)
-    assert file.read_text().splitlines()[1].startswith("package riann,broad,2,,,,,,,1.26,")
-    monkeypatch.setattr(accuracy, "FILE", file)
-    accuracy.read_accuracy.cache_clear()
-    table = written.table(accuracy.read_accuracy())
-    accuracy.read_accuracy.cache_clear()
-    assert table.splitlines()[-1] == "| package riann | -/-/1.3 | 1.3 | -/-/1.3 (1.3) |"
-
-
 def test_the_table_of_the_filters_is_the_one_of_their_file(script: Script) -> None:
     from attlog.estimators.accuracy import read_accuracy
 
@@ -325,12 +217,6 @@ def test_a_peer_finds_a_motion_in_closed_form(name: str, script: Script) -> None
         assert ns > 0.0
 
 
-def test_every_peer_is_known_to_the_table_and_to_the_file(script: Script) -> None:
-    peers = script("peers")
-    assert list(peers.PEERS) == list(peers.NEEDS) == PEERS
-    assert set(script("accuracy_file").PEERS) == {f"peer {name}" for name in PEERS}
-
-
 def test_a_peer_that_does_not_work_here_is_left_out_with_a_line(
     script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -353,23 +239,3 @@ def test_a_peer_that_does_not_work_here_is_left_out_with_a_line(
         "peer qmt_mahony: cannot be loaded: no",
         f"peer ahrs: vqf {metadata.version('vqf')} has no Madgwick",
     ]
-
-
-def test_accuracy_without_a_peers_package_makes_the_table_of_the_others(
-    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    sensors, q = known_motion()
-    flu = {key: x * np.array([1.0, -1.0, -1.0]) for key, x in sensors.items()}
-    turned = rotation.multiply(rotation.multiply(rotation.ENU, q), rotation.FLU)
-    (tmp_path / "broad").mkdir()
-    np.savez(tmp_path / "broad" / "01.npz", fs=RATE_HZ, opt_quat=turned, movement=np.ones(len(q)), **flu)
-    monkeypatch.setitem(sys.modules, "riann", None)
-    options = ["--corpus", tmp_path, "--sets", "broad", "--estimators", "mahony", "--peers", "riann,vqf"]
-    monkeypatch.setattr(sys, "argv", ["accuracy.py", *map(str, options)])
-    script("accuracy").main()
-    said = capsys.readouterr()
-    assert said.err == ""
-    first, _, *rows = said.out.splitlines()
-    assert first == "peer riann: not installed"
-    assert [row.split()[1] for row in rows] == ["mahony", "peer"]
-    assert all(float(row.split()[-4]) < 1.0 for row in rows)

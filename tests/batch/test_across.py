@@ -20,7 +20,7 @@ from attlog.core.errors import LogUnreadable, LogUnusable, UsageError
 from attlog.result import EstimatorRow, Result
 from attlog.words.names import CODES
 from tests.health.made import OFFSET
-from tests.words.made import absent, lag, merged, result, row, tilt
+from tests.words.made import absent, lag, result, row, tilt
 
 TILT = "tilt_rmse_deg"
 
@@ -162,12 +162,6 @@ def test_what_no_log_has_is_refused_with_what_comes_near(read: Any) -> None:
         with pytest.raises(UsageError, match=text):
             across(numbers, **ask)  # type: ignore[arg-type]
     assert [c.row for c in across(numbers, [TILT], ["v*", "mekf"]).columns] == ["vqf", "mekf"]
-
-
-def test_several_metrics_have_their_names_in_their_columns(read: Any) -> None:
-    made = result([row("mekf", merged(tilt(1.0), lag(4.0)))], name="a.ulg", sha256="a")
-    numbers = read([Record("a.ulg", "a.ulg", row=index_row(made))], [TILT, "lag_ms"])
-    assert values(across(numbers, [TILT, "lag_ms"]), None)[0][5:] == [f"{TILT} mekf", "lag_ms mekf"]
 
 
 def test_logs_with_different_references_are_counted(read: Any) -> None:

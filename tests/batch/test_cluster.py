@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -131,6 +130,7 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
     assert {r.log for r in found} == {w.source.name for w in todo}
 
 
+@pytest.mark.slow
 def test_resume_asks_the_cluster_for_nothing_that_is_done(dask: Cluster, tmp_path: Path) -> None:
     todo = [replace(work, resume=True) for work in works(tmp_path, 3)]
     run_one(todo[0])
@@ -212,6 +212,7 @@ def test_a_scheduler_that_goes_away_is_told_and_what_is_done_stays(own: Cluster,
     assert read_record(tmp_path / "out", first.name) == first
 
 
+@pytest.mark.slow
 def test_another_version_or_python_on_a_worker_is_told(
     dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -226,15 +227,6 @@ def test_another_version_or_python_on_a_worker_is_told(
 
 
 @pytest.mark.slow
-def test_a_worker_without_attlog_is_told(own: Cluster, tmp_path: Path) -> None:
-    without = tmp_path / "without.py"
-    without.write_text("import sys\nsys.modules['attlog'] = None\n")
-    own.start()
-    own.worker("--preload", str(without))
-    with pytest.raises(UsageError, match="has no attlog; install attlog"):
-        list(cluster_runner(own.address)(works(tmp_path / "out", 3)))
-
-
 def test_a_filter_file_that_workers_do_not_see_is_told_once(
     dask: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -244,12 +236,6 @@ def test_a_filter_file_that_workers_do_not_see_is_told_once(
     todo = works(tmp_path / "out", 2, specs="mine.py")
     with pytest.raises(UsageError, match=r"a worker does not see mine\.py"):
         list(cluster_runner(dask.address)(todo))
-
-
-def test_what_to_install_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(UsageError, match="pip install dask distributed"):
-        list(cluster_runner("tcp://127.0.0.1:9")(works(tmp_path, 1)))
 
 
 def test_the_json_of_a_log_that_comes_back_is_written_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

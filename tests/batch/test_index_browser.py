@@ -44,6 +44,11 @@ def test_it_opens_without_a_complaint_or_a_request_and_says_what_is_wrong(index:
     assert len(index.requests) == 1
     assert names(index)[:3] == ["crash.ulg", "gate.ulg", "broken.bin"]
     row = index.page.locator("tr[data-log]").nth(0)
+    row.locator(".open").click()
+    told = index.page.locator("tr.more").inner_text()
+    for words in ("Something about the sensor.", "Accuracy", "Noise", "Lag", "Yaw drift", "drive/crash.ulg"):
+        assert words in told
+    row.locator(".open").click()
     assert "Crash" in row.inner_text()
     assert "A blow of 5.2 g at 7.9 s." in row.inner_text()
     assert "not a flight log" in index.page.locator("tr[data-log]").nth(2).inner_text()
@@ -124,17 +129,6 @@ def test_keys_alone_sort_open_and_filter(index: Any) -> None:
 
 
 @pytest.mark.slow
-def test_details_tell_every_reason_and_the_four_sentences(index: Any) -> None:
-    row = index.page.locator("tr[data-log]", has_text="crash.ulg")
-    row.locator(".open").click()
-    told = index.page.locator("tr.more").inner_text()
-    assert "Something about the sensor." in told
-    for question in ("Accuracy", "Noise", "Lag", "Yaw drift"):
-        assert question in told
-    assert "drive/crash.ulg" in told
-
-
-@pytest.mark.slow
 def test_a_view_stands_in_the_address(index: Any, visit: Any) -> None:
     index.page.click(".tile.none")
     index.page.locator("thead button", has_text="Log").click()
@@ -171,7 +165,7 @@ def test_distribution_and_trend_follow_the_filter_and_lead_to_a_log(index: Any) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["a \"b\" 'c'.ulg", "50%#1?&.bin", "Flüge 飛行.ulg"])
+@pytest.mark.parametrize("name", ["50%#1?&\"b\" 'c' 飛行.ulg"])
 def test_a_link_opens_the_report_of_a_strange_name(visit: Any, tmp_path: Path, name: str) -> None:
     (tmp_path / f"{name}.html").write_text("<!doctype html><title>the right one</title>", encoding="utf-8")
     page = visit(write_index(tmp_path, [flown(name)])).page
@@ -215,8 +209,7 @@ def test_it_fits_the_screen(visit: Any, tmp_path: Path, width: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize(("scheme", "width"), [("light", 390), ("dark", 1280)])
 def test_axe_finds_no_violation(visit: Any, tmp_path: Path, scheme: str, width: int) -> None:
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
     page = visit(write_index(tmp_path, BATCH), color_scheme=scheme, viewport={"width": width, "height": 900}).page
@@ -227,24 +220,11 @@ def test_axe_finds_no_violation(visit: Any, tmp_path: Path, scheme: str, width: 
 
 
 @pytest.mark.slow
-def test_dark_follows_the_button(visit: Any, tmp_path: Path) -> None:
-    page = visit(write_index(tmp_path, BATCH), color_scheme="light").page
-    page.click("#theme")
-    assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(18, 22, 28)"
-
-
-@pytest.mark.slow
-def test_without_javascript_the_worst_are_readable(visit: Any, tmp_path: Path) -> None:
-    page = visit(write_index(tmp_path, BATCH), java_script_enabled=False).page
-    assert "A blow of 5.2 g at 7.9 s." in page.inner_text("noscript")
-
-
-@pytest.mark.slow
 def test_ten_thousand_logs_open_and_filter_in_two_seconds(visit: Any, tmp_path: Path) -> None:
-    """The best of three: a loaded machine says nothing about the page."""
+    """The best of two: a loaded machine says nothing about the page."""
     path = write_index(tmp_path, many(10_000))
     opened, filtered = [], []
-    for _ in range(3):
+    for _ in range(2):
         start = time.perf_counter()
         page = visit(path)
         opened.append(time.perf_counter() - start)

@@ -30,15 +30,6 @@ def inside(html: str) -> tuple[dict[str, Any], bytes]:
     return json.loads(raw[4 : 4 + size]), raw[4 + size :]
 
 
-def test_equally_bad_logs_stand_as_people_count() -> None:
-    assert [x.name for x in index_rows([flown(f"log{i}.bin") for i in (10, 9, 100, 1)])] == [
-        "log1.bin",
-        "log9.bin",
-        "log10.bin",
-        "log100.bin",
-    ]
-
-
 def test_reasons_stand_in_words_and_a_failed_log_with_its_sentence() -> None:
     data, _ = inside(render([flown("a.ulg", reason("crash", text="A blow of 5.2 g at 7.9 s.")), failed("b.bin")]))
     assert [data["kinds"][k] + ": " + text for k, text, _ in data["reasons"][0]] == ["crash: A blow of 5.2 g at 7.9 s."]
@@ -79,13 +70,6 @@ def test_only_common_rows_are_offered() -> None:
     data, _ = page_data(index_rows(entries))
     assert len(data["rows"]) == 16
     assert {"vqf", "onboard", "gyro"} <= set(data["rows"])
-
-
-def test_a_page_is_made_of_nothing_at_all() -> None:
-    data, _ = inside(render([]))
-    assert (data["name"], data["columns"], data["first"]) == ([], [], "")
-    data = inside(render([failed("a.bin")]))[0]
-    assert [list(data["levels"])[k] for k in data["level"]] == ["failed"]
 
 
 def test_no_text_becomes_markup() -> None:

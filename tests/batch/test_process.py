@@ -71,12 +71,6 @@ def test_the_document_is_made_once_for_both_files(tmp_path: Path, monkeypatch: p
     assert json.loads(gzip.decompress(base64.b64decode(block[1]))) == json.loads(done.json.read_text(encoding="utf-8"))
 
 
-def test_the_name_can_be_given_and_measured_times_left_out(tmp_path: Path) -> None:
-    done = analyze_to_files(COPTER_LOG, GYRO, tmp_path, "b-2", deterministic=True)
-    assert done.json.name == "b-2.json"
-    assert "cost_ns" not in done.json.read_text(encoding="utf-8")
-
-
 def test_nothing_is_written_of_a_log_that_fails(tmp_path: Path) -> None:
     with pytest.raises(LogUnreadable):
         analyze_to_files(tmp_path / "none.ulg", GYRO, tmp_path / "new")
@@ -200,14 +194,6 @@ def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path,
     assert not run_one(task, processes).again
 
 
-@pytest.mark.slow
-def test_a_record_that_is_damaged_is_a_log_that_is_not_done(tmp_path: Path, processes: ForkServer) -> None:
-    run_one(work(tmp_path), processes)
-    place = record_path(tmp_path, LOG.name)
-    place.write_bytes(place.read_bytes()[:100])
-    assert not run_one(work(tmp_path, resume=True), processes).again
-
-
 def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
     file = plugin(tmp_path, "")
     before = work(tmp_path, specs=f"{file}:k=1").settings
@@ -222,7 +208,6 @@ def test_settings_follow_what_stands_in_a_filter_file(tmp_path: Path) -> None:
         ("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", 70, "crashed (SIGSEGV)"),
         ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", 70, "killed from outside"),
         ("import time; time.sleep(100)", 75, "longer than 1.5 s"),
-        ("import os\nif not os.fork():\n    os._exit(0)\nwhile True: pass", 75, "longer than 1.5 s"),
         ("x = bytearray(10**9)\nwhile True: pass", 75, "more than 600 MB"),
     ],
 )
@@ -240,27 +225,15 @@ def test_a_process_that_fails_is_one_record(
     assert run_one(work(tmp_path), processes).code == 0
 
 
-def test_memory_of_a_filter_from_a_file_is_counted(tmp_path: Path, processes: ForkServer) -> None:
-    file = plugin(tmp_path, "x = bytearray(10**9)\nwhile True: pass")
-    record = run_one(work(tmp_path, specs=file, memory=600.0), processes)
-    assert (record.code, "more than 600 MB" in record.message) == (75, True)
-
-
-def test_a_log_that_is_cut_while_it_is_mapped_is_unreadable(tmp_path: Path, processes: ForkServer) -> None:
+@pytest.mark.parametrize("change", ["import os; os.truncate({!r}, 1000)", "open({!r}, 'ab').write(b'x')"])
+def test_a_log_that_is_cut_or_grows_while_it_is_mapped_is_unreadable(
+    tmp_path: Path, processes: ForkServer, change: str
+) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
-    body = f"import os; os.truncate({str(log)!r}, 1000)"
-    record = run_one(work(tmp_path, log, specs=harm(body)), processes)
-    assert record.code == 66
-    assert "changed while it was read" in record.message
-
-
-def test_a_log_that_grows_while_it_is_read_is_unreadable(tmp_path: Path, processes: ForkServer) -> None:
-    log = tmp_path / "a.bin"
-    log.write_bytes(LOG.read_bytes())
-    body = f"open({str(log)!r}, 'ab').write(b'x')"
-    record = run_one(work(tmp_path, log, specs=plugin(tmp_path, body)), processes)
+    record = run_one(work(tmp_path, log, specs=harm(change.format(str(log)))), processes)
     assert (record.code, record.key) == (66, "")
+    assert "changed while it was read" in record.message
     assert not list(tmp_path.glob("*.json"))
 
 
@@ -339,44 +312,15 @@ def test_a_process_that_never_gives_way_ends_with_a_parent_that_is_killed(tmp_pa
     assert gone(number)
 
 
-@pytest.mark.slow
-def test_closing_ends_what_runs(tmp_path: Path) -> None:
-    import threading
-
-    processes = forks()
-    body = f"import os, time\nopen({str(tmp_path / 'pid')!r}, 'w').write(str(os.getpid()))\ntime.sleep(100)"
-    ended: list[object] = []
-
-    def run() -> None:
-        try:
-            ended.append(run_one(work(tmp_path, specs=plugin(tmp_path, body)), processes))
-        except Closed as closed:
-            ended.append(closed)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    pid = pid_in(tmp_path / "pid")
-    processes.close()
-    thread.join(10)
-    assert [type(e) for e in ended] == [Closed]
-    assert gone(pid)
-
-
-def test_a_work_is_small_and_plain(tmp_path: Path) -> None:
-    import pickle
-
-    task = work(tmp_path)
-    assert pickle.loads(pickle.dumps(task)) == task
-    assert len(pickle.dumps(task)) < 2000
-
-
-def test_a_record_knows_when_it_is_of_another_version(tmp_path: Path) -> None:
+def test_a_record_of_another_version_or_cut_short_is_none(tmp_path: Path) -> None:
     from attlog.batch.job import write_record
 
     write_record(tmp_path, Record("a", "a"))
     place = record_path(tmp_path, "a")
-    place.write_text(json.dumps(json.loads(place.read_text()) | {"schema": "attlog-record/99"}))
-    assert read_record(tmp_path, "a") is None
+    whole = place.read_text()
+    for damaged in (json.dumps(json.loads(whole) | {"schema": "attlog-record/99"}), whole[:20]):
+        place.write_text(damaged)
+        assert read_record(tmp_path, "a") is None
 
 
 @pytest.mark.slow

@@ -16,16 +16,7 @@ import pytest
 
 from attlog import Config, Result, analyze
 from attlog.batch import results_file
-from attlog.batch.index_row import (
-    SENSOR_WINDOW,
-    THUMBNAIL_POINTS,
-    encoded,
-    index_row,
-    light,
-    numbers,
-    sensors_of,
-    thumbnail,
-)
+from attlog.batch.index_row import SENSOR_WINDOW, THUMBNAIL_POINTS, encoded, index_row, numbers, sensors_of, thumbnail
 from attlog.batch.job import Record
 from attlog.batch.results_file import COLUMNS, CSV, PARQUET, write_results
 from attlog.core.errors import OutputError
@@ -63,14 +54,9 @@ def flown() -> Result:
     return analyze(SAMPLES / "px4_steps.ulg", Config(estimators=["mahony", "gyro"]))
 
 
-def test_a_row_is_plain_json_and_the_same_every_time(flown: Result) -> None:
+def test_a_row_is_plain_json_without_measured_times(flown: Result) -> None:
     row = index_row(flown)
     assert json.loads(json.dumps(row, allow_nan=False)) == row
-    again = analyze(SAMPLES / "px4_steps.ulg", Config(estimators=["mahony", "gyro"]))
-    assert json.dumps(index_row(again)) == json.dumps(row)
-
-
-def test_no_measured_time_is_in_a_row() -> None:
     made = make_result()
     assert any(name in made.to_json() for name in MEASURED_TIMES)
     assert not [name for name in MEASURED_TIMES if f'"{name}"' in json.dumps(index_row(made))]
@@ -117,12 +103,6 @@ def test_what_flew_when_and_the_four_sentences(flown: Result) -> None:
     assert tilt["window"] == "airborne"
 
 
-def test_an_index_holds_little_of_a_row(flown: Result) -> None:
-    row = index_row(flown)
-    assert light(row).keys() == row.keys() - {"answers"}
-    assert len(json.dumps(light(row))) < 10_000
-
-
 T = np.linspace(0.0, 96.0, 961)
 
 
@@ -144,15 +124,9 @@ def test_the_thumbnail_is_the_height_else_the_tilt() -> None:
     assert seen is not None
     leaned = math.degrees(math.acos(math.cos(math.radians(30.0)) ** 2))
     assert seen["tilt"] == [0.0] * (THUMBNAIL_POINTS // 2) + [round(leaned, 1)] * (THUMBNAIL_POINTS // 2)
-
-
-def test_the_thumbnail_of_a_log_that_never_flew_is_its_tilt() -> None:
-    made = leaning(Trace("height", "", T, {"height": np.full(len(T), 699.0)}))
-    made.log["timeline"]["airborne"] = []
-    seen = thumbnail(made)
-    assert seen is not None
-    assert "tilt" in seen
-    assert "height" not in seen
+    never = leaning(Trace("height", "", T, {"height": np.full(len(T), 699.0)}))
+    never.log["timeline"]["airborne"] = []
+    assert set(thumbnail(never) or ()) & {"height", "tilt"} == {"tilt"}
 
 
 def test_a_slow_height_is_drawn_as_a_line_and_a_long_gap_stays_one() -> None:
@@ -207,13 +181,9 @@ def test_the_page_gets_a_byte_for_each_point_and_what_is_shown_in_words() -> Non
     assert list(out[THUMBNAIL_POINTS : THUMBNAIL_POINTS + 2]) == [254, 0]
 
 
-def test_a_result_without_traces_has_no_thumbnail_and_still_a_row() -> None:
-    assert index_row(make_result(with_traces=False))["thumbnail"] is None
-
-
 def test_a_result_with_nothing_in_it_has_a_row() -> None:
-    empty = Result({}, "", {}, {})
-    row = index_row(empty)
+    assert index_row(make_result(with_traces=False))["thumbnail"] is None
+    row = index_row(Result({}, "", {}, {}))
     assert row["trouble"] == {"level": "none", "rank": 3, "score": 0.0, "reasons": []}
     assert (row["columns"], row["rows"], list(numbers(row["answers"]))) == ([], {}, [])
 
@@ -277,13 +247,14 @@ def without_pyarrow(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_parquet_holds_a_line_for_each_log_row_window_and_metric(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    path = write_results(tmp_path, [flown_with_numbers(), FAILED, flown_with_numbers("c.ulg")])
+    assert parquet.read_table(write_results(tmp_path, [FAILED])).num_rows == 0
+    path = write_results(tmp_path, [flown_with_numbers(), FAILED, flown_with_numbers("c\udcff.ulg")])
     table = parquet.read_table(path)
     assert (path.name, table.column_names) == (PARQUET, list(COLUMNS))
     lines = table.to_pylist()
     values = expected(make_result(with_traces=False))
     assert len(lines) == 2 * len(values)
-    assert {line["log"] for line in lines} == {"logs/a.ulg", "logs/c.ulg"}
+    assert {line["log"] for line in lines} == {"logs/a.ulg", "logs/c\\udcff.ulg"}
     found = {(x["row"], x["window"], x["metric"]): x for x in lines if x["report"] == "a.ulg"}
     assert {key: x["value"] for key, x in found.items()} == values
     lag = found["complementary@fan", "airborne", "lag_ms"]
@@ -306,6 +277,7 @@ def test_units_stand_in_the_metadata(tmp_path: Path) -> None:
 
 def test_csv_says_the_same_where_pyarrow_is_missing(tmp_path: Path, without_pyarrow: None) -> None:
     (tmp_path / PARQUET).write_bytes(b"of an earlier run")
+    assert write_results(tmp_path, [FAILED]).read_text() == ",".join(COLUMNS) + "\n"
     path = write_results(tmp_path, [flown_with_numbers('odd "name", #1.ulg'), FAILED])
     assert [p.name for p in tmp_path.iterdir()] == [CSV]
     with path.open(encoding="utf-8", newline="") as file:
@@ -314,25 +286,6 @@ def test_csv_says_the_same_where_pyarrow_is_missing(tmp_path: Path, without_pyar
     values = expected(make_result(with_traces=False))
     found = {(x["row"], x["window"], x["metric"]): x["value"] for x in lines}
     assert {key: float(text) if text else None for key, text in found.items()} == values
-
-
-@pytest.mark.parametrize("arrow", [True, False])
-def test_a_batch_in_which_nothing_succeeded_has_a_file_without_lines(
-    tmp_path: Path, arrow: bool, request: pytest.FixtureRequest
-) -> None:
-    if not arrow:
-        request.getfixturevalue("without_pyarrow")
-    path = write_results(tmp_path, [FAILED])
-    if arrow:
-        assert pytest.importorskip("pyarrow.parquet").read_table(path).num_rows == 0
-    else:
-        assert path.read_text() == ",".join(COLUMNS) + "\n"
-
-
-def test_names_that_are_no_utf8_are_written(tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    lines = parquet.read_table(write_results(tmp_path, [flown_with_numbers("a\udcff.ulg")])).to_pylist()
-    assert lines[0]["log"] == "logs/a\\udcff.ulg"
 
 
 def test_records_are_released_as_lines_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -98,17 +98,12 @@ def test_a_folder_with_a_batch_is_neither_mixed_nor_lost(tmp_path: Path) -> None
     outcome, told = run(tmp_path / "out", second, first, resume=True)
     assert [(r.log, r.name, r.again) for r in told] == [(str(second), "x.bin-2", False), (str(first), "x.bin", True)]
     assert outcome.again == 1
+    (tmp_path / "out" / "notes.txt").write_text("mine")
     outcome, told = run(tmp_path / "out", second, fresh=True)
     assert [(r.name, r.again) for r in told] == [("x.bin", False)]
+    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
     assert sorted(p.name for p in (tmp_path / "out").glob("x*")) == ["x.bin.html", "x.bin.json"]
     assert [r.log for r in records(tmp_path / "out")] == [str(second)]
-
-
-def test_a_foreign_file_survives_a_fresh_beginning(tmp_path: Path) -> None:
-    run(tmp_path / "out", cut(tmp_path / "a", "x.bin"))
-    (tmp_path / "out" / "notes.txt").write_text("mine")
-    run(tmp_path / "out", cut(tmp_path / "a", "x.bin"), fresh=True)
-    assert (tmp_path / "out" / "notes.txt").read_text() == "mine"
 
 
 def test_a_log_that_fails_now_does_not_keep_its_old_report(tmp_path: Path) -> None:
@@ -122,6 +117,7 @@ def test_a_log_that_fails_now_does_not_keep_its_old_report(tmp_path: Path) -> No
     assert told[0].again
 
 
+@pytest.mark.slow
 def test_other_options_do_all_logs_again(tmp_path: Path) -> None:
     log = cut(tmp_path / "a", "x.bin")
     run(tmp_path / "out", log)
@@ -194,6 +190,7 @@ def test_a_batch_stops_where_the_disk_is_full(tmp_path: Path) -> None:
     assert run(tmp_path / "out", *logs, resume=True)[0].again == 2
 
 
+@pytest.mark.slow
 def test_a_report_keeps_its_name_for_the_life_of_its_folder(tmp_path: Path) -> None:
     first, second = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin")
     run(tmp_path / "out", first, second)
@@ -202,6 +199,7 @@ def test_a_report_keeps_its_name_for_the_life_of_its_folder(tmp_path: Path) -> N
     assert {r.log: r.name for r in told} == {str(first): "x.bin", str(second): "x.bin-2"}
 
 
+@pytest.mark.slow
 def test_a_log_that_lies_elsewhere_now_is_known_by_its_content(tmp_path: Path) -> None:
     first, second = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin", 310_000)
     run(tmp_path / "out", first, second)
@@ -211,9 +209,3 @@ def test_a_log_that_lies_elsewhere_now_is_known_by_its_content(tmp_path: Path) -
     assert {(r.log, r.name, r.again) for r in told} == {(str(moved), "x.bin", True), (str(other), "x.bin-3", False)}
     assert (tmp_path / "out" / "x.bin-2.html").exists()
     assert {r.log for r in records(tmp_path / "out")} == {str(moved), str(second), str(other)}
-
-
-def test_a_log_called_index_leaves_the_index_alone(tmp_path: Path) -> None:
-    outcome, _ = run(tmp_path / "out", cut(tmp_path / "a", "index"))
-    assert outcome.records[0].name == "index-2"
-    assert (tmp_path / "out" / "index.html").exists()

@@ -22,7 +22,6 @@ import attlog
 from attlog.batch import archive, remote
 from attlog.batch.sources import Source, find, sources
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
-from attlog.formats import recognise
 from tests.batch.servers import Web, serving
 from tests.conftest import SAMPLES
 
@@ -101,22 +100,17 @@ def test_a_file_is_used_where_it_lies_and_stays(temporary: Path) -> None:
     assert not list(temporary.iterdir())
 
 
-def test_a_source_travels_by_pickle(zipped: Path) -> None:
-    source = sources([zipped])[0][0]
-    assert pickle.loads(pickle.dumps(source)) == source
-
-
 def test_an_archive_means_the_logs_in_it(zipped: Path) -> None:
     found, wrong = sources([zipped])
     assert names(found, zipped) == ["../../escaped.bin", "/etc/absolute.bin", "flights/a.bin", "flights/b.bin.gz"]
-    assert wrong == []
+    assert (wrong, pickle.loads(pickle.dumps(found))) == ([], found)
     assert [s.file_name for s in found] == ["escaped.bin", "absolute.bin", "a.bin", "b.bin.gz"]
     assert {content(s) for s in found[:3]} == {LOG}
 
 
 def test_a_member_is_named_as_it_is_shown(zipped: Path) -> None:
-    one = sources([zipped / "flights/a.bin"])[0]
-    assert names(one, zipped) == ["flights/a.bin"]
+    for place in (zipped / "flights/a.bin", f"file://{zipped}/flights/a.bin"):
+        assert names(sources([place])[0], zipped) == ["flights/a.bin"]
     assert names(sources([zipped / "flights/*"])[0], zipped) == ["flights/a.bin", "flights/b.bin.gz"]
     (wrong,) = sources([zipped / "flights/none.bin"])[1]
     assert "no flight log matches flights/none.bin" in str(wrong)
@@ -167,9 +161,8 @@ def locked(path: Path, name: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize("name", ["a.ulg", "00000012.BIN", "2026-11-01.log"])
-def test_an_encrypted_member_is_one_failure_with_its_reason(tmp_path: Path, name: str) -> None:
-    path = locked(tmp_path / "locked.zip", name)
+def test_an_encrypted_member_is_one_failure_with_its_reason(tmp_path: Path) -> None:
+    path = locked(tmp_path / "locked.zip", "00000012.BIN")
     error = failure(sources([path])[0][0])
     assert isinstance(error, LogUnusable)
     assert "unpack it with its password first" in str(error)
@@ -233,17 +226,6 @@ def test_a_member_packed_in_an_unknown_way_is_not_called_damaged(zipped: Path, t
         archive.extract(str(zipped), entry.filename, temporary / "x.ulg")
 
 
-def test_what_goes_wrong_while_an_archive_is_open_is_not_blamed_on_it(
-    zipped: Path, temporary: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def bug(*_: object) -> bool:
-        raise ValueError("a bug of ours")
-
-    monkeypatch.setattr(archive, "_is_log", bug)
-    with pytest.raises(ValueError, match="a bug of ours"):
-        archive.members(str(zipped))
-
-
 def test_a_cut_archive_is_told(zipped: Path) -> None:
     zipped.write_bytes(zipped.read_bytes()[:-100])
     (wrong,) = sources([zipped])[1]
@@ -267,23 +249,12 @@ def test_a_log_behind_a_url_comes_whole(web: Web, temporary: Path) -> None:
     assert not list(temporary.iterdir())
 
 
-def test_a_server_without_ranges_serves_as_well(web: Web) -> None:
-    web.ranges = False
-    assert content(Source(f"{web.url}/logs/a.bin")) == LOG
-    assert [way for way, _ in web.asked] == ["GET"]
-
-
-def test_a_download_that_breaks_off_is_tried_again(web: Web) -> None:
+def test_a_download_that_breaks_off_is_tried_again_twice(web: Web, temporary: Path) -> None:
     web.failures = 2
     assert content(Source(f"{web.url}/flaky/logs/a.bin")) == LOG
-
-
-def test_a_download_that_breaks_off_each_time_is_one_failure(web: Web, temporary: Path) -> None:
     web.failures = 3
     error = failure(Source(f"{web.url}/flaky/logs/a.bin"))
-    assert isinstance(error, LogUnreadable)
-    assert error.exit_code == 66
-    assert "cannot be downloaded" in str(error)
+    assert (type(error), "cannot be downloaded" in str(error)) == (LogUnreadable, True)
     assert not list(temporary.iterdir())
 
 
@@ -298,10 +269,14 @@ def test_what_a_server_refuses_is_told(web: Web, path: str, words: str, requests
     assert len(web.asked) == requests
 
 
-def test_a_download_that_stalls_is_given_up(web: Web, monkeypatch: pytest.MonkeyPatch, temporary: Path) -> None:
+def test_a_download_that_stalls_or_is_longer_than_any_log_is_given_up(
+    web: Web, monkeypatch: pytest.MonkeyPatch, temporary: Path
+) -> None:
     monkeypatch.setattr(remote, "STALLED_S", 0.3)
     monkeypatch.setattr(remote, "WAITS_S", ())
     assert "timed out" in str(failure(Source(f"{web.url}/stalled/logs/a.bin")))
+    monkeypatch.setattr(remote, "MAX_UNPACKED_BYTES", 1000)
+    assert "no log is so long" in str(failure(Source(f"{web.url}/logs/a.bin")))
     assert not list(temporary.iterdir())
 
 
@@ -315,11 +290,6 @@ def test_nobody_answers(web: Web) -> None:
         logs, (told,) = sources([place])
         assert logs == []
         assert "cannot be downloaded" in str(told)
-
-
-def test_a_download_longer_than_any_log_is_given_up(web: Web, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(remote, "MAX_UNPACKED_BYTES", 1000)
-    assert "no log is so long" in str(failure(Source(f"{web.url}/logs/a.bin")))
 
 
 def test_a_web_folder_and_a_pattern_mean_the_logs_listed(web: Web) -> None:
@@ -389,19 +359,13 @@ def test_content_cut_short_is_a_failure(memory: Any, monkeypatch: pytest.MonkeyP
     assert "cut short" in str(failure(Source("memory://bucket/a.ulg")))
 
 
-def test_a_file_url_is_a_file(zipped: Path) -> None:
-    assert names(sources([f"file://{zipped}/flights/a.bin"])[0], zipped) == ["flights/a.bin"]
-
-
 @pytest.mark.parametrize("missing", ["fsspec", "aiohttp"])
 def test_what_to_install_is_said(web: Web, monkeypatch: pytest.MonkeyPatch, missing: str) -> None:
     monkeypatch.setitem(sys.modules, missing, None)
     (wrong,) = sources([f"{web.url}/logs/"])[1]
     assert isinstance(wrong, UsageError)
     assert 'pip install "fsspec[http,s3,gcs]"' in str(wrong), "zsh takes brackets without quotes for a pattern"
-
-
-def test_an_unknown_protocol_is_told() -> None:
+    monkeypatch.undo()
     assert "Protocol not known" in str(sources(["nonsense://host/a"])[1][0])
 
 
@@ -463,20 +427,14 @@ def test_a_folder_means_the_logs_in_it_known_by_content(folder: Path) -> None:
 
 
 def test_a_pattern_means_the_logs_it_matches(folder: Path) -> None:
+    log = folder / "flight[1].ulg"  # looks like a pattern
+    log.write_bytes(b"x")
+    assert find([log, log]) == ([log], [])
+    log.unlink()
+    assert find([folder / "one/a.bin", folder / "one"])[0] == [folder / "one/a.bin"]
     assert names_found(find([folder / "*.*"])[0], folder) == ["broken.ulg"]
     assert names_found(find([folder / "**/*"])[0], folder) == ["broken.ulg", "one/a.bin", "two/b"]
     assert names_found(find([folder / "o*"])[0], folder) == ["one/a.bin"]
-
-
-def test_a_file_whose_name_looks_like_a_pattern_is_itself(tmp_path: Path) -> None:
-    log = tmp_path / "flight[1].ulg"
-    log.write_bytes(b"x")
-    assert find([log]) == ([log], [])
-
-
-def test_a_log_that_is_named_twice_comes_once(folder: Path) -> None:
-    log = folder / "one/a.bin"
-    assert find([log, folder / "one", log])[0] == [log]
 
 
 def test_what_finds_nothing_is_told_and_loses_no_other(folder: Path) -> None:
@@ -511,13 +469,6 @@ def test_a_folder_that_cannot_be_read_is_told_and_hides_no_other(folder: Path, c
         logs, (error,) = find([name])
         assert logs == []
         assert str(error) == f"{closed}: cannot be read (Permission denied)"
-
-
-def test_a_name_that_no_system_takes_is_left_to_reading(tmp_path: Path) -> None:
-    logs, wrong = sources([tmp_path / ("x" * 300)])
-    assert (len(logs), wrong) == (1, [])
-    with pytest.raises(LogUnreadable, match="File name too long"):
-        recognise(logs[0].place)
 
 
 def test_a_file_that_cannot_be_read_counts_where_logs_have_such_names(

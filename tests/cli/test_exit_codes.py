@@ -21,25 +21,19 @@ def expect(done, code: int, *words: str) -> None:
         assert word in done.err, done.err
 
 
+@pytest.mark.parametrize(
+    ("name", "code", "words"),
+    [("none.ulg", 66, "none.ulg: no such file"), ("", 66, "folder"), ("-", 2, "memory-mapped")],
+    ids=["missing", "folder", "standard input"],
+)
 @pytest.mark.parametrize("command", ["analyze", "info", "health", "extract"])
-def test_a_missing_file_is_66(attlog, tmp_path, command):
-    expect(attlog(command, tmp_path / "none.ulg"), 66, "none.ulg", "no such file")
-
-
-@pytest.mark.parametrize("command", ["analyze", "info", "health", "extract"])
-def test_a_folder_is_66(attlog, tmp_path, command):
-    expect(attlog(command, tmp_path), 66, "folder")
-
-
-@pytest.mark.parametrize("command", ["analyze", "info", "health", "extract"])
-def test_standard_input_is_refused_with_the_reason(attlog, command):
-    expect(attlog(command, "-"), 2, "memory-mapped")
+def test_what_is_no_file_is_refused_with_the_reason(attlog, tmp_path, command, name, code, words):
+    expect(attlog(command, name if name == "-" else tmp_path / name), code, words)
 
 
 STRANGE = {
     "empty": b"",
     "zeros": b"\0" * 5000,
-    "text": b"hello world\n" * 400,
     "seven_bytes": b"\xa3\x95\x80\xfe\xfd\x01\x02",
     "encrypted": b"ULogEnc" + b"x" * 500,
 }
@@ -83,14 +77,6 @@ def test_a_folder_that_cannot_be_searched_is_no_bug(attlog, samples, tmp_path, w
     finally:
         locked.chmod(0o755)
     expect(done, UNSEARCHABLE[words])
-
-
-@pytest.mark.rights
-def test_unreadable_for_lack_of_rights_is_66(attlog, tmp_path):
-    path = tmp_path / "secret.ulg"
-    path.write_bytes(b"x")
-    path.chmod(0)
-    expect(attlog("info", path), 66, "secret.ulg")
 
 
 @pytest.mark.parametrize(
@@ -150,12 +136,14 @@ def test_good_logs_are_finished_and_the_worst_code_counts(attlog, samples, tmp_p
     assert json.loads(lines[0])["log"]["name"] == LOGS[0]
 
 
-def test_a_bug_is_70_with_one_line(attlog, samples, monkeypatch):
+@pytest.mark.parametrize(("error", "code"), [(ZeroDivisionError("inside"), 70), (KeyboardInterrupt(), 130)])
+def test_a_bug_is_70_with_one_line_or_its_traceback_and_an_interrupt_130(attlog, samples, monkeypatch, error, code):
     def broken(*_a, **_k):
-        raise ZeroDivisionError("inside")
+        raise error
 
     monkeypatch.setattr("attlog.pipeline.inspection.inspect", broken)
-    expect(attlog("info", samples / LOGS[0]), 70, "a bug in attlog", "ZeroDivisionError")
+    expect(attlog("info", samples / LOGS[0]), code, *(["a bug in attlog", "ZeroDivisionError"] if code == 70 else []))
+    assert ("Traceback" in attlog("info", samples / LOGS[0], "-vv").err) == (code == 70)
 
 
 def breaks(monkeypatch, name, error):
@@ -193,30 +181,16 @@ def harmful():
 def test_a_bug_in_one_of_several_logs_loses_no_other(attlog, samples, tmp_path, harmful):
     filter_file = harmful(LOGS[0], "raise ZeroDivisionError('inside')")
     logs = [samples / LOGS[0], tmp_path / "none.ulg", samples / LOGS[1]]
-    done = attlog("analyze", *logs, "-o", tmp_path / "out", "--estimators", filter_file, "--json", "-")
-    expect(done, 70, f"{LOGS[0]}: a bug in attlog", "ZeroDivisionError: inside", "none.ulg: no such file")
+    done = attlog("analyze", *logs, "-o", tmp_path / "out", "--estimators", filter_file, "--json", "-", "-vv")
+    assert (done.code, "Traceback" in done.err) == (70, True)
+    for words in (f"{LOGS[0]}: a bug in attlog", "ZeroDivisionError: inside", "none.ulg: no such file"):
+        assert words in done.err
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{LOGS[1]}.html", f"{LOGS[1]}.json"]
     assert [json.loads(line)["log"]["name"] for line in done.out.strip().splitlines()] == [LOGS[1]]
 
 
-@pytest.mark.slow
-def test_a_bug_in_one_of_several_logs_shows_its_traceback_with_vv(attlog, samples, tmp_path, harmful):
-    filter_file = harmful(LOGS[0], "raise ZeroDivisionError('inside')")
-    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", tmp_path, "--estimators", filter_file, "-vv")
-    assert (done.code, "Traceback" in done.err) == (70, True)
-    assert (tmp_path / f"{LOGS[1]}.json").exists()
-
-
 INTERRUPT = f"os.kill({os.getpid()}, signal.SIGINT); time.sleep(60)"
 """Stops the whole run, as Ctrl-C does."""
-
-
-@pytest.mark.slow
-def test_an_interrupt_ends_the_run_whatever_is_left(attlog, samples, tmp_path, harmful):
-    logs = [samples / LOGS[0], samples / LOGS[1], samples / LOGS[2]]
-    filter_file = harmful(LOGS[1], INTERRUPT)
-    assert attlog("analyze", *logs, "-o", tmp_path / "out", "--estimators", filter_file).code == 130
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == [f"{LOGS[0]}.html", f"{LOGS[0]}.json"]
 
 
 @pytest.mark.slow
@@ -236,14 +210,6 @@ def test_a_bug_while_a_log_is_told_loses_no_other(attlog, samples, tmp_path, mon
     assert len(list(tmp_path.glob("*.json"))) == 2
 
 
-def test_an_interrupt_is_130(attlog, samples, monkeypatch):
-    def interrupted(*_a, **_k):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("attlog.pipeline.inspection.inspect", interrupted)
-    assert attlog("info", samples / LOGS[0]).code == 130
-
-
 def test_no_command_prints_help(attlog):
     done = attlog()
     assert done.code == 2
@@ -253,8 +219,9 @@ def test_no_command_prints_help(attlog):
 @pytest.mark.slow
 def test_an_interrupt_says_what_was_kept(attlog, samples, tmp_path, monkeypatch, harmful):
     out, filter_file = tmp_path / "out", harmful(LOGS[1], INTERRUPT)
-    done = attlog("analyze", samples / LOGS[0], samples / LOGS[1], "-o", out, "--estimators", filter_file)
-    expect(done, 130, f"kept 1 of 2 reports in {out}: {LOGS[0]}.html")
+    done = attlog("analyze", *(samples / log for log in LOGS), "-o", out, "--estimators", filter_file)
+    expect(done, 130, f"kept 1 of 3 reports in {out}: {LOGS[0]}.html")
+    assert sorted(p.name for p in out.iterdir()) == [f"{LOGS[0]}.html", f"{LOGS[0]}.json"]
     breaks(monkeypatch, LOGS[1], KeyboardInterrupt())
     done = attlog("analyze", samples / LOGS[1], "-o", tmp_path, "--estimators", "gyro")
     expect(done, 130, "nothing was written")
@@ -290,18 +257,3 @@ def test_a_log_that_may_not_be_read_loses_no_other(attlog, samples, tmp_path):
     done = attlog("analyze", tmp_path, "-o", tmp_path / "out", "--estimators", "gyro")
     expect(done, 66, "secret.ulg")
     assert (tmp_path / "out" / f"{LOGS[0]}.html").exists()
-
-
-def test_a_bug_is_70_with_its_traceback_too(attlog, samples, monkeypatch):
-    def broken(*_a, **_k):
-        raise ZeroDivisionError("inside")
-
-    monkeypatch.setattr("attlog.pipeline.inspection.inspect", broken)
-    done = attlog("info", samples / LOGS[0], "-vv")
-    assert (done.code, "Traceback" in done.err) == (70, True)
-
-
-def test_a_plug_in_that_cannot_be_loaded_is_2_where_it_is_asked_for(attlog, tmp_path):
-    (tmp_path / "broken.py").write_text("raise RuntimeError('no good')\n")
-    for command in ("check-estimator", "estimators"):
-        expect(attlog(command, tmp_path / "broken.py"), 2, "no good")

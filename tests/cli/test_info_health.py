@@ -109,17 +109,6 @@ def test_it_prints_faults_first_folds_the_rest_and_names_what_to_set(attlog, sam
 
 
 @pytest.mark.slow
-def test_verbose_says_of_every_assessment_why(attlog, samples, monkeypatch):
-    asked(monkeypatch, *MADE)
-    out = " ".join(attlog("health", samples / LOG, "-v").out.split())
-    for made in MADE:
-        assert made.text.replace(" m/s^2", " m/s²").replace(" uT", " µT") in out
-    assert "off by 15°" in out
-    assert "Limit: 1.5 µT and 4 standard errors (measured on 39 simulated flights)." in out
-    assert "(why: -v)" not in out
-
-
-@pytest.mark.slow
 def test_json_is_one_line_for_each_log_with_everything_that_should_be_set(attlog, samples, monkeypatch):
     asked(monkeypatch, *MADE)
     done = attlog("health", samples / LOG, samples / "px4_hover.ulg", "--json", "-q")
@@ -188,13 +177,3 @@ def test_a_bad_log_costs_no_other_and_exit_codes_are_those_of_all_commands(attlo
     assert done.out.splitlines()[-1] == "  A 1"
     assert attlog("health", tmp_path / "bad.ulg").code == 65
     assert attlog("health", samples / LOG, "--params", tmp_path / "none.param").code == 66
-
-
-@pytest.mark.slow
-def test_a_strangers_names_steer_no_terminal(attlog, samples, monkeypatch):
-    evil = replace(OFFSET, sensor="M\x1b[31mAG", text="\x1b]0;owned\x07 it.", settings=[Setting("A\x1b[2J", 1.0, 2.0)])
-    asked(monkeypatch, evil)
-    for options in ([], ["-v"], ["--json"], ["--format", "md"]):
-        done = attlog("health", samples / LOG, *options)
-        assert "\x1b" not in done.out + done.err
-        assert done.code == 0

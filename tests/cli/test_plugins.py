@@ -64,31 +64,6 @@ def test_a_report_is_written_whatever_filters_from_files_do(samples, tmp_path):
     assert {f["kind"] for f in document["findings"]} >= {"estimator_failed", "estimator_timed_out"}
 
 
-@pytest.mark.slow
-def test_compare_ends_with_the_code_of_a_filter_that_took_too_long(samples, tmp_path):
-    (tmp_path / "loops.py").write_text(RUN.format(top="", body="while True: pass"))
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "attlog",
-            "compare",
-            samples / "copter_yaw_turns.bin",
-            "gyro",
-            tmp_path / "loops.py",
-            "--reference",
-            "onboard",
-            "-o",
-            tmp_path / "out",
-        ],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"ATTLOG_FILTER_TIMEOUT": "3"},
-    )
-    assert done.returncode == 75, done.stderr[-2000:]
-    assert list((tmp_path / "out").rglob("*.html"))
-
-
 LATER = "calls.append(0); time.sleep(30 if len(calls) == 2 else 0)"
 
 
@@ -193,16 +168,6 @@ def test_where_every_filter_failed_the_exit_code_and_a_sentence_say_so(attlog, s
 # ``attlog estimators``, ``new`` and ``check-estimator``: from the list to a filter of one's own.
 
 
-def test_the_list_names_every_filter_with_source(attlog):
-    from attlog.estimators import get, names
-
-    done = attlog("estimators")
-    assert done.code == 0
-    for name in names():
-        assert name in done.out
-        assert get(name).source.split()[0] in done.out
-
-
 def test_the_list_shows_needs_errors_and_cost_within_100_columns(attlog):
     from attlog.estimators.accuracy import read_accuracy
 
@@ -289,13 +254,18 @@ def test_the_template_for_whole_segments_agrees_with_the_filter_it_is(attlog, tm
 
 
 @pytest.mark.slow
-def test_a_wrong_sign_fails_the_checks_with_1(attlog, tmp_path):
+def test_a_wrong_sign_fails_the_checks_with_1_and_an_endless_step_with_75(attlog, tmp_path, monkeypatch):
     mine = tmp_path / "my_filter.py"
     attlog("new", mine)
     mine.write_text(mine.read_text().replace("state[4] + kp * ex", "state[4] - kp * ex"))
     done = attlog("check-estimator", mine)
     assert done.code == 1
     assert "FAIL  converges from 170 deg" in done.out
+    mine.write_text("def run(t, gyr, acc, mag, aids, params):\n    while True: pass\n")
+    monkeypatch.setenv("ATTLOG_FILTER_TIMEOUT", "1.5")
+    done = attlog("check-estimator", mine)
+    assert (done.code, "took longer than 1.5 s" in done.err) == (75, True)
+    assert done.out.count("FAIL") <= 2, "the others are not tried"
 
 
 def test_a_file_that_exists_is_kept(attlog, tmp_path):
@@ -303,35 +273,8 @@ def test_a_file_that_exists_is_kept(attlog, tmp_path):
     mine.write_text("precious")
     assert attlog("new", mine).code == 73
     assert mine.read_text() == "precious"
-
-
-def test_a_name_that_is_no_python_file_is_2(attlog, tmp_path):
     assert attlog("new", tmp_path / "mine.txt").code == 2
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("code", "words"),
-    [("def step(:\n", "line 1"), ("x = 1\n", "start and step"), ("import nothing_like_this\n", "nothing_like_this")],
-)
-def test_a_broken_file_is_told_with_its_place(attlog, tmp_path, code, words):
-    mine = tmp_path / "mine.py"
-    mine.write_text(code)
-    done = attlog("check-estimator", mine)
-    assert done.code == 2
-    assert words in done.err
-    assert "Traceback" not in done.err
-
-
-@pytest.mark.slow
-def test_an_endless_step_ends_the_checks_with_75(attlog, tmp_path, monkeypatch):
-    mine = tmp_path / "mine.py"
-    mine.write_text("def run(t, gyr, acc, mag, aids, params):\n    while True: pass\n")
-    monkeypatch.setenv("ATTLOG_FILTER_TIMEOUT", "1.5")
-    done = attlog("check-estimator", mine)
-    assert done.code == 75
-    assert "took longer than 1.5 s" in done.err
-    assert done.out.count("FAIL") <= 2, "the others are not tried"
+    assert list(tmp_path.iterdir()) == [mine]
 
 
 @pytest.mark.parametrize(
@@ -344,13 +287,16 @@ def test_an_endless_step_ends_the_checks_with_75(attlog, tmp_path, monkeypatch):
         (lambda path: path.write_bytes(b"a\0b"), "null bytes"),
         (lambda path: path.write_bytes(b'x = "\xe9"'), "line 1: (unicode error)"),
         (lambda path: None, "no such estimator file"),
+        (lambda path: path.write_text("def step(:\n"), "line 1"),
+        (lambda path: path.write_text("import nothing_like_this\n"), "nothing_like_this"),
     ],
-    ids=["folder", "pipe", "loop", "empty", "binary", "latin", "missing"],
+    ids=["folder", "pipe", "loop", "empty", "binary", "latin", "missing", "syntax", "import"],
 )
 def test_what_is_no_filter_file_is_2_and_told(attlog, tmp_path, make, words):
     make(tmp_path / "mine.py")
-    done = attlog("estimators", tmp_path / "mine.py")
-    assert (done.code, words in done.err) == (2, True), done.err
+    for command in ("estimators", "check-estimator"):
+        done = attlog(command, tmp_path / "mine.py")
+        assert (done.code, words in done.err, "Traceback" in done.err) == (2, True, False), done.err
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads everything")

@@ -18,8 +18,9 @@ import pytest
 from attlog.cli.process import ended_by_signals
 from tests.conftest import ROOT, SAMPLES, few
 
+pytestmark = pytest.mark.usefixtures("interruptible")
 
-@pytest.mark.usefixtures("interruptible")
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
 def test_a_signal_interrupts_and_is_told(number: signal.Signals) -> None:
     before = signal.getsignal(number)
@@ -29,7 +30,6 @@ def test_a_signal_interrupts_and_is_told(number: signal.Signals) -> None:
     assert signal.getsignal(number) == before
 
 
-@pytest.mark.usefixtures("interruptible")
 def test_what_nohup_ignores_stays_ignored() -> None:
     before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
@@ -40,7 +40,6 @@ def test_what_nohup_ignores_stays_ignored() -> None:
         signal.signal(signal.SIGHUP, before)
 
 
-@pytest.mark.usefixtures("interruptible")
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 def test_an_interrupt_during_start_up_leaves_no_traceback(tmp_path):
     (tmp_path / "typer.py").write_text("import os, signal, time\nos.kill(os.getpid(), signal.SIGINT)\ntime.sleep(5)\n")
@@ -71,7 +70,6 @@ def started(body: str, log: Path) -> subprocess.Popen[str]:
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-@pytest.mark.usefixtures("interruptible")
 @FORKS
 def test_an_error_that_nobody_told_is_told(tmp_path: Path) -> None:
     """Where memory is too short to write the sentence, or to import what writes it; it was 70 and silence."""
@@ -80,7 +78,6 @@ def test_an_error_that_nobody_told_is_told(tmp_path: Path) -> None:
     assert err.startswith("attlog: memory ran out")
 
 
-@pytest.mark.usefixtures("interruptible")
 @FORKS
 def test_an_interrupt_of_the_waiting_process_alone_reaches_the_other(tmp_path: Path) -> None:
     """``kill -INT``, or a program that started it: only a terminal interrupts both. It was ignored."""
@@ -109,12 +106,9 @@ LOG = SAMPLES / "copter_yaw_turns.bin"
 COMMANDS = {
     "help": ["--help"],
     "schema": ["schema"],
-    "estimators": ["estimators"],
     "one estimator": ["estimators", "vqf"],
     "info": ["info", LOG],
-    "info json": ["info", LOG, "--json"],
     "extract": ["extract", LOG, "ATT", "-o", "-"],
-    "analyze": ["analyze", LOG, "--estimators", "gyro", "-o", "OUT"],
 }
 
 
@@ -123,7 +117,6 @@ def start(arguments: list[str | Path | bytes], tmp_path: Path, **how: object) ->
     return subprocess.run(command, stderr=subprocess.PIPE, **how)  # type: ignore[call-overload, no-any-return]
 
 
-@pytest.mark.usefixtures("interruptible")
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no full device here")
 @pytest.mark.parametrize("arguments", few(COMMANDS.values(), 2), ids=COMMANDS.keys())
 def test_a_full_disk_behind_standard_output_is_73(tmp_path: Path, arguments: list[str | Path | bytes]) -> None:
@@ -133,18 +126,15 @@ def test_a_full_disk_behind_standard_output_is_73(tmp_path: Path, arguments: lis
     assert b"standard output cannot be written" in done.stderr
 
 
-@pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize("arguments", few([["schema"], ["info", LOG]], 1), ids=["schema", "info"])
-def test_a_reader_that_goes_away_hears_nothing(tmp_path: Path, arguments: list[str | Path | bytes]) -> None:
+def test_a_reader_that_goes_away_hears_nothing(tmp_path: Path) -> None:
     ours, theirs = os.pipe()
     os.close(ours)
-    done = start(arguments, tmp_path, stdout=theirs)
+    done = start(["schema"], tmp_path, stdout=theirs)
     os.close(theirs)
     assert (done.returncode, done.stderr) == (73, b"")
 
 
-@pytest.mark.usefixtures("interruptible")
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 @pytest.mark.parametrize("arguments", few(COMMANDS.values(), 1), ids=COMMANDS.keys())
 def test_every_command_works_where_signs_cannot_be_shown(
     tmp_path: Path, arguments: list[str | Path | bytes], encoding: str
@@ -155,15 +145,12 @@ def test_every_command_works_where_signs_cannot_be_shown(
     text = done.stdout.decode(encoding)
     assert len(text) > 100
     assert "\x1b" not in text
-    assert "\\u" not in text.replace("\\udc", "") or arguments[-1] == "--json"
+    assert "\\u" not in text.replace("\\udc", "")
     assert [line for line in text.splitlines() if line != line.rstrip()] == []
 
 
-@pytest.mark.usefixtures("interruptible")
 @pytest.mark.skipif(sys.platform == "darwin", reason="its file systems keep UTF-8 names only")
-@pytest.mark.parametrize(
-    "arguments", few([["info"], ["info", "--json"], ["extract", "ATT", "-o", "OUT"], ["extract", "ATT", "-o", "-"]], 1)
-)
+@pytest.mark.parametrize("arguments", few([["info"], ["extract", "ATT", "-o", "OUT"]], 1))
 def test_a_file_name_that_is_not_utf8_works(tmp_path: Path, arguments: list[str]) -> None:
     log = os.path.join(os.fsencode(tmp_path), b"a\xff.bin")
     os.symlink(os.fsencode(LOG), log)

@@ -41,9 +41,6 @@ def test_a_way_gives_the_same_bytes_for_a_seed_and_mostly_others_than_before(way
 @pytest.mark.parametrize("length", [1, 3, 17])
 def test_almost_nothing_can_be_broken_too(length: int) -> None:
     assert all(isinstance(mutated(RAW[:length], seed), bytes) for seed in range(200))
-
-
-def test_seeds_differ() -> None:
     assert len({mutated(RAW, seed) for seed in range(40)}) > 35
 
 
@@ -127,7 +124,7 @@ def streams(log: FlightLog) -> list[tuple[str, np.ndarray, float]]:
 @pytest.mark.parametrize("name", few(VALUE_LOGS, 1))
 def test_only_what_is_possible_reaches_the_flight(name: str) -> None:
     told = 0
-    for seed in range(60):
+    for seed in range(40):
         log = of_hostile(name, seed)
         if log is None:
             continue
@@ -146,16 +143,6 @@ def test_only_what_is_possible_reaches_the_flight(name: str) -> None:
         assert all(p.t is None or abs(p.t) < 4 * 86_400 for p in log.problems), where
         told += any(p.code == "values_out_of_range" for p in log.problems)
     assert told > 5, "the damage was seen"
-
-
-@pytest.mark.parametrize("name", VALUE_LOGS)
-def test_a_seed_gives_the_same_columns_again(name: str) -> None:
-    for seed in range(3):
-        one, two = hostile(opened_for_values(name), seed), hostile(opened_for_values(name), seed)
-        assert list(one) == list(two)
-        for key, table in one.items():
-            for column in list(table.fields)[:3]:
-                np.testing.assert_array_equal(table[column], two[key][column])
 
 
 # Each field that is read, with each value: the list is whole, a number gives the same log, and attlog takes it.
@@ -240,7 +227,10 @@ TOLD = (
     (COPTER, "accelerometer", "late", "accelerometer_delay", "taken 4.5 s later"),
 )
 """What the audit says of faults that misled the smoother, or that nobody told of."""
-EVERY = [(log, sensor, fault) for log in SENSOR_LOGS for sensor in AXES for fault in FAULTS]
+# Every fault of every sensor, on the logs in turn; ``make fuzz`` draws from all.
+EVERY = [
+    (SENSOR_LOGS[k % len(SENSOR_LOGS)], *pair) for k, pair in enumerate((s, fault) for s in AXES for fault in FAULTS)
+]
 
 
 @functools.cache
@@ -295,6 +285,7 @@ def test_a_fault_that_would_mislead_a_smoother_is_told_and_none_is_made(
     assert off_deg(case, name) < TILT_DEG
 
 
+@pytest.mark.slow
 def test_what_is_left_to_say_with_an_accelerometer_in_wrong_axes() -> None:
     """The field tells that it is not the attitude that flew: filters are compared with that, and all is led by it."""
     log = flight.flight_in(without_truth(faulty(opened_for_sensors(PX4), "accelerometer", "reversed")))
@@ -363,6 +354,7 @@ def test_broken_logs_end_as_documented(logs: list[Path], tmp_path: Path) -> None
     assert faults == []
 
 
+@pytest.mark.slow
 def test_whole_logs_have_no_fault(logs: list[Path], tmp_path: Path) -> None:
     for log in logs:
         outcome = run(Trial(log, "whole", 0, "analyze"), tmp_path)
@@ -386,6 +378,7 @@ def test_the_judge_sees_what_no_flight_has(document: dict[str, object], says: st
     assert campaign.wrong('{"x": NaN}') == ["no JSON: NaN in a result"]
 
 
+@pytest.mark.slow
 def test_a_crash_a_hang_and_a_wrong_exit_code_are_faults(
     logs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
 from attlog.reproduce.paper import Claim, FigureLine, Paper, PaperFigure, PaperNumber, PaperSetting, PaperTable, Verdict
 
 T = np.arange(0.0, 10.0, 0.01)
-MOST_WORDS = 18
 EVIL = "<img src=x onerror=alert(1)>"
 
 
@@ -26,13 +23,6 @@ def claim(number: int, verdict: Verdict) -> Claim:
         "20 % quieter: 0.8 deg against 1.0 deg.",
         "0.5 deg" if number == 1 else "",
     )
-
-
-def long_sentences(paper: Paper) -> list[str]:
-    """What a paper's page says in more than 18 words on end; numbers and what stands in brackets are none."""
-    texts = [text for c in paper.claims for text in (c.says, c.by, c.measured)] + list(paper.notes)
-    sentences = [s for text in texts for s in re.split(r"(?<=[.!?]) (?=[A-Z|0-9])", text)]
-    return [s for s in sentences if len(re.findall(r"\S*[A-Za-z]\S*", re.sub(r"\(.*?\)", "", s))) > MOST_WORDS]
 
 
 def paper() -> Paper:

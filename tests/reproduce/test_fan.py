@@ -10,7 +10,6 @@ from attlog.core import rotation
 from attlog.reproduce import fan, fan_runs
 from attlog.reproduce.fan_runs import AHEAD, EKF, FILTER, RAW
 from attlog.reproduce.paper import Measures, Paper, PaperOptions, Seeds, Verdict
-from tests.reproduce.made import long_sentences
 
 SEEDS = 3
 
@@ -129,19 +128,6 @@ def test_a_claim_that_hangs_on_the_noise_values_says_with_which_it_holds(seeds: 
     assert "with none" in claim.by
 
 
-def test_it_is_counted_how_many_claims_hold_at_once() -> None:
-    held, not_held = "holds", "does not hold"
-    some = fan._jointly([[held, held, not_held], [not_held, held, held]])
-    assert "1 with ours, 2 with walks x 3 and 1 with walks x 10. One gives all 2" in some
-    assert "No set gives all 2" in fan._jointly([[held, not_held, not_held], [not_held, held, held]])
-
-
-@pytest.mark.slow
-def test_spikes_are_seen_in_the_complementary_filter_and_not_in_the_kalman_filter(seeds: list[Measures]) -> None:
-    assert all(s["spikes", FILTER] > s["spikes", EKF] for s in seeds)
-    assert all(s["peak", FILTER] > 2 * s["peak", EKF] for s in seeds)
-
-
 @pytest.mark.slow
 def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
     for figure in found.figures:
@@ -169,8 +155,3 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
 )
 def test_where_a_claim_holds_and_where_that_is_open_is_said(verdicts: tuple[Verdict, ...], said: str) -> None:
     assert fan_runs.by_walk(verdicts) == said
-
-
-@pytest.mark.slow
-def test_its_sentences_are_short(found: Paper) -> None:
-    assert long_sentences(found) == []

@@ -13,9 +13,8 @@ from attlog.reproduce import lyu, lyu_runs
 from attlog.reproduce import lyu_runs as lyu_flight
 from attlog.reproduce.paper import Paper, PaperOptions, Seeds
 from tests.conftest import few
-from tests.reproduce.made import long_sentences
 
-SEEDS = 3
+SEEDS = 2
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -40,9 +39,8 @@ def number(paper: Paper, claim: str, what: str) -> float:
 
 
 @pytest.mark.parametrize("reading", few(["second", "sample"], 1))
-@pytest.mark.parametrize("seed", few(range(SEEDS), 1))
-def test_at_rest_the_two_filters_are_one_to_the_last_bit(seed: int, reading: str) -> None:
-    s = lyu_runs.at_rest(seed)
+def test_at_rest_the_two_filters_are_one_to_the_last_bit(reading: str) -> None:
+    s = lyu_runs.at_rest(0)
     gains = {"kp": 0.5, "ki": 0.001, "mag_gain": 0.0, "acc_form": "direction", "integrator": "first_order"}
     fixed = attlog.estimate("complementary", s.t, s.gyr, s.acc, dt=s.dt, ki_per=reading, **gains)
     variable = attlog.estimate(
@@ -56,15 +54,6 @@ def test_at_rest_the_two_filters_are_one_to_the_last_bit(seed: int, reading: str
 
 
 @pytest.mark.slow
-def test_the_claim_of_a_quieter_rest_does_not_hold(found: Paper) -> None:
-    claim = next(c for c in found.claims if c.id == "rest")
-    assert claim.verdict == "does not hold"
-    assert number(found, "rest", "equal to the last bit") == 100.0
-    assert "equal to the last bit in 100 %" in claim.by
-    assert number(found, "rest", "spread of roll, variable over fixed integral, ki per sample") == 1.0
-
-
-@pytest.mark.slow
 def test_the_spread_at_rest_is_that_of_a_line_fitted_by_hand(found: Paper) -> None:
     spreads = []
     for seed in range(SEEDS):
@@ -75,6 +64,8 @@ def test_the_spread_at_rest_is_that_of_a_line_fitted_by_hand(found: Paper) -> No
         roll = np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))[late]
         left = roll - np.polyval(np.polyfit(s.t[late], roll, 1), s.t[late])
         spreads.append(np.sqrt(np.sum(left**2) / (len(left) - 2)))
+    assert next(c for c in found.claims if c.id == "rest").verdict == "does not hold"
+    assert number(found, "rest", "equal to the last bit") == 100.0
     told = number(found, "rest", "spread of roll, both filters, ki per second")
     assert told == pytest.approx(np.mean(spreads), rel=1e-9)
 
@@ -168,14 +159,3 @@ def test_an_improvement_that_costs_hardly_more_is_told_from_one_that_costs_twice
     new, old = lyu_runs.variable("second"), lyu_runs.fixed("second")
     assert lyu.cost_claim({new: [40.0, 41.0, 40.5], old: [33.0, 33.5, 33.0]}).verdict == "holds"
     assert lyu.cost_claim({new: [80.0, 81.0, 80.5], old: [33.0, 33.5, 33.0]}).verdict == "does not hold"
-
-
-@pytest.mark.slow
-def test_what_is_a_motive_of_the_paper_is_no_claim_of_it(found: Paper) -> None:
-    assert {c.id for c in found.claims} == {"rest", "follow", "settle", "flight", "cost"}
-    assert "overshoots" in found.tables[0].head[2]
-
-
-@pytest.mark.slow
-def test_its_sentences_are_short(found: Paper) -> None:
-    assert long_sentences(found) == []

@@ -41,17 +41,10 @@ def step_of(axis: int, degrees: float, gains: Gains, vehicle: Vehicle, seconds: 
 @pytest.mark.parametrize("axis", few([0, 1, 2], 1))
 @pytest.mark.parametrize(
     ("lag", "gains"),
-    few(
-        [
-            (0.025, HUANG),
-            (0.08, HUANG),
-            (
-                0.04,
-                dataclasses.replace(HUANG, angle_kp=(8.0, 8.0, 2.0), rate_ki=(0.1,) * 3, rate_kd=(0.006, 0.006, 0.0)),
-            ),
-        ],
-        1,
-    ),
+    [
+        (0.025, HUANG),
+        (0.04, dataclasses.replace(HUANG, angle_kp=(8.0, 8.0, 2.0), rate_ki=(0.1,) * 3, rate_kd=(0.006, 0.006, 0.0))),
+    ],
 )
 def test_a_small_step_is_the_one_of_the_transfer_function(axis: int, lag: float, gains: Gains) -> None:
     vehicle = Vehicle(motor_lag_s=lag)
@@ -213,18 +206,7 @@ def test_integrals_stop_where_the_command_is_limited() -> None:
     assert state[RATE_INTEGRAL] < 0.001
 
 
-@pytest.mark.slow
-def test_without_anti_windup_a_large_step_would_swing_over() -> None:
-    gains = dataclasses.replace(HUANG, angle_ki=(4.0, 4.0, 0.0), rate_limit=(1.0, 1.0, 1.0), angle_part=(9.0, 9.0, 0.0))
-    _, y, _ = step_of(0, 60.0, gains, Vehicle(), seconds=6.0)
-    wound = dataclasses.replace(gains, rate_limit=(50.0, 50.0, 1.0), angle_ki=(4.0, 4.0, 0.0))
-    _, free, _ = step_of(0, 60.0, wound, Vehicle(), seconds=6.0)
-    assert y.max() - 1.0 < 0.05
-    assert free.max() - 1.0 > y.max() - 1.0
-    assert abs(y[-1] - 1.0) < 0.03
-
-
-@pytest.mark.parametrize("degrees", few([20.0, 60.0, 120.0, 179.0], 1))
+@pytest.mark.parametrize("degrees", few([120.0, 179.0], 1))
 def test_it_comes_back_from_any_angle(degrees: float) -> None:
     rng = np.random.default_rng(int(degrees))
     axis = rng.standard_normal(3)
@@ -270,13 +252,6 @@ def test_compiled_it_is_the_plain_function(monkeypatch: pytest.MonkeyPatch) -> N
     np.testing.assert_allclose(fast, plain, atol=1e-12)
 
 
-def test_stopped_rotors_forget_everything() -> None:
-    state, out = np.full(controller.STATE_SIZE, 0.3), np.full(11, 0.3)
-    controller.control(state, HUANG.pack(), LEVEL, np.ones(3), np.array([*LEVEL, 0.5, 0.0]), SHARES, 0.0025, out)
-    assert not state.any()
-    assert not out.any()
-
-
 # Set-points from commands, by closed forms and without a simulator.
 
 G, HOVER, DT = 9.81, 0.43, 0.0025
@@ -318,18 +293,6 @@ def test_the_lean_is_limited_and_keeps_its_direction() -> None:
     assert math.atan2(thrust[1], thrust[0]) == pytest.approx(math.atan2(40.0, 30.0))
 
 
-def test_hovering_where_it_shall_be_asks_for_level_and_for_the_weight() -> None:
-    made = after(seconds=3.0)
-    assert wanted(made) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
-    assert made.command[THRUST] == pytest.approx(HOVER)
-    assert made.command[ENGAGED] == 1.0
-
-
-def test_the_thrust_grows_with_the_tilt_that_it_has() -> None:
-    tilted = rotation.from_euler(np.radians(40.0), 0.0, 0.0)
-    assert after(seconds=0.5, q=tilted).command[THRUST] == pytest.approx(HOVER / math.cos(math.radians(40.0)))
-
-
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_tracking_is_the_wave_that_was_asked_for(axis: str) -> None:
     index = ("roll", "pitch").index(axis)
@@ -367,19 +330,24 @@ def test_the_point_that_is_followed_gathers_speed_gently() -> None:
     assert made._path == pytest.approx([5.0, 0.0], abs=0.01)
 
 
+def test_the_weight_is_carried_also_tilted_and_rotors_stand_unless_armed() -> None:
+    made, tilted = after(seconds=3.0), rotation.from_euler(np.radians(40.0), 0.0, 0.0)
+    assert (wanted(made), made.command[ENGAGED]) == (pytest.approx([0.0, 0.0, 0.0], abs=1e-9), 1.0)
+    assert made.command[THRUST] == pytest.approx(HOVER)
+    assert after(seconds=0.5, q=tilted).command[THRUST] == pytest.approx(HOVER / math.cos(math.radians(40.0)))
+    made = after(Command(t=1.0, do="disarm"), seconds=1.1)
+    assert (made.armed, made.command[ENGAGED]) == (False, 0.0)
+    state, out = np.full(controller.STATE_SIZE, 0.3), np.full(11, 0.3)
+    controller.control(state, HUANG.pack(), LEVEL, np.ones(3), np.array([*LEVEL, 0.5, 0.0]), SHARES, 0.0025, out)
+    assert not state.any()
+    assert not out.any()
+
+
 def test_without_a_position_it_asks_for_level() -> None:
     moving = np.array([3.0, -2.0, 0.0])
     far = Command(t=1.0, do="goto", north_m=100.0)
     assert wanted(after(far, seconds=3.0, placed=False, v=moving)) == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
     assert wanted(after(far, seconds=3.0, v=moving))[1] != pytest.approx(0.0, abs=1.0)
-
-
-def test_before_it_is_armed_and_after_it_is_disarmed_rotors_stand() -> None:
-    made = Guidance((), Controller(), HOVER, G)
-    made.step(0.0, DT, LEVEL_ATTITUDE, NOWHERE, NOWHERE, True)
-    assert (made.armed, made.landed, made.command[ENGAGED]) == (False, True, 0.0)
-    made = after(Command(t=1.0, do="disarm"), seconds=1.1)
-    assert (made.armed, made.command[ENGAGED]) == (False, 0.0)
 
 
 def test_it_has_landed_when_it_does_not_sink_any_more_and_disarms_itself() -> None:

@@ -18,10 +18,7 @@ from scipy import stats
 
 import attlog
 from attlog.core import rotation
-from attlog.simulate.environment import generator
 from attlog.simulate.flight import Flight
-from attlog.testing.motions import CONSUMER_NOISE, FIELD_T, GRAVITY
-from tests.conftest import few
 from tests.simulate.still import (
     ACC_UG_RTHZ,
     GYRO_DPS_RTHZ,
@@ -71,26 +68,18 @@ def noise_and_drift(seeds: range, folder: Path) -> tuple[list[bool], list[bool],
 
 
 @pytest.mark.slow
-def test_noise_and_drift_intervals_hold_the_truth_on_a_few_seeds(tmp_path: Path) -> None:
-    noise, drift, ratio = noise_and_drift(range(2), tmp_path)
-    assert sum(noise) >= 5
-    assert sum(drift) >= 1
-    assert np.mean(ratio) == pytest.approx(1.0, abs=0.2)
-
-
-@pytest.mark.slow
 def test_noise_and_drift_intervals_hold_the_truth_at_their_stated_rate(tmp_path: Path) -> None:
-    noise, drift, ratio = noise_and_drift(range(100, 140), tmp_path)
+    noise, drift, ratio = noise_and_drift(range(100, 124), tmp_path)
     assert at_least_as_stated(noise), f"{sum(noise)} of {len(noise)}"
     assert at_least_as_stated(drift), f"{sum(drift)} of {len(drift)}"
-    assert np.mean(ratio) == pytest.approx(1.0, abs=0.04)
+    assert np.mean(ratio) == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.slow
 def test_the_drift_of_a_walking_bias_is_held_at_the_stated_rate(tmp_path: Path) -> None:
     """The bias walks by as much in a minute as it is known: the mean drift of the record is the truth."""
     held = []
-    for seed in range(200, 230):
+    for seed in range(200, 224):
         flight = statistical_flight(still(walk=0.0005), seed)
         result = analysed(flight, tmp_path, estimators=["gyro"])
         one = answer(result, "gyro", "drift_rest_deg_per_min", "rest")
@@ -112,15 +101,8 @@ def lags(seeds: range, folder: Path) -> tuple[list[bool], list[float]]:
 
 
 @pytest.mark.slow
-def test_the_lag_of_a_late_gyro_is_found_and_held(tmp_path: Path) -> None:
-    held, found = lags(range(1), tmp_path)
-    assert all(held)
-    assert np.mean(found) == pytest.approx(LATE_MS, abs=0.1)
-
-
-@pytest.mark.slow
 def test_lag_intervals_hold_the_truth_at_their_stated_rate(tmp_path: Path) -> None:
-    held, found = lags(range(100, 120), tmp_path)
+    held, found = lags(range(100, 110), tmp_path)
     assert at_least_as_stated(held), f"{sum(held)} of {len(held)}"
     assert np.mean(found) == pytest.approx(LATE_MS, abs=0.05)
 
@@ -186,7 +168,7 @@ def test_single_samples_of_gravity_and_field_are_off_by_their_noise() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kp", few([0.3, 1.0, 3.0], 1))
+@pytest.mark.parametrize("kp", [0.3, 3.0])
 def test_a_proportional_filter_is_off_by_bias_over_gain_and_by_filtered_noise(kp: float) -> None:
     """x' = -kp x + bias + gyro noise + kp accelerometer noise: mean bias / kp, variance (N^2 + kp^2 n^2) / (2 kp)."""
     n = np.degrees(ACC_UG_RTHZ * 1e-6)
@@ -200,14 +182,3 @@ def test_a_proportional_filter_is_off_by_bias_over_gain_and_by_filtered_noise(kp
         spread.append(((e - bias / kp) ** 2).mean())
     assert math.sqrt(np.mean(spread)) == pytest.approx(wanted, rel=0.2)
     assert np.abs(offsets).max() < 4.0 * wanted
-
-
-def test_the_conformance_checks_leave_room_above_what_noise_alone_does() -> None:
-    """Their 1 deg of tilt and 3 deg of heading at rest are 5.5 and 2.5 sigma of single samples of CONSUMER's noise."""
-    tilt = math.degrees(CONSUMER_NOISE.acc * math.sqrt(100.0) / GRAVITY)
-    heading = math.degrees(CONSUMER_NOISE.mag / FIELD_T[0])
-    assert 1.0 / tilt > 5.5
-    assert 3.0 / heading > 2.5
-    # A gyro alone after the 30 s of that check, its bias known.
-    assert math.degrees(CONSUMER_NOISE.gyro * math.sqrt(30.0)) < 0.1
-    assert generator(0, "a").random() != generator(0, "b").random()

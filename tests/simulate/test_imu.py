@@ -28,10 +28,7 @@ def adev(x: Array, rate: float, tau: float) -> tuple[float, float]:
     return float(found[0]), max(math.sqrt(edf / low) - 1.0, 1.0 - math.sqrt(edf / high))
 
 
-@pytest.mark.parametrize(
-    ("sampling", "rate", "lowpass"),
-    few([("interval", 400.0, 0.0), ("interval", 250.0, 0.0), ("instant", 400.0, 0.0), ("instant", 1000.0, 40.0)], 1),
-)
+@pytest.mark.parametrize(("sampling", "rate", "lowpass"), few([("interval", 400.0, 0.0), ("instant", 1000.0, 40.0)], 1))
 def test_the_allan_deviation_is_that_of_the_declared_densities(sampling: str, rate: float, lowpass: float) -> None:
     """sigma(tau) = N / sqrt(tau) for white noise of density N (IEEE Std 952-1997, annex C)."""
     imu = perfect(
@@ -62,12 +59,6 @@ def test_the_bias_walks_with_the_declared_slope() -> None:
     assert np.mean(found) == pytest.approx(1.0, abs=0.05)
     steps = np.concatenate([np.diff(unit(imu, seconds=100.0, seed=s).gyro_bias[::40], axis=0) for s in range(4)])
     assert steps.std() == pytest.approx(math.radians(0.01) * math.sqrt(0.1), rel=0.04)
-
-
-def test_white_noise_and_bias_walk_are_independent_of_each_other() -> None:
-    noisy = unit(perfect({"noise_dps_rthz": 0.007}), seconds=5.0, seed=1)
-    both = unit(perfect({"noise_dps_rthz": 0.007, "walk_dps_rts": 0.01}), seconds=5.0, seed=1)
-    assert np.allclose(both.gyro - both.gyro_bias, noisy.gyro, atol=1e-5)
 
 
 def test_raw_samples_are_multiples_of_the_step_and_end_at_the_range() -> None:
@@ -178,7 +169,7 @@ def test_vibration_stands_at_the_harmonics_of_the_rotors_speed() -> None:
             assert found == pytest.approx(want * (speed / hover) ** 2, rel=0.02)
 
 
-@pytest.mark.parametrize("cutoff", [20.0, 80.0, 300.0])
+@pytest.mark.parametrize("cutoff", [20.0, 300.0])
 def test_the_low_pass_is_scipys_butterworth(cutoff: float) -> None:
     b0, b1, b2, a1, a2 = low_pass(cutoff, 2000.0)
     b, a = signal.butter(2, cutoff, fs=2000.0)

@@ -73,8 +73,8 @@ def test_it_is_the_batch_run_after_a_rest(name: str, sampling: str) -> None:
     assert_same(live, *data, sampling=sampling)
 
 
-@pytest.mark.parametrize("name", few(["mahony_dcm@huang", "ekf12@fan", "mekf", "accel_mag", "px4_q"], 4))
-@pytest.mark.parametrize("first_field", few([2.0, 0.3, 3.8], 1))
+@pytest.mark.parametrize("name", ["mahony_dcm@huang", "ekf12@fan", "mekf", "px4_q"])
+@pytest.mark.parametrize("first_field", few([2.0, 3.8], 1))
 def test_it_is_the_batch_run_from_a_start_in_motion_and_with_a_compass_that_comes_late(
     name: str, first_field: float
 ) -> None:
@@ -127,46 +127,15 @@ def test_a_given_attitude_is_flown_on_from_the_first_sample() -> None:
     np.testing.assert_allclose(early.q, q0, atol=1e-12)
 
 
-def test_there_is_no_attitude_before_the_start_is_over() -> None:
-    t, gyr, acc, mag = made(4.0, still=4.0)
-    live = Live("mahony", RATE, RATE / MAG_EVERY)
-    known = []
-    for k in range(len(t)):
-        live.sample(float(t[k]), gyr[k], acc[k], None if np.isnan(mag[k]).all() else mag[k])
-        known.append(live.q is not None)
-    begin = t[known.index(True)]
-    assert 0.5 < begin < 0.52
-
-
-@pytest.mark.parametrize("name", WHOLE)
-def test_whole_run_estimators_are_refused_with_the_reason(name: str) -> None:
-    with pytest.raises(UsageError, match=f"{name} cannot fly: it runs over a whole log"):
-        Live(name, RATE, RATE / MAG_EVERY)
-
-
-@pytest.mark.slow
-def test_what_a_filter_from_a_file_raises_in_flight_is_told_with_the_file(tmp_path: Path) -> None:
-    path = tmp_path / "raises.py"
-    path.write_text(
-        "def start(params, acc, mag, q0):\n    return q0.copy()\n"
-        "def step(state, params, dt, gyr, acc, mag):\n    if acc[0] > 50.0:\n        raise ValueError('no good')\n"
-    )
-    t, gyr, acc, mag = made(3.0, still=1.2)
-    acc[-20:, 0] = 60.0
-    with pytest.raises(PluginError, match=r"raises\.py.*no good"):
-        flown(Live(str(path), RATE, None), t, gyr, acc, np.full_like(mag, np.nan))
-
-
-def test_a_filter_that_needs_a_compass_does_not_fly_without() -> None:
+def test_whole_run_estimators_and_those_without_their_compass_are_refused_with_the_reason() -> None:
+    for name in WHOLE:
+        with pytest.raises(UsageError, match=f"{name} cannot fly: it runs over a whole log"):
+            Live(name, RATE, RATE / MAG_EVERY)
     with pytest.raises(UsageError, match="ekf12 needs a magnetometer"):
         Live("ekf12", RATE, None)
-
-
-def test_without_a_compass_the_start_does_not_wait_for_one() -> None:
     t, gyr, acc, mag = made(3.0, still=1.2)
     live = flown(Live("mahony", RATE, None), t, gyr, acc, np.full_like(mag, np.nan))
-    batch = estimate("mahony", t, gyr, acc)
-    np.testing.assert_allclose(live.estimate().q, batch.q, atol=1e-12)
+    np.testing.assert_allclose(live.estimate().q, estimate("mahony", t, gyr, acc).q, atol=1e-12)
 
 
 def test_an_attitude_that_was_given_for_the_start_is_not_that_of_a_restart() -> None:
@@ -221,6 +190,7 @@ def written(folder: Path, now: str = "pass", step: str = "pass") -> str:
     return str(path)
 
 
+@pytest.mark.slow
 def test_the_flight_is_that_of_this_process_to_the_bit(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     name = written(tmp_path)
     scenario = hop(seconds=3.0, estimator={"name": f"{name}:scale=0.9"})
@@ -240,7 +210,6 @@ def test_the_flight_is_that_of_this_process_to_the_bit(tmp_path: Path, capfd: py
     few(
         [
             ("raise ValueError('no good')", "pass", "own.py, line 9: ValueError: no good"),
-            ("os._exit(0)", "pass", "its process ended without an answer (exit status 0)"),
             ("os.abort()", "pass", "SIGABRT"),
             ("os.closerange(3, 64)", "pass", "cannot answer any more"),
             ("return np.zeros(3)", "state[:] = np.nan", "cannot fly: gives"),

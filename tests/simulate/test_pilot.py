@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -155,12 +154,6 @@ def test_a_kill_stops_the_rotors_in_the_air() -> None:
     assert flight.truth.ground[-1]
 
 
-@pytest.mark.parametrize("name", ["eskf", "vqf"])
-def test_a_scenario_on_an_estimator_that_cannot_fly_is_refused(name: str) -> None:
-    with pytest.raises(UsageError, match=f"{name} cannot fly"):
-        fly(scenario(5.0, estimator=name))
-
-
 class Known:
     """An estimator that knows attitude and bias from the first sample on."""
 
@@ -191,6 +184,8 @@ def test_the_bias_that_the_filter_knows_is_taken_off_the_rate() -> None:
 def test_parameters_of_the_estimator_are_flown() -> None:
     own = scenario(3.0).changed(estimator=EstimatorChoice(name="mahony@xu-2", params={"ki": 0.02}))
     assert fly(own).onboard.estimator == "mahony@xu-2:ki=0.02"
+    with pytest.raises(UsageError, match="eskf cannot fly"):
+        fly(own.changed(estimator=EstimatorChoice(name="eskf")))
     with pytest.raises(UsageError, match="truth has no parameters"):
         fly(own.changed(estimator=EstimatorChoice(name="truth", params={"ki": 0.02})))
 
@@ -240,30 +235,14 @@ def test_navigation_learns_what_the_accelerometer_is_off_by() -> None:
 
 
 @pytest.mark.slow
-def test_a_flight_is_the_same_to_the_bit_for_the_same_seed() -> None:
-    one, two, other = (fly(scenario(5.0, estimator="mekf", wind=0.3), seed) for seed in (3, 3, 4))
-    np.testing.assert_array_equal(one.onboard.q, two.onboard.q)
-    np.testing.assert_array_equal(one.truth.p, two.truth.p)
-    assert np.abs(one.truth.p - other.truth.p).max() > 1e-4
-
-
-def test_the_autopilot_is_one_as_the_simulator_wants_it() -> None:
-    made: autopilot.Autopilot = pilot.make_pilot(scenario(5.0), 9.81, 0.05)
-    nothing = autopilot.SensorInputs(np.zeros((0, 8)), None, None, None, (np.array([1.0, 0, 0, 0]), *np.zeros((3, 3))))
-    assert made.step(0.0025, nothing).shape == (4,)
-    assert dataclasses.is_dataclass(made.onboard())
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "seeds"),
-    [("mahony_dcm@huang", 20), ("madgwick", 20)]
-    + [(n, 5) for n in ("truth", "mahony", "complementary", "ekf12@fan", "mekf", "px4_q")],
+    [("truth", 1), ("mahony_dcm@huang", 5), ("madgwick", 5), ("complementary", 2), ("ekf12@fan", 2), ("px4_q", 2)],
 )
 def test_hover_and_tracking_are_within_the_papers_bounds(name: str, seeds: int) -> None:
     """Hover within +-5 deg (Huang); a sine of 15 deg and 2 s comes after the set-point by what the loop's gain says.
 
-    Over many seeds for the paper's filter and for the one that comes nearest to a bound.
+    Over more seeds for the paper's filter and for the one that comes nearest to a bound.
     """
     sine = Command(t=20.0, do="track", amplitude_deg=15.0, period_s=2.0)
     most, delays, gains = [], [], []
@@ -277,10 +256,6 @@ def test_hover_and_tracking_are_within_the_papers_bounds(name: str, seeds: int) 
         # The set-point is 15 sin(pi (t - 20)): a sine without phase.
         delays.append(np.arctan2(-c, s) / np.pi)
         gains.append(np.hypot(c, s) / 15.0)
-    print(
-        f"{name}: hover {np.mean(most):.2f} deg, largest {np.max(most):.2f}; delay {1e3 * np.mean(delays):.0f} ms "
-        f"+-{1e3 * np.std(delays):.0f}, gain {np.mean(gains):.3f}"
-    )
     assert np.max(most) < 5.0
     vehicle = Vehicle()
     linear = LoopAxis(float(authority(vehicle)[0]), vehicle.motor_lag_s, Gains.of(Controller()), 0, 2.0 / 400.0)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 
@@ -87,15 +86,6 @@ def test_an_asymmetric_top_turns_as_jacobis_elliptic_functions_say() -> None:
         ]
     )
     assert np.abs(states[:, W : W + 3] - want).max() < 1e-7
-
-
-def test_a_symmetric_top_precesses_at_the_closed_form_rate() -> None:
-    vehicle = dataclasses.replace(FREE, inertia_kg_m2=(0.02, 0.02, 0.03))
-    states, _ = run(body(vehicle, gravity=0.0, w=(2.0, 0.0, 8.0)), 5.0)
-    nutation = (0.03 - 0.02) / 0.02 * 8.0
-    t = H * np.arange(1, len(states) + 1)
-    want = np.column_stack([2.0 * np.cos(nutation * t), 2.0 * np.sin(nutation * t), np.full(len(t), 8.0)])
-    assert np.abs(states[:, W : W + 3] - want).max() < 1e-8
 
 
 def test_spinning_rotors_turn_a_body_like_a_gyroscope() -> None:
@@ -188,23 +178,6 @@ def test_a_rotor_torque_has_the_size_that_thrust_and_arm_give() -> None:
     assert raw[0, 3:6] == pytest.approx(want, rel=1e-3)
 
 
-def test_the_attitude_is_the_integral_of_the_rate_as_scipy_sees_it() -> None:
-    one = body(gravity=0.0, w=(2.0, -3.0, 1.0))
-    states, raw = run(one, 2.0, (0.5, 0.4, 0.45, 0.42))
-    t = H * np.arange(len(states) + 1)
-    rate = np.vstack([[2.0, -3.0, 1.0], raw[:, :3]])
-
-    def kinematics(at: float, y: Array) -> Array:
-        w = np.array([np.interp(at, t, rate[:, k]) for k in range(3)])
-        turn = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
-        matrix: Array = y.reshape(3, 3) @ turn
-        return matrix.ravel()
-
-    end = solve_ivp(kinematics, (0, t[-1]), np.eye(3).ravel(), rtol=1e-8, atol=1e-9, max_step=0.01).y[:, -1]
-    off = turned(states[-1, Q : Q + 4]).inv() * Rotation.from_matrix(end.reshape(3, 3))
-    assert off.magnitude() < 2e-6  # scipy sees the rate as straight lines between the steps: 1.0e-6 rad of it
-
-
 def test_specific_force_is_acceleration_less_gravity_in_body_axes() -> None:
     one = body(Vehicle(), w=(2.0, -3.0, 1.0), v=(8.0, 1.0, -2.0))
     states, raw = run(one, 1.0, (0.5, 0.4, 0.45, 0.42), np.array([3.0, 0.0, 0.0]))
@@ -216,14 +189,14 @@ def test_specific_force_is_acceleration_less_gravity_in_body_axes() -> None:
 
 
 @pytest.mark.slow
-def test_at_rest_on_its_feet_nothing_moves_for_minutes_even_in_wind() -> None:
+def test_at_rest_on_its_feet_nothing_moves_even_in_wind() -> None:
     one = Body(Vehicle(), 9.81, 1.2, heading_rad=1.0)
     start = one.state[:10].copy()
     calm, raw = run(one, 10.0)
     assert np.abs(calm[:, :10] - start).max() < 1e-12
     assert np.abs(raw[:, :6]).max() < 1e-9
     assert np.abs(raw[:, 6:9] - [0, 0, -9.81]).max() < 1e-9
-    windy, _ = run(one, 60.0, wind=np.array([6.0, -3.0, 0.5]))
+    windy, _ = run(one, 20.0, wind=np.array([6.0, -3.0, 0.5]))
     late = windy[20_000:]
     assert np.ptp(late[:, :10], axis=0).max() < 1e-9  # it leans a little and stays there: nothing creeps
     assert np.abs(windy[-1, :2] - start[:2]).max() < 2e-3

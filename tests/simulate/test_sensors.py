@@ -9,14 +9,12 @@ from typing import Any
 import allantools
 import numpy as np
 import pytest
-from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from attlog.core import earth
 from attlog.simulate.flight import Flight, Truth
 from attlog.simulate.fly import fly
 from attlog.simulate.scenario import PlantedFault
-from attlog.simulate.sensor_settings import GyroSettings, MagSettings, SensorSettings
 from attlog.simulate.sensors import (
     BaroSensor,
     GnssSensor,
@@ -239,35 +237,6 @@ def test_a_silent_sensor_sends_nothing_and_a_stuck_one_the_same(part: str) -> No
     value = {"mag": "field", "gnss": "alt", "baro": "pressure"}[part]
     assert np.ptp(getattr(stuck, value)[now], axis=0).max() < 1e-9
     assert np.ptp(getattr(stuck, value)[~now], axis=0).max() > 0
-
-
-# What a sensor is like without a word said: the data sheets and accuracies that the settings name.
-
-
-def test_the_gyro_is_the_data_sheets() -> None:
-    """TDK DS-000143: 0.006 deg/s/sqrt(Hz); a hundredth of it per root of hour would walk 0.0002 deg/s/sqrt(s)."""
-    gyro = GyroSettings()
-    assert gyro.noise_dps_rthz == 0.006
-    assert gyro.walk_dps_rts * math.sqrt(3600.0) == pytest.approx(0.012)
-    assert gyro.bias_spread_dps == 0.1
-
-
-def test_the_magnetometer_is_a_magneto_inductive_one() -> None:
-    """PNI RM3100 at 200 counts: 13 nT a count, 1100 uT, 50 nT at 1 Hz."""
-    mag = MagSettings()
-    assert (mag.step_ut, mag.range_ut, mag.noise_ut_rthz, mag.rate_hz) == (0.013, 1100.0, 0.05, 50.0)
-    assert mag.hard_iron_spread_ut == 0.3
-
-
-@pytest.mark.parametrize("wrong", [{"rate_hz": 0.0}, {"noise_ut_rthz": -0.1}, {"range_ut": 0.0}, {"other": 1.0}])
-def test_what_no_sensor_can_have_is_refused(wrong: dict[str, float]) -> None:
-    with pytest.raises(ValidationError):
-        MagSettings(**wrong)  # type: ignore[arg-type]
-
-
-def test_a_board_has_one_of_each() -> None:
-    board = SensorSettings()
-    assert [len(part) for part in (board.imu, board.mag, board.gnss, board.baro)] == [1, 1, 1, 1]
 
 
 # When a sensor measures: rasters, phases, jitter and gaps.
