@@ -171,23 +171,23 @@ def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSente
 def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Question, Difference]]) -> str:
     """Describe the effect of a changed onboard parameter, largest change first.
 
-    ``Heading error 14.2 to 4.1°, compass innovation 18 to 4.2 µT; tilt error unchanged.`` Each aid is represented by
-    its innovation, else by its test ratio.
+    One log: ``Heading error 14.2 to 4.1°, compass innovation 18 to 4.2 µT; tilt error unchanged.`` Several: ``On 5
+    flights: heading error −62 % (−71 to −50 %).`` Each aid is represented by its innovation, else by its test ratio.
     """
+    flights = max(d.logs for _, d in pairs)
     said, same, others = [], [], []
     by_aid: dict[str, tuple[float, str]] = {}
     for question, d in pairs:
         first, second = _values_text(found, question, name)
         text, size = _from_to(question, first, second), abs(math.log(d.value or 1.0)) if d.scale == "ratio" else 0.0
+        if flights > 1:
+            text = f"{subject_of(question)} {change_text(question, d)}{f' on {d.logs} of {flights}' if d.logs < flights else ''}"
         statistic, _, aid = question.metric.partition(".")
-        if (
-            question.metric in REFERENCE_ERRORS
-            and not d.significant
-            and (first == second or size < UNCHANGED_LOG_RATIO)
-        ):
-            same.append(subject_of(question))
-        elif question.metric in REFERENCE_ERRORS:
-            said.append(text + ("" if d.significant else " (not significant)"))
+        if question.metric in REFERENCE_ERRORS:
+            if _is_unchanged(d) or (first == second and flights == 1):
+                same.append(subject_of(question))
+            else:
+                said.append(text + ("" if d.significant or flights > 1 else " (not significant)"))
         elif not d.significant or first == second:
             continue
         elif statistic in ("innovation_rms", "test_ratio_rms"):
@@ -199,9 +199,15 @@ def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Questio
     said += changes[:shown] + [f"{len(changes) - shown} more"] * (len(changes) > shown)
     text = "; ".join(part for part in (", ".join(said), f"{listed(same)} unchanged" if same else "") if part)
     text = text or "no significant change of innovations and errors"
-    if len(found.configurations) > 2:
-        return f"{found.labels[name]}: {text}."
-    return f"{text[:1].upper()}{text[1:]}."
+    before = [found.labels[name]] * (len(found.configurations) > 2) + [f"on {flights} flights"] * (flights > 1)
+    text = f"{' '.join(before)}: {text}" if before else text
+    return f"{text[:1].upper() if len(found.configurations) == 2 else text[:1]}{text[1:]}."
+
+
+def _is_unchanged(d: Difference) -> bool:
+    """Return whether a change is insignificant and small; of several logs its whole interval."""
+    ends = d.ci95 if d.logs > 1 and d.ci95 is not None else (d.value or 1.0,)
+    return not d.significant and all(e > 0.0 and abs(math.log(e)) < UNCHANGED_LOG_RATIO for e in ends)
 
 
 def _from_to(question: Question, first: str, second: str) -> str:
