@@ -15,7 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators
-from attlog.compare.setting import SETTINGS, Configuration, Value, numbers_text, parameter_table
+from attlog.compare.setting import (
+    SETTINGS,
+    Configuration,
+    Value,
+    flown_filter,
+    numbers_text,
+    offered_name,
+    parameter_table,
+)
 from attlog.core import rotation, signal
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
@@ -24,7 +32,8 @@ from attlog.flight.recalibration import recorrected_units
 from attlog.flight.vehicle import version_number
 from attlog.metrics.metric import Case
 from attlog.pipeline import replay
-from attlog.pipeline.onboard_rerun import rerun_row
+from attlog.pipeline.onboard_rerun import flown_inputs, rerun_row
+from attlog.pipeline.recalibrated_inputs import recalibrate_inputs
 from attlog.reference.model import Reproduction, Track
 from attlog.result import EstimatorRow, ParameterValue
 from attlog.segments import model
@@ -120,8 +129,9 @@ class ConfiguredFilter:
                 )
             return replay.recorded_row(case, imu, c.row, c.name + suffix)
         if c.is_flown:
-            spec = estimators.EstimatorSpec(c.row.estimator, c.row.preset, flown_parameters(case.log, c))
-            return rerun_row(case, imu, spec, c.name + suffix)
+            changes = flown_changes(case.log, c)
+            spec = estimators.EstimatorSpec(c.row.estimator, c.row.preset, changes.parameters)
+            return rerun_row(case, imu, spec, c.name + suffix, calibration=changes.calibration)
         row, line = FilterInput.of(case, c, suffix).row()
         for name, value in c.before.items():
             setting = SETTINGS[name]
@@ -130,8 +140,17 @@ class ConfiguredFilter:
         return row, line
 
 
-def flown_parameters(log: FlightLog, c: Configuration) -> dict[str, float | str]:
-    """Return the firmware parameters that a configuration of a flown filter changes.
+@dataclass(frozen=True, slots=True)
+class FlownChanges:
+    """Changes of a flown filter on one log: parameters and calibrations; ``remarks`` on what is not applied."""
+
+    parameters: dict[str, float | str]
+    calibration: dict[str, float]
+    remarks: list[str]
+
+
+def flown_changes(log: FlightLog, c: Configuration) -> FlownChanges:
+    """Return what a configuration of a flown filter changes on a log.
 
     From a parameter file only values that differ from the log's. UsageError for settings of the samples, because the
     filter runs on its onboard inputs, and for parameters of another version.
@@ -140,16 +159,46 @@ def flown_parameters(log: FlightLog, c: Configuration) -> dict[str, float | str]
     if others:
         raise UsageError(f"{', '.join(others)}: nothing comes before {c.row.estimator.name}, it runs on its own inputs")
     wrong = [name for name in c.row.params if log.param(name) is None and not _is_of_version(log, c, name)]
+    firmware = f"{log.firmware.name} {log.firmware.version}"
     if wrong:
-        raise UsageError(f"{log.firmware.name} {log.firmware.version} has no {', '.join(wrong)}")
-    if c.params is None:
-        return dict(c.row.params)
-    known = {p.name for p in c.row.estimator.parameters}
-    given = {name: value for name, value in read_parameter_file(c.params).items() if name in known}
-    flown = {name: log.param(name) for name in given}
-    changed = {n: v for n, v in given.items() if not math.isclose(v, flown[n] or 0.0, rel_tol=1e-6, abs_tol=1e-9)}
-    checked = {name: c.row.estimator.parameter(name).check(value, c.params.name) for name, value in changed.items()}
-    return {**checked, **c.row.params}
+        raise UsageError(f"{firmware} has no {', '.join(wrong)}")
+    parameters: dict[str, float | str] = {}
+    given = {} if c.params is None else read_parameter_file(c.params)
+    remarks = []
+    for name, value in given.items():
+        flew = log.param(name)
+        if flown_filter(f"{name}=") != c.row.estimator.name or (
+            flew is not None and math.isclose(value, flew, rel_tol=1e-6, abs_tol=1e-9)
+        ):
+            continue
+        try:
+            offered = offered_name(c.row.estimator, name)
+            if not offered:
+                remarks.append(f"{name}: {c.row.estimator.name} does not know it; not applied")
+            elif flew is None and not _is_of_version(log, c, offered):
+                remarks.append(f"{name}: {firmware} does not have it; not applied")
+            else:
+                parameters[offered] = c.row.estimator.parameter(offered).check(value, str(c.params))
+        except UsageError as why:
+            remarks.append(f"{why}; not applied")
+    return FlownChanges({**parameters, **c.row.params}, given, remarks)
+
+
+def change_remarks(case: Case, c: Configuration, start: str) -> list[str]:
+    """Return a remark on each change of a flown filter that is not applied, and on calibrations that are.
+
+    ``start``: of its re-run, "warm" or "cold".
+    """
+    changes, table = flown_changes(case.log, c), parameter_table(c.row.estimator.name)
+    remarks = [*changes.remarks]
+    if changes.calibration:
+        remarks += recalibrate_inputs(
+            case.log, flown_inputs(case, next(iter(case.imus.values()))), changes.calibration
+        )[1]
+    names = [n for n in changes.parameters if getattr(table.TABLE[n.removeprefix(table.PREFIX)], "start", False)]
+    if start == "warm" and names:
+        remarks.append(f"{', '.join(names)}: acts on a cold start alone, and this re-run begins from logged states")
+    return remarks
 
 
 def _is_of_version(log: FlightLog, c: Configuration, name: str) -> bool:
@@ -160,21 +209,15 @@ def _is_of_version(log: FlightLog, c: Configuration, name: str) -> bool:
     return bool(known.first <= at <= known.last)
 
 
-def start_remark(found: Reproduction, c: Configuration) -> str:
-    """Warn about parameters that act on a cold start, if the re-run has none."""
-    table = parameter_table(c.row.estimator.name)
-    names = [n for n in c.row.params if getattr(table.TABLE[n.removeprefix(table.PREFIX)], "start", False)]
-    if found.start != "warm" or not names:
-        return ""
-    return f"{', '.join(names)}: acts on a cold start alone, and this re-run begins from logged states"
+def require_reproduction(case: Case, name: str, *, anyway: bool = False) -> Reproduction | None:
+    """Return the re-run's deviation from the flown attitude.
 
-
-def require_reproduction(case: Case, name: str) -> Reproduction:
-    """Return the re-run's deviation from the flown attitude. LogUnusable if too large."""
+    LogUnusable if it is too large or unknown, unless ``anyway``.
+    """
     row, _ = rerun_row(case, next(iter(case.imus.values())), estimators.parse(name), name)
     found = row.reproduction
-    said = reproduction_text(name, found) if found else f"{name} cannot be compared with what flew."
-    if found is None or not found.follows:
+    if (found is None or not found.follows) and not anyway:
+        said = reproduction_text(name, found) if found else f"{name} cannot be compared with what flew."
         raise LogUnusable(f"{said} Its parameters are not studied; --anyway does")
     return found
 

@@ -19,7 +19,7 @@ from attlog.compare.comparison import (
     commonest_reason,
     select_questions,
 )
-from attlog.compare.filter_input import ConfiguredFilter, require_reproduction, start_remark
+from attlog.compare.filter_input import ConfiguredFilter, change_remarks, require_reproduction
 from attlog.compare.paired import Difference, paired, pool
 from attlog.compare.same_flight import FlightTrack, find_repeats, flight_track
 from attlog.compare.setting import Configuration, labels, parse_configuration, setting_argument
@@ -144,9 +144,10 @@ def failed_log(log: Path, name: str, error: Exception) -> LogComparison:
 def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison:
     runs = [ConfiguredFilter(parse_configuration(text, called)) for called, text in plan.configurations]
     case = prepare(log, plan.options)
-    changed = [run.configuration for run in runs if run.configuration.is_flown and not plan.anyway]
-    follows = {name: require_reproduction(case, name) for name in dict.fromkeys(c.row.estimator.name for c in changed)}
-    remarks = [start_remark(follows[c.row.estimator.name], c) for c in changed]
+    remarks: list[str] = []
+    for c in (run.configuration for run in runs if run.configuration.is_flown):
+        followed = require_reproduction(case, c.row.estimator.name, anyway=plan.anyway)
+        remarks += change_remarks(case, c, "" if followed is None else followed.start)
     result = evaluate(case, runs, only={question.metric for question in plan.questions})
     facts = result.log
     sha256 = str(facts.get("sha256") or "")
@@ -164,7 +165,7 @@ def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison
         overruns=tuple(finding.text for finding in result.findings if finding.kind == TIMED_OUT),
         track=flight_track(case.log, name, sha256),
         nothing_ran=nothing_ran(result.estimators),
-        remarks=tuple(filter(None, remarks)),
+        remarks=tuple(dict.fromkeys(remarks)),
     )
     by_name = {row.name: row for row in result.estimators}
     rows = [by_name[called] for called, _ in plan.configurations]

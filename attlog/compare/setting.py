@@ -271,22 +271,25 @@ def build_configuration(
 
 def _assign(estimator: Estimator, key: str, value: object, params: dict[str, Any], before: dict[str, Value]) -> None:
     """Check a value and store it with the filter's parameters or its settings."""
-    if any(p.name == key for p in estimator.parameters):
-        params[key] = check_parameter(estimator, key, value)
+    if offered := offered_name(estimator, key):
+        params[offered] = check_parameter(estimator, offered, value)
     elif key in SETTINGS:
         before[key] = SETTINGS[key].check(value)
-    elif estimator.name in FLOWN and (offered := _offered_as(estimator, key)):
-        params[offered] = check_parameter(estimator, offered, value)
     else:
         hint = suggestion(key, [*(p.name for p in estimator.parameters), *SETTINGS])
         raise UsageError(f"{estimator.name} has no parameter {key}, and no setting before a filter is called so{hint}")
 
 
-def _offered_as(estimator: Estimator, key: str) -> str:
-    """Return the re-run's name of another firmware version's parameter, "" if unknown.
+def offered_name(estimator: Estimator, key: str) -> str:
+    """Return a filter's own name of a parameter, "" for one that it does not have.
 
-    UsageError with the reason for a parameter of the firmware that the re-run does not offer.
+    A re-run also knows the names of other firmware versions. UsageError with the reason for a parameter of the firmware
+    that it does not offer.
     """
+    if any(p.name == key for p in estimator.parameters):
+        return key
+    if estimator.name not in FLOWN:
+        return ""
     table = parameter_table(estimator.name)
     if key in table.ALIASES:
         return next(p.name for p in estimator.own if p.name.endswith(table.ALIASES[key]))

@@ -117,10 +117,12 @@ def with_params_file(configurations: Sequence[Configuration], path: Path) -> lis
     named = list(configurations)
     if not named:
         replicas = map(parse_configuration, REPLICAS)
-        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}][:1]
+        named = [c for c in replicas if set_there & {p.name for p in c.row.estimator.parameters}]
+        calibrated = "px4_ekf2" if any(n.startswith("CAL_") for n in set_there) else "ap_ekf3"
+        named = named[:1] or [parse_configuration(calibrated)] * calibrates(set_there)
     samples = calibrates(set_there)
     runs = [c for c in named if "params" not in c.before and not estimators.is_recorded(c.row.estimator.origin)]
-    taking = [c for c in runs if samples or c.row.estimator.from_log is not None]
+    taking = [c for c in runs if samples or c.row.estimator.from_log is not None or c.is_flown]
     if not taking:
         raise UsageError(f"--params {path}: name a filter that takes these parameters ({', '.join(REPLICAS)})")
     found: dict[str, Configuration] = {}

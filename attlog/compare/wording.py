@@ -181,7 +181,8 @@ def what_if_sentence(found: Comparison, name: str, pairs: Sequence[tuple[Questio
         first, second = _values_text(found, question, name)
         text, size = _from_to(question, first, second), abs(math.log(d.value or 1.0)) if d.scale == "ratio" else 0.0
         if flights > 1:
-            text = f"{subject_of(question)} {change_text(question, d)}{f' on {d.logs} of {flights}' if d.logs < flights else ''}"
+            text = f"{subject_of(question)} {change_text(question, d)}"
+            text += f" on {d.logs} of {flights}" if d.logs < flights else ""
         statistic, _, aid = question.metric.partition(".")
         if question.metric in REFERENCE_ERRORS:
             if _is_unchanged(d) or (first == second and flights == 1):

@@ -135,8 +135,8 @@ ARDUPILOT_SLOTS = 3
 SCALE_RANGE = (1.0 / 1.5, 1.5)
 # Values of COMPASS_MOTCT.
 ARDUPILOT_MOTOR_POWERS = {0: "", 1: "throttle", 2: "current"}
-# Decimals of parameters in mG or mG/A, and in m/s^2.
-ARDUPILOT_DIGITS, ACC_DIGITS = 2, 4
+# Decimals of parameters in mG or mG/A, in m/s^2, and in rad/s.
+ARDUPILOT_DIGITS, ACC_DIGITS, GYRO_DIGITS = 2, 4, 6
 # Since this version accelerometer offsets are in sensor axes, before in vehicle axes.
 SENSOR_AXES_VERSION = (3, 3)
 
@@ -273,6 +273,23 @@ def ardupilot_accelerometer(values: Values, index: int, version: str) -> Calibra
     correction = Correction(turn * scale, -parameter_vector(values, offsets), np.zeros(3))
     units, fixed = dict.fromkeys(offsets, "m/s^2"), ("AHRS_ORIENTATION",)
     return Calibration(correction, offsets, -1.0, (*offsets, *scales), fixed, units, ACC_DIGITS)
+
+
+def ardupilot_gyro(values: Values, index: int, version: str) -> Calibration:
+    """Return the calibration of a gyro in rad/s. CalibrationUnknownError gives the reason why it is unknown."""
+    if (0, 0) < version_number(version) < SENSOR_AXES_VERSION:
+        raise CalibrationUnknownError("Before version 3.3 gyro offsets had other axes.")
+    name = "INS_GYR" if index == 0 else f"INS_GYR{index + 1}" if index < ARDUPILOT_SLOTS else f"INS{index + 1}_GYR"
+    offsets = axis_names(f"{name}OFFS")
+    if values.get("INS_GYR_CAL", 1.0) != 0.0:
+        raise CalibrationUnknownError("The gyro is calibrated anew at each boot (INS_GYR_CAL): offsets do not last.")
+    turn = mounting_matrix(values.get("AHRS_ORIENTATION", 0.0))
+    if turn is None or not all(n in values for n in offsets):
+        raise CalibrationUnknownError(f"The log does not hold {offsets[0]}, or AHRS_ORIENTATION is one of angles.")
+    correction = Correction(turn, -parameter_vector(values, offsets), np.zeros(3))
+    return Calibration(
+        correction, offsets, -1.0, offsets, ("AHRS_ORIENTATION",), dict.fromkeys(offsets, "rad/s"), GYRO_DIGITS
+    )
 
 
 # --- PX4 ---------------------------------------------------------------------------------------------------------
@@ -418,6 +435,15 @@ def px4_accelerometer(values: Values, device_id: int) -> Calibration:
     fixed = (*(f"CAL_ACC{k}_ID" for k in range(PX4_SLOTS)), f"CAL_ACC{n}_ROT", *BOARD_PARAMETERS)
     units = dict.fromkeys(px4_axis_names("ACC", n, "OFF"), "m/s^2")
     return Calibration(correction, px4_axis_names("ACC", n, "OFF"), -1.0, names, fixed, units, PX4_DIGITS)
+
+
+def px4_gyro(values: Values, device_id: int) -> Calibration:
+    """Return the calibration of a gyro in rad/s. CalibrationUnknownError gives the reason why it is unknown."""
+    n = _px4_known_slot("GYRO", values, device_id)
+    offsets = px4_axis_names("GYRO", n, "OFF")
+    correction = Correction(_px4_rotation("GYRO", values, n), -_px4_offset("GYRO", values, n), np.zeros(3))
+    fixed = (*(f"CAL_GYRO{k}_ID" for k in range(PX4_SLOTS)), f"CAL_GYRO{n}_ROT", *BOARD_PARAMETERS)
+    return Calibration(correction, offsets, -1.0, offsets, fixed, dict.fromkeys(offsets, "rad/s"), GYRO_DIGITS)
 
 
 def _px4_known_slot(kind: str, values: Values, device_id: int) -> int:

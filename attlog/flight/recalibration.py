@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -98,6 +98,18 @@ def flown_accelerometer(log: FlightLog, imu: Imu, read: dict[str, float] | None 
     if read is None:
         _check_unchanged(log, found)
     return found
+
+
+def flown_gyro(log: FlightLog, imu: Imu, read: dict[str, float] | None = None) -> Calibration:
+    """Return the calibration of a gyro by the flown parameters, or by ``read``.
+
+    CalibrationUnknownError gives the reason.
+    """
+    used = flown_parameters(log) if read is None else read
+    if _known_firmware(log, "gyro") == "ArduPilot":
+        return calibration.ardupilot_gyro(used, imu.index, log.firmware.version)
+    # Gyro and accelerometer of one chip have one device id.
+    return calibration.px4_gyro(used, _device_number(log, imu.device or imu.acc_device))
 
 
 def flown_motor_type(log: FlightLog, mag: Mag, power: str) -> dict[str, float]:
@@ -229,26 +241,74 @@ Known = Callable[[dict[str, float] | None], Calibration]
 Bias = Callable[[Calibration], Array]
 
 
+@dataclass(frozen=True, slots=True)
+class Recorrection:
+    """Change of a sensor's calibration by the parameters ``changed``.
+
+    ``bias`` (3,): learned beside the old parameters, and removed with them.
+    """
+
+    log: FlightLog
+    old: Calibration
+    new: Calibration
+    bias: Array
+    changed: list[str]
+
+    def corrected(self, t: Array, x: Array) -> Array:
+        """Return logged values ``x`` (n, 3) at ``t`` s as the new parameters correct them."""
+        before, after = (
+            motor_power(self.log, each.motor_power, t) if each.correction.motor.any() else 0.0
+            for each in (self.old, self.new)
+        )
+        return self.new.correction.body(self.old.correction.raw(x - self.bias, before), after)
+
+
+def changed_parameters(log: FlightLog, given: Mapping[str, float]) -> dict[str, float]:
+    """Return the calibration parameters of ``given`` that differ from the flown ones."""
+    flew = flown_parameters(log)
+    return {n: v for n, v in given.items() if n in flew and not math.isclose(v, flew[n], rel_tol=1e-6, abs_tol=1e-9)}
+
+
+def compass_recorrection(log: FlightLog, mag: Mag, differ: Mapping[str, float]) -> Recorrection | None:
+    """Return the change of a compass's calibration, None where ``differ`` leaves it."""
+    return _recorrection(log, differ, partial(flown_compass, log, mag), partial(learned_compass_bias, log, mag))
+
+
+def accelerometer_recorrection(log: FlightLog, imu: Imu, differ: Mapping[str, float]) -> Recorrection | None:
+    """Return the change of an accelerometer's calibration, None where ``differ`` leaves it."""
+    return _recorrection(log, differ, partial(flown_accelerometer, log, imu))
+
+
+def gyro_recorrection(log: FlightLog, imu: Imu, differ: Mapping[str, float]) -> Recorrection | None:
+    """Return the change of a gyro's calibration, None where ``differ`` leaves it."""
+    return _recorrection(log, differ, partial(flown_gyro, log, imu))
+
+
+def _recorrection(
+    log: FlightLog, differ: Mapping[str, float], known: Known, bias: Bias = lambda _: np.zeros(3)
+) -> Recorrection | None:
+    old = known(None)
+    changed = [name for name in differ if name in old.names]
+    if not changed:
+        return None
+    if turned := [name for name in differ if name in old.fixed]:
+        raise CalibrationUnknownError(f"{turned[0]} differs too: which sensor is meant, or its axes, is not known.")
+    return Recorrection(log, old, known({**flown_parameters(log), **differ}), bias(old), changed)
+
+
 def recorrect(log: FlightLog, file: str, given: Mapping[str, float]) -> set[str]:
     """Correct the log's sensors as the firmware would have by the parameters ``given`` in a ``file``.
 
     Returns the names of the parameters with an effect. Each sensor is reported in the log's problems.
     """
-    flew, used = flown_parameters(log), set()
-    differ = {
-        name: value
-        for name, value in given.items()
-        if name in flew and not math.isclose(value, flew[name], rel_tol=1e-6, abs_tol=1e-9)
-    }
+    differ, used = changed_parameters(log, given), set()
     if any(COMPASS_PARAMETERS.fullmatch(name) for name in differ):
         for mag in log.mags:
-            known, bias = partial(flown_compass, log, mag), partial(learned_compass_bias, log, mag)
-            used |= _recorrect_stream(log, file, mag.field, differ, known, bias)
+            used |= _recorrect_stream(log, file, mag.field, differ, partial(compass_recorrection, log, mag, differ))
     if any(ACCELEROMETER_PARAMETERS.fullmatch(name) for name in differ):
         for imu in log.imus:
-            used |= _recorrect_stream(
-                log, file, imu.acc, differ, partial(flown_accelerometer, log, imu), lambda _: np.zeros(3)
-            )
+            find = partial(accelerometer_recorrection, log, imu, differ)
+            used |= _recorrect_stream(log, file, imu.acc, differ, find)
     return used
 
 
@@ -268,30 +328,26 @@ def recorrected_units(
 
 
 def _recorrect_stream(
-    log: FlightLog, file: str, stream: Stream, differ: Mapping[str, float], known: Known, bias: Bias
+    log: FlightLog, file: str, stream: Stream, differ: Mapping[str, float], find: Callable[[], Recorrection | None]
 ) -> set[str]:
     """Correct a sensor's ``stream`` in place by the parameters ``differ``; return those with an effect."""
-    flew = flown_parameters(log)
     try:
-        old = known(None)
-        changed = [name for name in differ if name in old.names]
-        if not changed:
+        found = find()
+        if found is None:
             return set()
-        if turned := [name for name in differ if name in old.fixed]:
-            raise CalibrationUnknownError(f"{turned[0]} differs too: which sensor is meant, or its axes, is not known.")
-        new = known({**flew, **differ})
-        before, after = (
-            motor_power(log, each.motor_power, stream.t_best) if each.correction.motor.any() else 0.0
-            for each in (old, new)
-        )
-        # A learned bias belongs to the old parameters and is removed with them.
-        stream.x = new.correction.body(old.correction.raw(stream.x - bias(old), before), after)
+        stream.x = found.corrected(stream.t_best, stream.x)
     except CalibrationUnknownError as why:
         text = f"{stream.source} is not corrected by the calibration of {file}. {why}"
         log.problems.append(Problem("calibration_not_applied", "note", text))
         return set()
-    each = [f"{name} {differ[name]:.6g} (was {flew[name]:.6g})" for name in changed[:MAX_SHOWN]]
-    more = f" and {len(changed) - MAX_SHOWN} more" if len(changed) > MAX_SHOWN else ""
-    text = f"{stream.source} is corrected by {', '.join(each)}{more} of {file}. The onboard attitude is as it flew."
+    changes = changes_text(log, found.changed, differ)
+    text = f"{stream.source} is corrected by {changes} of {file}. The onboard attitude is as it flew."
     log.problems.append(Problem("calibration_applied", "note", text))
-    return set(changed)
+    return set(found.changed)
+
+
+def changes_text(log: FlightLog, changed: Sequence[str], differ: Mapping[str, float]) -> str:
+    """List changed parameters with both values: ``COMPASS_OFS_X 12 (was 5)``."""
+    flew = flown_parameters(log)
+    each = [f"{name} {differ[name]:.6g} (was {flew[name]:.6g})" for name in changed[:MAX_SHOWN]]
+    return ", ".join(each) + (f" and {len(changed) - MAX_SHOWN} more" if len(changed) > MAX_SHOWN else "")

@@ -71,6 +71,11 @@ def inputs_of(case: Case, unit: str) -> Any:
     return read(unit=int(unit)) if unit else read()
 
 
+def flown_inputs(case: Case, imu: Imu) -> Any:
+    """Return the inputs of the filter that flew on an IMU."""
+    return inputs_of(case, str(imu.index) if case.log.firmware.name == "ArduPilot" else "")
+
+
 @per_case
 def gnss_rate_of(case: Case, _: str) -> float | None:
     """Fit the onboard rate of the GNSS receiver, with the flown parameters."""
@@ -96,15 +101,20 @@ def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
 
 
 def rerun_row(
-    case: Case, imu: Imu, spec: estimators.EstimatorSpec, name: str, field_error_ut: Array | None = None
+    case: Case,
+    imu: Imu,
+    spec: estimators.EstimatorSpec,
+    name: str,
+    field_error_ut: Array | None = None,
+    calibration: Mapping[str, float] | None = None,
 ) -> tuple[Track, EstimatorRow]:
     """Re-run the onboard filter, with the values of ``spec`` over the log's parameters.
 
-    ``field_error_ut`` (3,): compass error in body axes, subtracted from its samples first. UsageError if the log lacks
-    inputs.
+    ``field_error_ut`` (3,): compass error in body axes, subtracted from its samples first. ``calibration``: parameters
+    of sensors that correct the samples instead of the flown ones. UsageError if the log lacks inputs.
     """
     changes = {key: float(value) for key, value in spec.params.items()}
-    found = run_again(case, imu, spec.estimator.name, changes, field_error_ut)
+    found = run_again(case, imu, spec.estimator.name, changes, field_error_ut, calibration)
     estimate = found.estimate(case.log.t0_us * 1e-6)
     row = reference.replayed(
         case.log,
@@ -119,20 +129,30 @@ def rerun_row(
     )
     row.imu, row.ns_per_update, row.aux = imu, None, dict(estimate.aux)
     row.aux[DIFFERENCE] = onboard_difference(case, estimate)
-    row.reproduction = None if changes or field_error_ut is not None else reproduction(case, estimate, found.start)
+    unchanged = not changes and not calibration and field_error_ut is None
+    row.reproduction = reproduction(case, estimate, found.start) if unchanged else None
     from attlog.pipeline.replay import table_row
 
     return row, table_row(row, spec, {name: (value, "option") for name, value in spec.params.items()})
 
 
 def run_again(
-    case: Case, imu: Imu, name: str, changes: Mapping[str, float], field_error_ut: Array | None = None
+    case: Case,
+    imu: Imu,
+    name: str,
+    changes: Mapping[str, float],
+    field_error_ut: Array | None = None,
+    calibration: Mapping[str, float] | None = None,
 ) -> Rerun:
     """Re-run a firmware's filter with parameters (full names) over the log's own.
 
     UsageError if the log is of another firmware, or lacks inputs.
     """
-    inputs = inputs_of(case, str(imu.index) if case.log.firmware.name == "ArduPilot" else "")
+    inputs = flown_inputs(case, imu)
+    if calibration:
+        from attlog.pipeline.recalibrated_inputs import recalibrate_inputs
+
+        inputs, _ = recalibrate_inputs(case.log, inputs, calibration)
     if field_error_ut is not None and len(inputs.mag["t"]):
         field = inputs.mag["x"] - field_error_ut * 1e-6 * GAUSS_PER_TESLA
         inputs = replace(inputs, mag={**inputs.mag, "x": field})

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ import pytest
 
 import attlog
 from attlog.compare.comparison import Comparison
-from attlog.compare.filter_input import FilterInput, require_reproduction, start_remark
+from attlog.compare.filter_input import FilterInput, change_remarks, require_reproduction
 from attlog.compare.grid import parse_free_parameters, search_request
 from attlog.compare.run import compare
 from attlog.compare.search import flown_questions
@@ -134,10 +133,10 @@ def test_a_parameter_of_another_version_is_refused_by_the_log(case: Case) -> Non
 
 
 def test_a_parameter_of_the_start_is_remarked_in_a_warm_run(case: Case) -> None:
-    found = replace(require_reproduction(case, "px4_ekf2"), start="warm")
-    assert "cold start alone" in start_remark(found, parse_configuration("EKF2_ANGERR_INIT=0.3"))
-    assert start_remark(replace(found, start="cold"), parse_configuration("EKF2_ANGERR_INIT=0.3")) == ""
-    assert start_remark(found, parse_configuration(LATE)) == ""
+    at_start = parse_configuration("EKF2_ANGERR_INIT=0.3")
+    assert "cold start alone" in "".join(change_remarks(case, at_start, "warm"))
+    assert change_remarks(case, at_start, "cold") == []
+    assert change_remarks(case, parse_configuration(LATE), "warm") == []
 
 
 def test_a_log_of_another_firmware_is_refused() -> None:
