@@ -114,71 +114,37 @@ def told() -> Result:
     return made
 
 
-@pytest.mark.parametrize("question", ["accuracy", "noise"])
-def test_a_leader_that_the_table_does_not_mark_is_found(question):
+PLANTED: tuple[tuple[int, str, str], ...] = (
+    (0, "Tilt: mahony 2.0°, others 1.0 to 9.0°.", "called best, ranking says"),
+    (1, "At rest mahony 2.0°, others 1.0 to 9.0°.", "called best, ranking says"),
+    (0, "Tilt: VQF 7.7°, others 2.0 to 9.0°.", "7.7 is no number of the table"),
+    (0, "Tilt: VQF 1.0°, others 2.0 to 9.0 deg.", "code or id in words"),
+    (2, "VQF +1 ms; VQF is 33 % short after 0.5 s.", "33 % is no error of a step"),
+    (2, "All 5 filters 1 to 9 ms ahead of onboard.", "the table has [3]"),
+    (2, "All 2 ranked filters 1 to 9 ms ahead of onboard.", "the table has [3]"),
+    (3, "At rest VQF below 57.0°/min.", "excludes nothing"),
+)
+
+
+@pytest.mark.parametrize(("question", "said", "why"), PLANTED)
+def test_a_sentence_that_the_table_denies_is_found(question: int, said: str, why: str) -> None:
     made = told()
     assert contradictions(made) == []
-    for names in made.best.values():
-        for metric in names:
-            names[metric] = ["mahony"]
-    assert any(line.startswith(question) for line in contradictions(made))
+    made.verdicts[question].sentence = said
+    assert any(why in line for line in contradictions(made))
 
 
-@pytest.mark.parametrize(("was", "now"), [("1.0°", "1.3°"), ("VQF", "mahony@xu"), ("9.0°", "9.0 deg")])
-def test_a_changed_word_or_number_is_found(was, now):
-    made = told()
-    for v in made.verdicts:
-        v.sentence = v.sentence.replace(was, now)
-    assert contradictions(made)
-
-
-def wrong(made: Result, words: str) -> bool:
-    """Whether a contradiction with these words is found."""
-    return any(words in line for line in contradictions(made))
-
-
-def test_a_bound_that_excludes_nothing_or_too_much_is_found():
-    made = told()
-    made.verdicts[3].sentence = "At rest VQF below 57.0°/min."
-    assert wrong(made, "excludes nothing")
-    made.verdicts[3].sentence = "At rest VQF below 0.50°/min."
-    made.estimators[0].metrics["rest"][DRIFT_REST].ci95 = (-0.7, 0.5)
-    assert wrong(made, "said to be below 0.50")
-
-
-def test_all_filters_that_are_not_all_of_the_table_are_found():
-    made = told()
-    made.verdicts[2].sentence = "All 5 filters 1 to 9 ms ahead of onboard."
-    assert wrong(made, "the table has [3]")
-    made.verdicts[2].sentence = "All 2 ranked filters 1 to 9 ms ahead of onboard."
-    assert wrong(made, "the table has [3]")
-
-
-def test_a_headline_that_its_findings_deny_is_found():
+def test_a_headline_or_a_finding_that_the_result_denies_is_found() -> None:
     made = told()
     made.headline = "Quadrotor: flew 3 to 80 s. Nothing went wrong."
-    assert not wrong(made, "headline")
-    made.findings = [Finding("crash", "serious", "Hit the ground at 9 s.")]
-    assert wrong(made, "nothing went wrong beside")
-    made.headline = "Quadrotor: EKF re-aligned yaw at 6 s."
-    assert wrong(made, "no event says so")
-
-
-def test_a_finding_of_a_sensor_that_its_check_calls_ok_is_found():
-    made = told()
     made.findings = [Finding("compass", "warning", "The field is 9 uT off.", about="field")]
     made.checks = [Check("field", "warning", "9 uT off.")]
-    assert not wrong(made, "finding")
+    assert contradictions(made) == []
     made.checks[0].verdict = "ok"
-    assert wrong(made, "by its checks")
-
-
-def test_a_number_that_is_not_in_the_table_is_found():
-    made = told()
-    made.verdicts[0].sentence = "Tilt: VQF 7.7°, others 2.0 to 9.0°."
-    assert wrong(made, "7.7 is no number of the table")
-    made.verdicts[2].sentence += " VQF is 33 % short after 0.5 s."
-    assert wrong(made, "33 % is no error of a step")
+    made.findings.append(Finding("crash", "serious", "Hit the ground at 9 s."))
+    said = " ".join(contradictions(made))
+    assert "nothing went wrong beside" in said
+    assert "by its checks" in said
 
 
 def longest_clause(text: str) -> int:
