@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from attlog import __version__
 from attlog.estimators import names
 from attlog.estimators.accuracy import ANGLES, FILE, SETS, FilterAccuracy, read_accuracy
-from attlog.metrics.intervals import student
+from attlog.metrics.statistics import student
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "estimators.md"

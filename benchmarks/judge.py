@@ -46,8 +46,7 @@ from attlog.health import Check, HealthCase, run_checks
 from attlog.pipeline import replay
 from attlog.reference import alignment, scoring
 from attlog.reference.model import Reference, ReferenceOptions
-from attlog.reference.scoring import interpolate
-from attlog.segments.model import Segments
+from attlog.segments.model import Segments, interpolate_attitudes
 
 Array = NDArray[np.float64]
 
@@ -202,7 +201,7 @@ class Outcome:
 def errors(t: Array, q: Array, truth: Attitude) -> tuple[Array, Array]:
     """Tilt and signed heading errors (n,) in deg of attitudes (n, 4) at ``t``; NaN where truth does not cover it."""
     at = truth.t if truth.t_sample is None else truth.t_sample
-    of, _ = interpolate(at, rotation.normalize(truth.q), np.zeros(len(at), np.int64), t)
+    of, _ = interpolate_attitudes(at, rotation.normalize(truth.q), np.zeros(len(at), np.int64), t)
     e = rotation.earth_error(q, of)
     return np.degrees(rotation.tilt_angle(e)), np.degrees(rotation.heading_angle(e))
 

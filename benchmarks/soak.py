@@ -121,7 +121,7 @@ def trend(means: list[float], steps: float) -> tuple[float, float]:
     """
     import numpy as np
 
-    from attlog.metrics.intervals import student
+    from attlog.metrics.statistics import student
 
     x = np.arange(len(means)) - (len(means) - 1) / 2
     y = np.array(means) - np.mean(means)

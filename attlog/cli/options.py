@@ -419,9 +419,9 @@ def check_truth(config: Config) -> None:
         return
     if config.reference not in ("auto", "truth"):
         raise UsageError(f"--truth {config.truth}: the reference is {config.reference}; leave out one of the two")
-    from attlog.external import request
+    from attlog.external import read
 
-    request.check_truth(config.truth)
+    read.check_truth(config.truth)
 
 
 def for_comparison(options: ComparisonOptions, before: dict[str, Any] | None = None) -> Config:

@@ -14,8 +14,8 @@ from attlog.core.plain import to_plain
 from attlog.estimators.registry import FLOWN
 from attlog.metrics import Metric, definitions
 from attlog.metrics.heading import GNSS_HEADING_NAME
-from attlog.metrics.innovations import AID_GROUPS, RESETS
 from attlog.metrics.metric import named
+from attlog.metrics.rerun import AID_GROUPS, RESETS
 from attlog.words.ranking import AIR, ALL, DRIFT_AIR, PHASES, REST, SELF_COMPARED
 
 FALLBACK_WINDOWS = ("all", "airborne", "armed", "rest", "hover", "cruise", "idle")

@@ -32,11 +32,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.metrics import intervals as interval
 from attlog.metrics import ranking, statistics
-from attlog.metrics.intervals import student, student_two_sided
 from attlog.metrics.metric import Answer
-from attlog.metrics.statistics import Kind, UnitValues
+from attlog.metrics.statistics import Kind, UnitValues, student, student_two_sided
 
 Array = NDArray[np.float64]
 Interval = tuple[float, float]
@@ -219,7 +217,7 @@ def estimate_difference(a: UnitValues, b: UnitValues, common: NDArray[np.int64])
     if kind in RATIO_KINDS:
         d = 0.5 * (y - x if kind == "log_variance" else _logarithms(y) - _logarithms(x))
         if len(d) < MIN_OWN_SCATTER_UNITS:  # the prior is for logarithms of variances, which are twice d
-            prior = interval.VariancePrior(statistics.PRIORS[kind].variance / 4.0, statistics.PRIORS[kind].dof)
+            prior = statistics.VariancePrior(statistics.PRIORS[kind].variance / 4.0, statistics.PRIORS[kind].dof)
             return Estimate("ratio", *moderated_mean(d, prior))
         return Estimate("ratio", *_student_mean(d))
     if kind == "step_event":
@@ -252,9 +250,9 @@ def _logarithms(squares: Array) -> Array:
     return np.asarray(np.log(np.maximum(squares, MIN_MEAN_SQUARE)))
 
 
-def moderated_mean(d: Array, prior: interval.VariancePrior) -> tuple[float, Interval, float]:
+def moderated_mean(d: Array, prior: statistics.VariancePrior) -> tuple[float, Interval, float]:
     """Return mean, moderated t interval and standard error of values (k,)."""
-    low, high = interval.moderated_interval(d, prior)
+    low, high = statistics.moderated_interval(d, prior)
     half = 0.5 * (high - low)
     return 0.5 * (low + high), (low, high), half / student(0.975, prior.dof + len(d) - 1)
 

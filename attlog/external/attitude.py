@@ -16,8 +16,7 @@ from attlog.core import rotation, timestamps
 from attlog.core.errors import NotALog, UsageError
 from attlog.estimators import Estimate
 from attlog.external import axes, clock
-from attlog.external.read import MIN_ATTITUDES, Trajectory, make_trajectory, read_trajectory
-from attlog.external.request import TruthRequest, parse_truth
+from attlog.external.read import MIN_ATTITUDES, Trajectory, TruthRequest, make_trajectory, parse_truth, read_trajectory
 from attlog.flight import read
 from attlog.flight.model import Angles, Attitude, FlightLog, Imu, Stream, TruthFit
 from attlog.segments import increments, model

@@ -28,11 +28,10 @@ from attlog.reference.gyro_checks import (
 from attlog.reference.heading_sources import WrongHeading, find_gnss_motion, find_wrong_heading, onboard_offsets
 from attlog.reference.model import Reference
 from attlog.reference.onboard_check import OnboardComparison, OnboardError
-from attlog.reference.scoring import interpolate
 from attlog.reference.smoother import differences_deg
-from attlog.segments import resets
+from attlog.segments import increments
 from attlog.segments.impacts import shows_impacts
-from attlog.segments.model import Segments
+from attlog.segments.model import Segments, interpolate_attitudes
 from attlog.story.estimator_events import aid_rejections
 from attlog.story.headlines import WrongAngle
 
@@ -75,7 +74,9 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
     """Check regression slopes of attitude rates on gyro rates, and order and sign of axes."""
     made = partial(Check, "gyro_against_attitude", threshold=GYRO_LIMIT)
     name = log.onboard or ""
-    jumps, _ = resets.known_resets(log, name, segments) if imu is log.replay_imu else resets.find_resets(onboard, imu)
+    jumps, _ = (
+        increments.known_resets(log, name, segments) if imu is log.replay_imu else increments.find_resets(onboard, imu)
+    )
     by_gyro, by_attitude = mean_rates(imu, onboard, jumps)
     if imu.gyro.rate < MIN_ATTITUDE_HZ:
         return made("unknown", f"At {imu.gyro.rate:.0f} Hz {imu.gyro.source} misses turns.")
@@ -212,7 +213,7 @@ def smoother_checks(case: HealthCase) -> list[Check]:
     lead, *rest = shown
     wrong = lead.wrong
     text = "The onboard attitude was wrong" if wrong else "The onboard attitude errs"
-    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, found.t[found.counted])
+    own, _ = interpolate_attitudes(reference.t, reference.q, reference.gap_segment, found.t[found.counted])
     if lead.angle == "tilt" and is_mounted_turned(found.q[found.counted], own):
         wrong, text = False, "The sensor is mounted otherwise than set, or the onboard attitude is wrong throughout"
     text += f": {lead.text}."
@@ -315,10 +316,10 @@ def jump_checks(case: HealthCase) -> list[Check]:
     if attitude is None or imu is None:
         return []
     made = partial(Check, "attitude_jumps", unit="deg", threshold=JUMP_LIMIT)
-    index, _ = resets.known_resets(log, log.onboard or "", segments)
+    index, _ = increments.known_resets(log, log.onboard or "", segments)
     stamps = attitude.t[index]
     index = index[jumps_in_use(stamps, float(attitude.t[0]), segments) & before_crashes(segments, stamps)]
-    sizes = resets.unexplained_deg(attitude, imu) if len(index) else None
+    sizes = increments.unexplained_deg(attitude, imu) if len(index) else None
     if sizes is None:
         return [made("ok", f"{log.onboard} never jumps while in use.", value=0.0)]
     size = sizes[0][index - 1]

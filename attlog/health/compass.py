@@ -40,7 +40,7 @@ from attlog.health.flown import flight_before_crash, samples_in_use
 from attlog.health.gravity import imu_attitude
 from attlog.health.regression import robust_fit
 from attlog.reference import alignment, scoring
-from attlog.segments import resets
+from attlog.segments import increments
 from attlog.segments.model import Segments
 
 # Plausible field strength: 22 to 67 uT on earth, with margin for iron in the vehicle.
@@ -164,7 +164,7 @@ def alignment_time(log: FlightLog, attitude: Attitude, segments: Segments) -> fl
     """Return the alignment time in s: last jump before flight, at least ALIGNED_S."""
     if attitude is log.truth:
         return -np.inf
-    index, _ = resets.known_resets(log, log.onboard or "", segments)
+    index, _ = increments.known_resets(log, log.onboard or "", segments)
     jumped = scoring.aligned_at(attitude, index, segments)
     began = float(attitude.t[0]) + ALIGNED_S
     return began if jumped is None else max(jumped, began)

@@ -17,7 +17,7 @@ from attlog.health.flown import sound_spans
 from attlog.health.gravity import imu_attitude
 from attlog.segments.airborne import height_stream
 from attlog.segments.model import Segments
-from attlog.segments.windows import vibration_levels
+from attlog.segments.rest import vibration_levels
 
 # Vibration level in flight.
 

@@ -33,18 +33,7 @@ __all__ = [
 ]
 
 # Files with a tuple METRIC_GROUPS, in the order of the table; imported at first use.
-FILES = (
-    "noise",
-    "lag",
-    "step_error",
-    "drift",
-    "accuracy",
-    "heading",
-    "allan",
-    "setpoint",
-    "reproduction",
-    "innovations",
-)
+FILES = ("noise", "lag", "step_error", "drift", "accuracy", "heading", "allan", "setpoint", "rerun")
 LATE = {"Drawing": "traces", "Trace": "trace"}
 FULL_COVERAGE_PCT = 95.0  # answers report a coverage below this
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.spans import complement, intersect
-from attlog.metrics import intervals as interval
+from attlog.metrics import statistics
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Wording, paragraph, per_case, per_object, per_row
 from attlog.metrics.statistics import (
     MIN_SAMPLES,
@@ -163,7 +163,7 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
     if errors is not None and len(errors.t) > 1:
         needed = BLOCK_FILLED * length / median_step(case, row)
         begin, first, last = _error_blocks(case, errors.t, window, length)
-        total, count = (interval.group_sums(x, first, last) for x in _block_squares(case, row, angle))
+        total, count = (statistics.group_sums(x, first, last) for x in _block_squares(case, row, angle))
         full = count >= max(needed, 2)
         begin, values = begin[full], total[full] / count[full]
     chosen = make_ids(begin)
@@ -207,7 +207,7 @@ def rmse_of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float, sigma: 
     return Summary(*ErrorSize(np.repeat(np.sqrt(chosen), PIECES), length * len(chosen), sigma).of("rmse"))
 
 
-def why_unranked(case: Case, row: Track, angle: str, ci95: interval.Interval | None, duration: float) -> str | None:
+def why_unranked(case: Case, row: Track, angle: str, ci95: statistics.Interval | None, duration: float) -> str | None:
     """Return why an error is unranked whatever the other rows; else None."""
     if ci95 is None:
         return f"{duration:.1f} s are too short for an interval; {SHORTEST_S:.0f} s are needed"

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.spans import Span
-from attlog.metrics import following
-from attlog.metrics import intervals as interval
+from attlog.metrics import following, statistics
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_row
 from attlog.metrics.windows import deviations, reason_unavailable, rest_spans, within
 from attlog.reference.model import Track
@@ -73,7 +72,9 @@ def deviation(phase: Array, step: float) -> Deviation:
     m = np.unique(np.geomspace(2, largest, count).round().astype(int))
     sigma = np.sqrt([0.5 * _mean_square(phase, int(k)) for k in m]) / (m * step)
     dof = (3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
-    bounds = np.array([interval.chi_square_interval(s, round(max(d, 1.0), 3)) for s, d in zip(sigma, dof, strict=True)])
+    bounds = np.array(
+        [statistics.chi_square_interval(s, round(max(d, 1.0), 3)) for s, d in zip(sigma, dof, strict=True)]
+    )
     return Deviation(m * step, sigma, bounds[:, 0], bounds[:, 1], dof)
 
 
@@ -145,7 +146,7 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
         reason = f"around 1 s the deviation goes as tau^{slope:.2f}, not tau^-0.5: this heading does not walk at random"
         return missing("not_applicable", reason, unit, window, slope=slope)
     at = int(np.argmin(np.abs(d.tau - 1.0)))
-    low, high = interval.chi_square_interval(60.0 * value, round(float(d.dof[at]), 3))
+    low, high = statistics.chi_square_interval(60.0 * value, round(float(d.dof[at]), 3))
     return Answer(
         60.0 * value,
         unit,

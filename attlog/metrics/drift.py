@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.spans import Span, between, inside, intersect, merge
-from attlog.metrics import following
-from attlog.metrics import intervals as interval
+from attlog.metrics import following, statistics
 from attlog.metrics.accuracy import own_sigma
-from attlog.metrics.intervals import chi_square, student
 from attlog.metrics.metric import (
     Answer,
     Case,
@@ -29,7 +27,7 @@ from attlog.metrics.metric import (
     per_case,
     per_row,
 )
-from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
+from attlog.metrics.statistics import Ids, Summary, UnitValues, chi_square, make_ids, student
 from attlog.metrics.windows import (
     DRIFT_AIR_S,
     DRIFT_REST_S,
@@ -82,7 +80,7 @@ class Drift:
     """
 
     value: float | None
-    ci95: interval.Interval | None
+    ci95: statistics.Interval | None
     slopes: Array
     spans: list[tuple[float, float]]
     seconds: float
@@ -145,7 +143,7 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     slopes, spans = [], []
     for own in _segments(blocks):
         length = own.stop - own.start
-        for part in interval.equal_groups(length, max(1, round(length * blocks.block_s / target))):
+        for part in statistics.equal_groups(length, max(1, round(length * blocks.block_s / target))):
             t, e = blocks.t[own][part], blocks.e[own][part]
             if len(t) >= MIN_BLOCKS:
                 slopes.append(60.0 * _line(t, e))
@@ -154,7 +152,7 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
     if len(slopes) < MIN_GROUPS or record < shortest_s - DRIFT_SLACK_S:
         return found
     found.value = float(np.mean(slopes))
-    found.ci95 = interval.mean_interval(slopes)
+    found.ci95 = statistics.mean_interval(slopes)
     found.residual = math.sqrt(float(np.mean(without_slope(blocks, found.value) ** 2)))
     rises = np.diff(slopes)
     width = found.ci95[1] - found.ci95[0] if found.ci95 else math.inf
@@ -274,7 +272,7 @@ def drift_on_groups(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Sum
     chosen = np.isin(ids, wanted)
     if chosen.all():
         return whole
-    return Summary(float(np.mean(slopes[chosen])), interval.mean_interval(slopes[chosen]))
+    return Summary(float(np.mean(slopes[chosen])), statistics.mean_interval(slopes[chosen]))
 
 
 # Yaw drift at rest: the true heading is constant, so that every slope is the row's.
@@ -554,7 +552,7 @@ def _against(case: Case, row: Track, name: str, window: str) -> Answer:
         return missing("record_too_short", reason, "deg/min", window)
     if name == reference.kind and found.ci95 is not None:
         per_min = 60.0 * own_sigma(case, "heading", window) / found.seconds
-        found.ci95 = interval.widen_by_reference(found.value, found.ci95, per_min)
+        found.ci95 = statistics.widen_by_reference(found.value, found.ci95, per_min)
     answer = drift_answer(found, window, name)
     answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
     if name in case.heading_references and case.heading_references[name].text:

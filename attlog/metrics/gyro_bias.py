@@ -17,7 +17,7 @@ from attlog.core import rotation
 from attlog.core.plain import IN_JSON
 from attlog.core.spans import Span, between, intersect
 from attlog.flight.model import FlightLog, Imu, Stream
-from attlog.metrics import intervals as interval
+from attlog.metrics import statistics
 from attlog.segments import model
 from attlog.segments.model import Segments
 
@@ -115,7 +115,7 @@ def _rest(log: FlightLog, segments: Segments, imu: Imu) -> CommonBias:
     means = np.degrees(np.concatenate([_blocks(t[m], x[m]) for m in inside if _enough(m)]))
     mean = np.degrees(np.mean(np.concatenate([x[m] for m in inside]), axis=0))
     half = [
-        0.5 * (ends[1] - ends[0]) for ends in (interval.mean_interval(axis) for axis in means.T) if ends is not None
+        0.5 * (ends[1] - ends[0]) for ends in (statistics.mean_interval(axis) for axis in means.T) if ends is not None
     ]
     later = intersect(rests, [(landing, np.inf)]) if np.isfinite(landing) else []
     landed = np.concatenate([np.zeros((0, 3)), *(x[between(t, a, b)] for a, b in later)])

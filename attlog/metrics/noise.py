@@ -13,12 +13,10 @@ from numpy.typing import NDArray
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, I1, Out2
 from attlog.core.spans import Span
-from attlog.metrics import correction_noise, following, windows
-from attlog.metrics import intervals as interval
+from attlog.metrics import correction_noise, following, statistics, windows
 from attlog.metrics.correction_noise import DEG, relative, vector
-from attlog.metrics.intervals import VariancePrior
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, paragraph, per_case, per_row
-from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
+from attlog.metrics.statistics import Ids, Summary, UnitValues, VariancePrior, make_ids
 from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, reason_unavailable
 from attlog.reference.model import Track
 
@@ -219,7 +217,7 @@ def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wa
     ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
     """
     chosen = values[np.isin(ids, wanted)]
-    low, high = interval.moderated_interval(chosen, prior)
+    low, high = statistics.moderated_interval(chosen, prior)
     sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
     return Summary(sigma, (bottom, top))
 

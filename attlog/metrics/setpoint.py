@@ -22,7 +22,7 @@ from attlog.core import rotation
 from attlog.core.spans import Span, intersect
 from attlog.flight.model import Attitude
 from attlog.flight.vehicle import commands_attitude
-from attlog.metrics import intervals as interval
+from attlog.metrics import statistics
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_case
 from attlog.metrics.statistics import groups_of, root_mean_square
 from attlog.metrics.windows import within
@@ -293,7 +293,7 @@ def compute_setpoint(case: Case, row: Track, window: str) -> dict[str, Answer]:
             reason = "the attitude does not go where the set-point goes"
             answers[metric.name] = missing("did_not_move", reason, metric.unit, window)
             continue
-        ci95 = interval.jackknife_interval(float(value), without)
+        ci95 = statistics.jackknife_interval(float(value), without)
         answers[metric.name] = Answer(
             factor * float(value),
             metric.unit,
@@ -311,7 +311,7 @@ def compute_setpoint(case: Case, row: Track, window: str) -> dict[str, Answer]:
 def _left_out(blocks: ResponseEquations) -> Array:
     """Return the features (groups, 4) without each group of blocks."""
     found = []
-    for group in interval.equal_groups(len(blocks.axis), min(JACKKNIFE_GROUPS, len(blocks.axis))):
+    for group in statistics.equal_groups(len(blocks.axis), min(JACKKNIFE_GROUPS, len(blocks.axis))):
         keep = np.ones(len(blocks.axis), bool)
         keep[group] = False
         found.append(response_features(*step_response(blocks.only(keep))))

@@ -1,10 +1,16 @@
-"""Units of evidence of an answer, paired tests of rows, error sizes."""
+"""Quantiles, 95 % intervals, grouped sums, units of evidence, paired tests of rows, error sizes.
+
+The incomplete gamma and beta functions are summed as in Abramowitz & Stegun (6.5.29, 6.5.31, 26.5.8) and inverted by
+bisection or Newton. The tests compare them with scipy, whose import costs half a second.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
+from itertools import pairwise
 from statistics import NormalDist
 from typing import Annotated, Literal
 
@@ -12,10 +18,349 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog.core.plain import IN_JSON, NumberArray
-from attlog.metrics import intervals as interval
-from attlog.metrics.intervals import VariancePrior, students_two_sided
 
 Array = NDArray[np.float64]
+
+_TINY = 1e-300
+_MAX_TERMS = 2000
+_MIN_NEWTON_DOF = 30.0
+# Degrees of freedom below which Student's tails are too long for Newton's steps.
+_MIN_STUDENT_NEWTON_DOF = 2.0
+_MAX_NEWTON_STEPS = 30
+
+
+@lru_cache(maxsize=4096)
+def chi_square(probability: float, dof: float) -> float:
+    """Return the chi-square quantile for ``dof`` degrees of freedom."""
+    if dof < _MIN_NEWTON_DOF:
+        return 2.0 * _invert(lambda x: _lower_gamma(0.5 * dof, x), probability)
+    # Wilson and Hilferty's cube, then Newton: bisection would sum a long series a hundred times
+    a, ninth = 0.5 * dof, 2.0 / (9.0 * dof)
+    x = a * (1.0 - ninth + NormalDist().inv_cdf(probability) * math.sqrt(ninth)) ** 3
+    for _ in range(3):
+        density = math.exp((a - 1.0) * math.log(x) - x - math.lgamma(a))
+        x -= (_lower_gamma(a, x) - probability) / density
+    return 2.0 * x
+
+
+@lru_cache(maxsize=4096)
+def student(probability: float, dof: float) -> float:
+    """Return the quantile of Student's t for ``dof`` degrees of freedom."""
+    if probability == 0.5:
+        return 0.0
+    if probability < 0.5:
+        return -student(1.0 - probability, dof)
+    if dof >= _MIN_STUDENT_NEWTON_DOF:
+        return _student_by_newton(probability, dof)
+    upper = 2.0 * (1.0 - probability)
+    return _invert(lambda t: 1.0 - _beta(0.5 * dof, 0.5, dof / (dof + t * t)), 1.0 - upper)
+
+
+def _student_by_newton(probability: float, dof: float) -> float:
+    """Invert the distribution of t by Newton's method.
+
+    Starts at the normal quantile, which is smaller: the distribution is concave there, so no step overshoots.
+    """
+    t = NormalDist().inv_cdf(probability)
+    front = math.exp(math.lgamma(0.5 * dof + 0.5) - math.lgamma(0.5 * dof)) / math.sqrt(math.pi * dof)
+    for _ in range(_MAX_NEWTON_STEPS):
+        density = front * math.exp(-0.5 * (dof + 1.0) * math.log1p(t * t / dof))
+        step = (0.5 * student_two_sided(t, dof) - (1.0 - probability)) / density
+        t += step
+        if abs(step) <= 1e-9 * t + 1e-13:  # quadratic convergence: the next step is below rounding
+            break
+    return t
+
+
+def student_two_sided(t: float, dof: float) -> float:
+    """Return the probability of a value of Student's t beyond +-``t``."""
+    return _beta(0.5 * dof, 0.5, dof / (dof + t * t))
+
+
+def students_two_sided(t: Array, dof: float) -> Array:
+    """Return :func:`student_two_sided` of values ``t`` (m,)."""
+    return _betas(0.5 * dof, 0.5, dof / (dof + t * t))
+
+
+def _invert(rising: Callable[[float], float], target: float) -> float:
+    low, high = 0.0, 1.0
+    while rising(high) < target and high < 1e12:
+        low, high = high, 2.0 * high
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if rising(middle) < target:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _lower_gamma(a: float, x: float) -> float:
+    """Return the regularised lower incomplete gamma function P(a, x)."""
+    if x <= 0:
+        return 0.0
+    front = math.exp(a * math.log(x) - x - math.lgamma(a))
+    if x < a + 1.0:
+        term = total = 1.0 / a
+        for k in range(1, _MAX_TERMS):
+            term *= x / (a + k)
+            total += term
+            if term < 1e-16 * total:
+                break
+        return front * total
+    # modified Lentz algorithm for the continued fraction of Q(a, x)
+    b = x + 1.0 - a
+    c, d = 1.0 / _TINY, 1.0 / b
+    h = d
+    for k in range(1, _MAX_TERMS):
+        b += 2.0
+        numerator = -k * (k - a)
+        d = 1.0 / _nonzero(numerator * d + b)
+        c = _nonzero(b + numerator / c)
+        h *= d * c
+        if abs(d * c - 1.0) < 1e-15:
+            break
+    return 1.0 - front * h
+
+
+def _beta(a: float, b: float, x: float) -> float:
+    """Return the regularised incomplete beta function I_x(a, b)."""
+    if x <= 0.0 or x >= 1.0:
+        return float(x >= 1.0)
+    if x > (a + 1.0) / (a + b + 2.0):
+        return 1.0 - _beta(b, a, 1.0 - x)
+    front = math.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)) / a
+    c, d = 1.0, 1.0 / _nonzero(1.0 - (a + b) * x / (a + 1.0))
+    h = d
+    for m in range(1, _MAX_TERMS):
+        for numerator in (
+            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
+            d = 1.0 / _nonzero(1.0 + numerator * d)
+            c = _nonzero(1.0 + numerator / c)
+            h *= d * c
+        if abs(d * c - 1.0) < 1e-15:
+            break
+    return front * h
+
+
+def _betas(a: float, b: float, x: Array) -> Array:
+    """Return :func:`_beta` of values x (m,)."""
+    found, inside = np.where(np.isnan(x), x, x >= 1.0), (x > 0.0) & (x < 1.0)
+    mirrored = inside & (x > (a + 1.0) / (a + b + 2.0))
+    if mirrored.any():
+        found[mirrored] = 1.0 - _betas(b, a, 1.0 - x[mirrored])
+    own = np.flatnonzero(inside & ~mirrored)
+    x = x[own]
+    front = np.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * np.log(x) + b * np.log1p(-x)) / a
+    c, d = np.ones(len(x)), 1.0 / _nonzeros(1.0 - (a + b) * x / (a + 1.0))
+    h = d.copy()
+    for m in range(1, _MAX_TERMS if len(own) else 1):
+        for numerator in (
+            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
+            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
+        ):
+            d = 1.0 / _nonzeros(1.0 + numerator * d)
+            c = _nonzeros(1.0 + numerator / c)
+            h *= d * c
+        moving = np.abs(d * c - 1.0) >= 1e-15
+        if not moving.all():
+            found[own[~moving]] = (front * h)[~moving]
+            own = own[moving]
+            x, front, c, d, h = (v[moving] for v in (x, front, c, d, h))
+            if not len(own):
+                break
+    found[own] = front * h
+    return found
+
+
+def _nonzeros(x: Array) -> Array:
+    return np.where(np.abs(x) > _TINY, x, _TINY)
+
+
+def _nonzero(x: float) -> float:
+    return x if abs(x) > _TINY else _TINY
+
+
+# 95 % intervals: of a mean, of a variance, of a pooled fit, of a quantile.
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class VariancePrior:
+    """Prior ``variance`` of one value, worth ``dof`` degrees of freedom."""
+
+    variance: float
+    dof: float
+
+
+# Prior of the squared change of log(mean square error) between adjacent parts of a flight: 0.9 to 1.5 for parts of 2.5
+# to 80 s, in flights with truth and in real logs. Its weight was chosen so that halves of flights agree.
+WANDERING = VariancePrior(1.3, 2.0)
+# Weights of the change between halves, and between the quarters of each half.
+CHANGE_WEIGHTS = (1.5, 0.75, 0.75)
+# Sigmas of the reference in an interval. Its errors last as long as the record: 95 % of those against a smoother were
+# within one sigma.
+REFERENCE_SIGMAS = 2.0
+# Largest correlation used, as that of few values is uncertain; it doubles an interval.
+MAX_NEIGHBOUR_CORRELATION = 0.6
+
+
+def mean_interval(values: ArrayLike) -> Interval | None:
+    """Return the t interval of the mean of independent values (k,)."""
+    x = np.asarray(values, np.float64)
+    if len(x) < 2:
+        return None
+    half = student(0.975, len(x) - 1) * float(np.std(x, ddof=1)) / math.sqrt(len(x))
+    centre = float(np.mean(x))
+    return centre - half, centre + half
+
+
+def neighbour_interval(values: ArrayLike) -> Interval | None:
+    """Return the t interval of the mean of consecutive, correlated values (k,).
+
+    Widened by sqrt((1 + r) / (1 - r)) as for a first-order process; r is the correlation of neighbours, plus 1/k for
+    its bias, limited to 0 ... MAX_NEIGHBOUR_CORRELATION. None for fewer than two values.
+    """
+    x = np.asarray(values, np.float64)
+    ends = mean_interval(x)
+    d = x - np.mean(x) if ends is not None else x
+    square = float(d @ d)
+    if ends is None or len(x) < 3 or not square > 0.0:
+        return ends
+    r = min(max(float(d[1:] @ d[:-1]) / square + 1.0 / len(x), 0.0), MAX_NEIGHBOUR_CORRELATION)
+    centre, half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]) * math.sqrt((1.0 + r) / (1.0 - r))
+    return centre - half, centre + half
+
+
+def wandering_interval(value: float, changes: ArrayLike) -> Interval:
+    """Return the interval of an error that varies on all time scales.
+
+    Longer records do not average such an error. ``changes`` (3,) of the logarithm of its mean square: between the
+    halves of the record, and between the quarters of each half. A next record is expected to differ as one half does
+    from the other; WANDERING is the prior of the change. The interval is a factor.
+    """
+    weights = np.array(CHANGE_WEIGHTS)
+    dof = WANDERING.dof + float(np.sum(weights))
+    square = (WANDERING.dof * WANDERING.variance + float(weights @ np.asarray(changes, np.float64) ** 2)) / dof
+    factor = math.exp(0.5 * student(0.975, dof) * math.sqrt(0.5 * square))
+    return value / factor, value * factor
+
+
+def widen_by_reference(value: float, ci95: Interval, sigma: float) -> Interval:
+    """Widen an error's interval by the reference's own error.
+
+    ``sigma``: its one sigma, RMS. The RMS of the difference deviates from the true RMS by at most the RMS of the
+    reference's error, for any correlation (triangle inequality). 2 sigma are added as root sum of squares.
+    """
+    low, high = (math.hypot(value - end, REFERENCE_SIGMAS * sigma) for end in ci95)
+    return value - low, value + high
+
+
+def jackknife_interval(value: float, left_out: ArrayLike) -> Interval | None:
+    """Return the t interval around ``value`` from leave-one-out values (k,)."""
+    x = np.asarray(left_out, np.float64)
+    k = len(x)
+    if k < 3 or not np.isfinite(x).all():
+        return None
+    error = math.sqrt((k - 1) / k * float(np.sum((x - np.mean(x)) ** 2)))
+    half = student(0.975, k - 1) * error
+    return value - half, value + half
+
+
+def chi_square_interval(sigma: float, dof: float) -> Interval:
+    """Return the interval of a standard deviation with ``dof`` degrees of freedom."""
+    return sigma * math.sqrt(dof / chi_square(0.975, dof)), sigma * math.sqrt(dof / chi_square(0.025, dof))
+
+
+def median_interval(values: ArrayLike) -> Interval | None:
+    """Return the interval of a median by order statistics.
+
+    From the r-th smallest to the r-th largest value, r the largest rank whose binomial coverage is at least 95 %. None
+    for fewer than six values.
+    """
+    x = np.sort(np.asarray(values, np.float64))
+    rank = _median_rank(len(x))
+    return (float(x[rank - 1]), float(x[len(x) - rank])) if rank else None
+
+
+@lru_cache(maxsize=1024)
+def _median_rank(k: int) -> int:
+    """Return the rank r of :func:`median_interval` for k values; 0 for none.
+
+    Integers: shares of 2^k underflow for more than about a thousand values.
+    """
+    outside, ways, rank = 0, 1, 0
+    while rank < k // 2 and 40 * (outside + ways) <= 1 << k:
+        outside += ways
+        ways = ways * (k - rank) // (rank + 1)
+        rank += 1
+    return rank
+
+
+@lru_cache(maxsize=256)
+def _edges(n: int, count: int) -> tuple[int, ...]:
+    return tuple(np.linspace(0, n, count + 1).round().astype(int).tolist())
+
+
+def equal_groups(n: int, count: int) -> list[slice]:
+    """Return ``count`` consecutive slices of ``n`` samples, equal to one sample."""
+    return [slice(a, b) for a, b in pairwise(_edges(n, min(count, n)))]
+
+
+def group_sums(values: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:
+    """Return the sums (k,) of ``values[first:last]`` for k ranges of values (n,)."""
+    if len(first) == 0:
+        return np.zeros(0)
+    ends = np.column_stack([first, last]).ravel()
+    if ends[-1] == len(values):
+        ends = ends[:-1]  # reduceat extends the last range to the end
+    padded = values if ends.max() < len(values) else np.append(values, 0.0)
+    return np.where(last > first, np.add.reduceat(padded, ends)[::2], 0.0)
+
+
+def group_means(values: Array, groups: list[slice]) -> Array:
+    """Return the means (k,) of nonempty groups of ``values`` (n,)."""
+    first, last = np.array([(g.start, g.stop) for g in groups]).T
+    return np.asarray(group_sums(values, first, last) / (last - first))
+
+
+def quantile(ordered: Array, probability: float) -> float:
+    """Return a quantile of ascending values (Hyndman & Fan 1996, definition 7)."""
+    place = probability * (len(ordered) - 1)
+    below = min(int(place), len(ordered) - 1)
+    low, high = float(ordered[below]), float(ordered[min(below + 1, len(ordered) - 1)])
+    return low + (place - below) * (high - low)
+
+
+def _moderated(values: Array, prior: VariancePrior) -> tuple[Array, Array, float]:
+    """Return moderated means, standard errors (m,) and degrees of freedom.
+
+    Of values (m, k), k >= 1, per row (Smyth 2004).
+    """
+    k = values.shape[1]
+    own = np.var(values, axis=1, ddof=1) if k > 1 else np.zeros(len(values))
+    dof = prior.dof + k - 1
+    return np.mean(values, axis=1), np.sqrt((prior.dof * prior.variance + (k - 1) * own) / dof / k), dof
+
+
+def moderated_interval(values: ArrayLike, prior: VariancePrior) -> tuple[float, float]:
+    """Return the 95 % interval of a mean with a prior variance."""
+    means, errors, dof = _moderated(np.asarray(values, np.float64)[None], prior)
+    mean, half = float(means[0]), student(0.975, dof) * float(errors[0])
+    return mean - half, mean + half
+
+
+def moderated_p_value(values: Array, prior: VariancePrior) -> Array:
+    """Return two-sided p (m,) that means of values (m, k) are zero."""
+    means, errors, dof = _moderated(values, prior)
+    return students_two_sided(means / errors, dof)
+
+
+# Units of evidence of an answer, paired tests of rows, error sizes.
+
 Ids = NDArray[np.int64]
 Kind = Literal["log_variance", "mean_square", "slope_group", "lag_event", "step_event"]
 
@@ -104,9 +449,7 @@ def p_values(kind: Kind, x: Array, y: Array) -> Array:
         # |x| > |y| exactly where (x - y)(x + y) > 0: both factors must differ from zero
         sizes = np.minimum(_t_of(x - y), _t_of(x + y))
         return students_two_sided(sizes, x.shape[1] - 1)
-    return interval.moderated_p_value(
-        x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind]
-    )
+    return moderated_p_value(x - y if kind == "log_variance" else _logarithms(x) - _logarithms(y), PRIORS[kind])
 
 
 def _logarithms(squares: Array) -> Array:
@@ -173,10 +516,10 @@ def groups_of(n: int, duration: float) -> list[slice]:
     """
     if duration < SHORTEST_S or n < MIN_SAMPLES:
         return []
-    return interval.equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
+    return equal_groups(n, int(np.clip(duration // GROUP_S, 4, MAX_GROUPS)))
 
 
-def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval.Interval | None]:
+def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, Interval | None]:
     """Return the RMS of an angle (n,) and its 95 % interval.
 
     The t interval of the groups' mean squares. The relative error of the mean square becomes a factor (delta method),
@@ -184,7 +527,7 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, interval
     """
     squares = angle**2
     square = float(np.mean(squares))
-    spread = interval.neighbour_interval(interval.group_means(squares, groups)) if len(groups) > 1 else None
+    spread = neighbour_interval(group_means(squares, groups)) if len(groups) > 1 else None
     if spread is None or square == 0.0:
         return math.sqrt(square), None if spread is None else (0.0, 0.0)
     factor = math.exp(0.25 * (spread[1] - spread[0]) / square)
@@ -202,7 +545,7 @@ class ErrorSize:
         self.pieces = PIECES if duration >= SHORTEST_S and len(angle) >= MIN_SAMPLES else 0
         self._squares: Array | None = None
 
-    def of(self, name: str) -> tuple[float, interval.Interval | None]:
+    def of(self, name: str) -> tuple[float, Interval | None]:
         """Return one of STATISTICS and its interval (None for short records)."""
         whole, *parts = self._sizes(name)
         if not self.pieces:
@@ -211,20 +554,20 @@ class ErrorSize:
         if name != "rmse":  # a percentile rests on few samples: at least the changes of the RMS
             square, *squares = self._sizes("rmse")
             changes = np.maximum(changes, _changes(squares, square))
-        low, high = interval.wandering_interval(whole, changes)
-        low, high = interval.widen_by_reference(whole, (low, min(high, MAX_INTERVAL_RATIO * whole)), self._sigma)
+        low, high = wandering_interval(whole, changes)
+        low, high = widen_by_reference(whole, (low, min(high, MAX_INTERVAL_RATIO * whole)), self._sigma)
         return whole, (max(low, 0.0), min(high, HALF_TURN_DEG))
 
     def _sizes(self, name: str) -> list[float]:
         """Return the size of the whole, of both halves and four quarters."""
-        halves, quarters = (interval.equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
+        halves, quarters = (equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
         if name == "rmse":
             if self._squares is None:
                 self._squares = self._angle**2
-            square = interval.group_means(self._squares, [slice(0, len(self._angle)), *halves, *quarters])
+            square = group_means(self._squares, [slice(0, len(self._angle)), *halves, *quarters])
             return [float(x) for x in np.sqrt(square)]
         parts = [self._angle, *(self._angle[piece] for piece in (*halves, *quarters))]
-        return [interval.quantile(_ordered_at(part, P95), P95) for part in parts]
+        return [quantile(_ordered_at(part, P95), P95) for part in parts]
 
 
 def _changes(parts: list[float], whole: float) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.metrics import intervals as interval
+from attlog.metrics import statistics
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
@@ -245,10 +245,10 @@ def error_on_events(errors: EventErrors, values: Array, least: float, sigma: flo
     ``least``: lower limit of the interval. ``sigma``: error of the reference itself, in the unit of the values.
     """
     chosen = values[np.isin(errors.ids, ids)]
-    value, ci95 = float(np.median(chosen)), interval.median_interval(chosen)
+    value, ci95 = float(np.median(chosen)), statistics.median_interval(chosen)
     if ci95 is None:
         return Summary(value, None)
-    low, high = interval.widen_by_reference(value, ci95, sigma)
+    low, high = statistics.widen_by_reference(value, ci95, sigma)
     return Summary(value, (max(low, least), high))
 
 

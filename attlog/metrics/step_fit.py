@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from attlog.metrics import step_products as step_groups
 from attlog.metrics import step_sensors
 from attlog.metrics import step_turning as steps
-from attlog.metrics.intervals import student
 from attlog.metrics.metric import Case, per_case, per_object, per_row
+from attlog.metrics.statistics import student
 from attlog.metrics.step_products import EventBatches
 from attlog.metrics.step_sensors import RowSensors, seen_by
 from attlog.metrics.step_turning import AXES, SummedTurning, Timing

@@ -40,8 +40,6 @@ Three = tuple[float, float, float]
 NAMES = ("E", "D", "N", "EE", "M", "V")
 # Prior sigma of the gains, larger ones need much evidence: 1/s, 1/s, deg/s, 1/s^2, 1/s, 1/s.
 RIDGE = (3.0, 3.0, 10.0, 1.0, 3.0, 3.0)
-# The first of NAMES, which are gravity's.
-GRAVITY_AIDING = 4
 FIXED_STEP_DEG = 0.3  # smaller corrections fade
 DEG = math.degrees(1.0)
 

@@ -18,11 +18,10 @@ from attlog.metrics import step_error as step_curves
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics import step_turning as steps
 from attlog.metrics.metric import Case, per_case, per_object
-from attlog.metrics.sensor_traces import height_trace, sensor_traces
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_products import STRIDE_S
 from attlog.metrics.step_turning import StepEvent
-from attlog.metrics.trace import BUDGET, SampleBudget, Trace, envelope
+from attlog.metrics.trace import BUDGET, SampleBudget, Trace, envelope, height_trace, sensor_traces
 from attlog.metrics.windows import detrended, deviations, own_start, within
 from attlog.reference import alignment
 from attlog.reference.model import Reference, Track

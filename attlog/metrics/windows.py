@@ -15,7 +15,7 @@ from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_object, per_row
 from attlog.reference import alignment
 from attlog.reference.model import Track
-from attlog.segments import model, resets
+from attlog.segments import increments, model
 
 # Phases in the order of the sentences. Never pooled: noise of a filter differs between them by up to ten times.
 PHASES = ("rest", "hover", "cruise", "idle")
@@ -175,7 +175,7 @@ def row_segments(case: Case, row: Track) -> NDArray[np.int64]:
     if attitude is None:
         return row.segment
     jumped = np.zeros(len(attitude.t), np.int64)
-    jumped[resets.known_resets(case.log, row.estimator, case.segments)[0]] = 1
+    jumped[increments.known_resets(case.log, row.estimator, case.segments)[0]] = 1
     _, _, kept = alignment.usable_samples(attitude, case.reference.alignment.clock)
     return row.segment + np.cumsum(jumped)[kept]
 

@@ -111,7 +111,7 @@ class Config:
         """File, folder or topic of the truth without its settings; empty without one."""
         if self.truth is None:
             return ""
-        from attlog.external.request import parse_truth
+        from attlog.external.read import parse_truth
 
         return parse_truth(self.truth).name
 

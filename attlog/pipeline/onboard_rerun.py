@@ -21,7 +21,7 @@ from attlog.estimators.registry import FLOWN
 from attlog.estimators.rerun import Rerun
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.metric import Case, per_case
-from attlog.metrics.reproduction import DIFFERENCE, rerun_traces
+from attlog.metrics.rerun import DIFFERENCE, rerun_traces
 from attlog.metrics.trace import Trace
 from attlog.reference import alignment
 from attlog.reference.model import Reproduction, Track

@@ -28,9 +28,9 @@ from attlog.flight.model import Imu, InnovationTest, Mag
 from attlog.flight.recalibration import COMPASS_PARAMETERS, recorrected_units
 from attlog.health import CHECKS, Check, Setting
 from attlog.health.check import number_text
-from attlog.metrics.innovations import AID_GROUPS, compute_innovations
-from attlog.metrics.intervals import student
 from attlog.metrics.metric import Answer, Case
+from attlog.metrics.rerun import AID_GROUPS, compute_innovations
+from attlog.metrics.statistics import student
 from attlog.pipeline.onboard_rerun import GAUSS_PER_TESLA, flown_filter, inputs_of, rerun_row
 from attlog.reference.model import Track
 

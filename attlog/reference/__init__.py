@@ -3,11 +3,18 @@
 from attlog.reference.alignment import observed_declination_deg
 from attlog.reference.choice import choose
 from attlog.reference.heading_sources import heading_references
-from attlog.reference.model import AlignmentStep, AttitudeErrors, HeadingReference, Reference, ReferenceOptions, Track
-from attlog.reference.reference_checks import ReferenceCheck
-from attlog.reference.rows import onboard_rows, replayed, withhold
-from attlog.reference.smoother import (
+from attlog.reference.model import (
     SMOOTHER,
+    AlignmentStep,
+    AttitudeErrors,
+    HeadingReference,
+    Reference,
+    ReferenceOptions,
+    Track,
+)
+from attlog.reference.reference_checks import ReferenceCheck
+from attlog.reference.scoring import onboard_rows, replayed, withhold
+from attlog.reference.smoother import (
     caveat,
     expected_reference,
     join_segments,

@@ -13,8 +13,8 @@ from attlog.core.errors import UsageError
 from attlog.core.kinematics import body_rates
 from attlog.flight.model import Angles, Attitude, FlightLog, Imu, TruthFit
 from attlog.reference.model import AlignmentStep, HeadingOrigin, Reference, ReferenceSigma
-from attlog.reference.scoring import interpolate
 from attlog.segments import increments, model
+from attlog.segments.model import interpolate_attitudes
 
 Array = NDArray[np.float64]
 Clock = Literal["sample", "publication"]
@@ -154,7 +154,7 @@ def observed_declination_deg(log: FlightLog, reference: Reference) -> float | No
     if log.mag is None or len(reference.t) == 0:
         return None
     field = log.mags[log.mag].field
-    q, _ = interpolate(reference.t, reference.q, reference.segment, field.t_best)
+    q, _ = interpolate_attitudes(reference.t, reference.q, reference.segment, field.t_best)
     good = rotation.finite_rows(q) & rotation.finite_rows(field.x)
     good &= (field.t_best >= reference.scoring.start) & (field.t_best <= reference.scoring.end)
     if np.count_nonzero(good) < 10:

@@ -23,6 +23,7 @@ from attlog.reference import (
 )
 from attlog.reference import smoother as smoothed
 from attlog.reference.model import (
+    SMOOTHER,
     Alignment,
     AlignmentStep,
     Faults,
@@ -31,7 +32,7 @@ from attlog.reference.model import (
     ReferenceOptions,
     ReferenceSigma,
 )
-from attlog.segments import Segments, model, resets
+from attlog.segments import Segments, increments, model
 
 Array = NDArray[np.float64]
 Kind = Literal["truth", "smoother", "onboard"]
@@ -85,7 +86,7 @@ class _Choice:
         if self.kind == "auto" and log.truth is not None and log.truth.fit is not None:
             self.kind = "truth"  # the user's external truth is used in spite of contradictions
         if self.kind == "auto" and log.true_heading is not None and smooth is not None:
-            self.kind = smoothed.SMOOTHER
+            self.kind = SMOOTHER
         what = "Whether attitudes turn as the gyro does"
         self.mismatches = guarded_part(log, what, self._gyro_mismatches, dict[str, gyro_checks.GyroMismatch])
         gyro = next((m.why for m in self.mismatches.values() if m.of == "gyro"), "")
@@ -108,7 +109,7 @@ class _Choice:
         log, out = self.log, self.refused
         out |= {name: m.why for name, m in self.mismatches.items() if m.of == "attitude"}
         misled = self.faults.gyro or next((f.why for f in self.faults.sensors.values() if f.misleads), "")
-        out |= {smoothed.SMOOTHER: misled} if misled else {}
+        out |= {SMOOTHER: misled} if misled else {}
         wrong_heading = guarded_part(
             log, "The heading by GNSS", lambda: heading_sources.wrong_onboard_heading(log, self.segments), str
         )
@@ -134,7 +135,7 @@ class _Choice:
             if wrong_heading:
                 onboard.heading = HeadingOrigin("nobody", wrong_heading)
             if unsure:
-                out[smoothed.SMOOTHER] = unsure
+                out[SMOOTHER] = unsure
             return self._taken(onboard)
         return self._nothing()
 
@@ -157,12 +158,12 @@ class _Choice:
         """Return ``second``, else run the smoother; None if it is refused."""
         if second is not None:
             return second
-        if self.smooth is None or smoothed.SMOOTHER in self.refused:
+        if self.smooth is None or SMOOTHER in self.refused:
             return None
         found = self._smoothed(self.smooth)
         why = found if isinstance(found, str) else found.faults.reference or self._off_gravity(found)
         if why or isinstance(found, str):
-            self.refused[smoothed.SMOOTHER] = why
+            self.refused[SMOOTHER] = why
             return None
         return found
 
@@ -192,8 +193,8 @@ class _Choice:
 
     def _nothing(self) -> Reference:
         """Return no reference, with a fault if physics contradicted an attitude."""
-        fault = next((why for kind, why in self.refused.items() if kind != smoothed.SMOOTHER), "")
-        doubt = self.refused.get(smoothed.SMOOTHER, "")
+        fault = next((why for kind, why in self.refused.items() if kind != SMOOTHER), "")
+        doubt = self.refused.get(SMOOTHER, "")
         why = (fault or NO_ATTITUDE) + (f"; smoother refused: {doubt}" if doubt else "")
         nothing = no_reference(self.log, self.segments, self.options, why)
         nothing.faults.reference, nothing.faults.refused = fault, self.refused
@@ -218,7 +219,7 @@ class _Choice:
         if found is None or isinstance(found, str):
             raise UsageError(f"reference {kind}: {missing}")
         found.faults.doubt = found.faults.doubt or self._doubt(found)
-        if log.true_heading is not None and kind == smoothed.SMOOTHER:
+        if log.true_heading is not None and kind == SMOOTHER:
             found = smoothed.with_true_heading(found, log.true_heading)
         return found
 
@@ -243,8 +244,8 @@ class _Choice:
         for name, attitude in (("truth", log.truth), ("onboard", log.onboard_attitude)):
             if imu is not None and attitude is not None:
                 onboard = attitude is log.onboard_attitude
-                known = resets.known_resets(log, log.onboard or "", self.segments) if onboard else None
-                jumps, _ = known or resets.find_resets(attitude, imu)
+                known = increments.known_resets(log, log.onboard or "", self.segments) if onboard else None
+                jumps, _ = known or increments.find_resets(attitude, imu)
                 found[name] = gyro_checks.gyro_consistency(imu, attitude, jumps, mag)
         return found
 
@@ -338,9 +339,9 @@ def build_reference(
         found, sentences = np.zeros(0, np.int64), list[str]()
         gap_segment = model.merge_numbers(gap_segment, restarts[kept])
     elif kind == "onboard":
-        found, sentences = resets.known_resets(log, name, segments)
+        found, sentences = increments.known_resets(log, name, segments)
     else:
-        found, sentences = resets.find_resets(attitude, imu)
+        found, sentences = increments.find_resets(attitude, imu)
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[found] = 1
     segment = model.merge_numbers(gap_segment + np.cumsum(jumped)[kept])

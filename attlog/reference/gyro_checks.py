@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.kinematics import body_rates
 from attlog.flight.model import Array, Attitude, FlightLog, Imu, Mag
-from attlog.reference.scoring import interpolate
 from attlog.segments import model
 from attlog.segments.increments import gyro_increments
+from attlog.segments.model import interpolate_attitudes
 
 # Standard deviation below which an axis shows no scale.
 MIN_RATE_STD_DPS = 3.0
@@ -170,7 +170,7 @@ def field_follows(
     turning = gyro_increments(imu)
     own = attitude.t if attitude.t_sample is None else attitude.t_sample
     segment = model.merge_numbers(model.number_segments(own), np.cumsum(np.isin(np.arange(len(own)), jumps)))
-    (before, first), (after, last) = (interpolate(own, attitude.q, segment, t) for t in (start, end))
+    (before, first), (after, last) = (interpolate_attitudes(own, attitude.q, segment, t) for t in (start, end))
     both = (first >= 0) & (first == last) & turning.known(start, end)
     if np.count_nonzero(both) < MIN_RATE_INTERVALS:
         return ""

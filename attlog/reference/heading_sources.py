@@ -17,9 +17,9 @@ from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS, HeadingOffset, b
 from attlog.flight.model import Attitude, FlightLog, Gnss, Imu
 from attlog.reference import alignment, scoring, sensor_faults
 from attlog.reference.model import HeadingReference, Reference
-from attlog.reference.scoring import interpolate
 from attlog.reference.smoother import smoothable
-from attlog.segments import Segments, model, resets
+from attlog.segments import Segments, increments, model
+from attlog.segments.model import interpolate_attitudes
 
 Array = NDArray[np.float64]
 FIX_3D = 3
@@ -47,7 +47,7 @@ class GnssMotion:
         Attitudes ``q`` (n, 4) at ``t`` (n,) s; none is interpolated between different ``segment`` numbers (n,). Limited
         to times from ``since`` s on and to ``spans``.
         """
-        q = q if t is self.t else interpolate(t, q, segment, self.t)[0]
+        q = q if t is self.t else interpolate_attitudes(t, q, segment, self.t)[0]
         counted = intersect(self.spans, [(since, np.inf)])
         counted = counted if spans is None else intersect(counted, spans)
         return both(self.t, self.acc, q, self.fixes_t, self.velocity, np.array(counted).reshape(-1, 2))
@@ -104,7 +104,7 @@ def onboard_offsets(
     attitude = log.onboard_attitude
     assert attitude is not None
     t, q, _ = alignment.usable_samples(attitude, "sample")
-    aligned = scoring.aligned_at(attitude, resets.known_resets(log, log.onboard or "", segments)[0], segments)
+    aligned = scoring.aligned_at(attitude, increments.known_resets(log, log.onboard or "", segments)[0], segments)
     return motion.offsets(t, q, model.number_segments(t), -np.inf if aligned is None else aligned)
 
 
@@ -199,9 +199,9 @@ def _attitude_samples(
     imu = log.replay_imu
     jumped = np.zeros(len(attitude.t), np.int64)
     jumped[
-        resets.known_resets(log, log.onboard or "", segments)[0]
+        increments.known_resets(log, log.onboard or "", segments)[0]
         if name == "onboard"
-        else resets.find_resets(attitude, imu)[0]
+        else increments.find_resets(attitude, imu)[0]
     ] = 1
     return t, q, model.merge_numbers(model.number_segments(t), np.cumsum(jumped)[kept])
 
@@ -213,14 +213,14 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
     field = log.mags[log.mag].field
     t, x = model.select_rising(field.t_best, field.x)
     if reference.kind != "none":
-        q, _ = interpolate(reference.t, reference.q, reference.segment, t)
+        q, _ = interpolate_attitudes(reference.t, reference.q, reference.segment, t)
         level = reference.source
     elif log.replay_imu is not None:
         try:
             own, tilt = _levelling_attitude(log.replay_imu, reference.alignment.clock)
         except AttlogError:
             return None  # no filter can be run on this IMU
-        q, _ = interpolate(own, tilt, model.number_segments(own), t)
+        q, _ = interpolate_attitudes(own, tilt, model.number_segments(own), t)
         level = LEVELLED_BY
     else:
         return None
@@ -283,7 +283,7 @@ def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | N
     if len(t) < MIN_HEADINGS:
         return None
     if reference.kind in ("truth", "smoother") and reference.heading.by == "own":
-        q, _ = interpolate(reference.t, reference.q, reference.segment, t)
+        q, _ = interpolate_attitudes(reference.t, reference.q, reference.segment, t)
         known = rotation.finite_rows(q)
         off = rotation.wrap(x[known, 0] - rotation.to_euler(q[known])[:, 2]) / x[known, 1]
         if len(off) >= MIN_HEADINGS and np.mean(off**2) > MAX_YAW_SIGMAS**2:

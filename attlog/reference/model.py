@@ -12,6 +12,8 @@ from attlog.core.spans import Span
 from attlog.flight.model import Imu, TruthFit
 
 Array = NDArray[np.float64]
+# Name of the estimator that is run as reference.
+SMOOTHER = "smoother"
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from attlog.reference import alignment, heading_sources, reference_checks, scori
 from attlog.reference.heading_sources import find_gnss_motion
 from attlog.reference.model import Reference
 from attlog.reference.smoother import differences_deg, sure_of_heading
-from attlog.segments import model, resets
+from attlog.segments import increments, model
 from attlog.segments.model import Segments
 
 # References that show errors of the onboard attitude.
@@ -82,7 +82,7 @@ def compare_onboard(log: FlightLog, segments: Segments, reference: Reference) ->
     t, q, _ = alignment.usable_samples(attitude, reference.alignment.clock)
     if reference.alignment.trim is not None and not attitude.has_trim:
         q = alignment.apply_trim(q, reference.alignment.trim)
-    index, _ = resets.known_resets(log, log.onboard or "", segments)
+    index, _ = increments.known_resets(log, log.onboard or "", segments)
     aligned = scoring.aligned_at(attitude, index, segments)
     tilt, heading = differences_deg(reference, t, q)
     counted = scoring.scored_mask(reference, t) & (t >= (-np.inf if aligned is None else aligned)) & np.isfinite(tilt)

@@ -15,10 +15,10 @@ from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span
 from attlog.estimators.evidence import still_windows, tilt_residual, within
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.reference import alignment, scoring, sensor_faults, smoother
-from attlog.reference.model import AlignmentStep, Reference, Track
-from attlog.reference.scoring import interpolate
+from attlog.reference import alignment, scoring, sensor_faults
+from attlog.reference.model import SMOOTHER, AlignmentStep, Reference, Track
 from attlog.segments import Segments, model
+from attlog.segments.model import interpolate_attitudes
 
 Array = NDArray[np.float64]
 
@@ -233,7 +233,7 @@ def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.
     at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
     use = within(windows, at)
     at, force = at[use], force[use]
-    turned, _ = interpolate(t, rotation.normalize(q), segment, at)
+    turned, _ = interpolate_attitudes(t, rotation.normalize(q), segment, at)
     return tilt_residual(windows, at, force, turned)
 
 
@@ -279,7 +279,7 @@ class ReferenceCheck:
     def add(self, row: Track) -> None:
         """Add a row; it replaces an earlier row of the same filter."""
         own = row.imu is None or row.imu.index == self._imu.index
-        if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != smoother.SMOOTHER:
+        if self._asked and own and row.kind == "replay" and len(row.t) > 1 and row.estimator != SMOOTHER:
             self._heard[row.estimator] = row, _down(row.t, row.q, row.segment, self._reference.t[self._use])
 
     def contradicted(self) -> tuple[str, AlignmentStep] | None:
@@ -355,7 +355,7 @@ def _seconds(t: Array, segment: NDArray[np.int64]) -> float:
 
 def _down(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> Array:
     """Return down in body axes (n, 3) at times, NaN without attitude."""
-    turned, _ = interpolate(t, q, segment, at)
+    turned, _ = interpolate_attitudes(t, q, segment, at)
     found: Array = np.full((len(at), 3), np.nan)
     good = rotation.finite_rows(turned)
     found[good] = rotation.rotate_inverse(turned[good], DOWN)

@@ -19,14 +19,12 @@ from attlog.core.spans import Span, complement, intersect
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog, Stream
 from attlog.reference import scoring
-from attlog.reference.model import Alignment, AlignmentStep, GyroJump, HeadingOrigin, Reference
-from attlog.reference.scoring import interpolate
+from attlog.reference.model import SMOOTHER, Alignment, AlignmentStep, GyroJump, HeadingOrigin, Reference
 from attlog.segments import Segments, model
+from attlog.segments.model import interpolate_attitudes
 
 Array = NDArray[np.float64]
 
-# Name of the estimator.
-SMOOTHER = "smoother"
 # Limits of the tilt sigma: above the first, a sound onboard attitude takes precedence; above the second, the smoother
 # is never chosen. The first is also the limit of the heading sigma for comparisons of heading.
 MAX_SIGMA_DEG, MAX_USABLE_SIGMA_DEG = 1.0, 3.0
@@ -224,7 +222,7 @@ def sigma_deg(reference: Reference, angle: str, inside: NDArray[np.bool_] | None
 
 def differences_deg(reference: Reference, t: Array, q: Array) -> tuple[Array, Array]:
     """Return tilt and signed heading errors in deg of attitudes (n, 4)."""
-    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
+    own, _ = interpolate_attitudes(reference.t, reference.q, reference.gap_segment, t)
     e = rotation.earth_error(q, own)
     return np.degrees(rotation.tilt_angle(e)), np.degrees(rotation.heading_angle(e))
 
@@ -247,7 +245,7 @@ def with_true_heading(reference: Reference, heading: Stream) -> Reference:
     UsageError without common time.
     """
     t = heading.t_best
-    own, _ = interpolate(reference.t, reference.q, reference.gap_segment, t)
+    own, _ = interpolate_attitudes(reference.t, reference.q, reference.gap_segment, t)
     off = rotation.wrap(heading.x[:, 0] - rotation.to_euler(own)[:, 2])
     known = np.isfinite(off)
     if np.count_nonzero(known) < 2:

@@ -9,7 +9,7 @@ from attlog.core import rotation, spans, timestamps
 from attlog.core.spans import Span
 from attlog.flight.model import Attitude, FlightLog, Imu, guarded_part
 from attlog.segments import airborne as in_air
-from attlog.segments import crash, flight_signs, model, resets, rest, windows
+from attlog.segments import crash, flight_signs, increments, model, rest
 from attlog.segments.crash import FlightOutcome, Wreck
 from attlog.segments.model import Segment, Segments
 
@@ -71,7 +71,7 @@ def _found(log: FlightLog) -> Segments:
     may = armed.spans if armed.known else None
     air = None if signs is None else in_air.find_flights(log, signs, may, whole)
     flown = FlightOutcome([], [], []) if air is None or not air.known else crash.find_crashes(log, air, may, t1)
-    lying = windows.join_windows(parts, still) if parts is not None and still is not None else []
+    lying = rest.join_windows(parts, still) if parts is not None and still is not None else []
     airborne = rest.airborne_spans(log, armed, air, flown.flights, lying, t0, t1)
     for phase in (armed, airborne, motors):
         phase.spans = spans.intersect(phase.spans, whole)
@@ -100,7 +100,7 @@ def _found(log: FlightLog) -> Segments:
 def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
     return [
         Segment("reset", float(onboard.t[i - 1]), float(onboard.t[i]), why)
-        for i, why in zip(*resets.find_resets(onboard, imu), strict=True)
+        for i, why in zip(*increments.find_resets(onboard, imu), strict=True)
     ]
 
 
@@ -141,7 +141,7 @@ def _cruise(found: list[Segment]) -> list[Segment]:
     return [Segment("cruise", a, b, "in the air, and not hovering") for a, b in moving]
 
 
-def _windows(imu: Imu) -> windows.ImuWindows | None:
+def _windows(imu: Imu) -> rest.ImuWindows | None:
     """Return windows over the good samples of an IMU, None for too few."""
     t, gyro, acc = imu.gyro.t_best, imu.gyro.x, imu.acc.x
     n = min(len(t), len(gyro), len(acc))
@@ -149,7 +149,7 @@ def _windows(imu: Imu) -> windows.ImuWindows | None:
     good = np.isfinite(t) & rotation.finite_rows(gyro) & rotation.finite_rows(acc)
     if not good.all():
         t, gyro, acc = t[good], gyro[good], acc[good]
-    return windows.build_windows(t, gyro, acc) if len(t) >= 10 else None
+    return rest.build_windows(t, gyro, acc) if len(t) >= 10 else None
 
 
 def _rest_note(rests: list[Segment], limit: float, armed: rest.FlagSpans, airborne: rest.FlagSpans) -> str:

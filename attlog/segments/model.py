@@ -172,6 +172,16 @@ def select_rising(t: Array, x: Array) -> tuple[Array, Array]:
     return t, x
 
 
+def interpolate_attitudes(t: Array, q: Array, segment: NDArray[np.int64], at: Array) -> tuple[Array, NDArray[np.int64]]:
+    """Return attitudes (m, 4) at times ``at`` and their segments (m,).
+
+    ``t`` (n,) ascending, ``q`` (n, 4), ``segment`` (n,). Slerp between two samples of one segment; NaN and -1
+    elsewhere.
+    """
+    out, before = rotation.slerp_in_segments(t, q, segment, at)
+    return out, np.where(before >= 0, segment[before], -1) if len(t) else before
+
+
 def find_continuous(t: Array, replayed: bool = True) -> list[Segment]:
     """Return continuous segments and the gaps between them from times (n,) of the replayed IMU.
 

@@ -15,7 +15,7 @@ from attlog.flight.model import VIBRATION_LIMITS, FlightLog, Stream
 from attlog.segments.airborne import height_stream
 from attlog.segments.impacts import CrashEvent, shows_impacts
 from attlog.segments.model import Segments
-from attlog.segments.windows import vibration_levels
+from attlog.segments.rest import vibration_levels
 
 EventSeverity = Literal["info", "note", "warning", "serious"]
 KINDS = (

@@ -12,7 +12,7 @@ import pytest
 from attlog.batch.index_row import RANKS, reasons, trouble, with_gates
 from attlog.batch.job import Record
 from attlog.batch.order import index_rows, short_names, summary
-from attlog.health.findings import Weight
+from attlog.health.check import Weight
 from attlog.result import Check, Finding
 from attlog.story.flight_events import Event
 from tests.batch.made import failed, flown, reason

@@ -17,8 +17,8 @@ from attlog.compare.setting import parse_configuration
 from attlog.compare.setting_words import select_words, with_params_file
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.estimators.rerun import INNOVATION
-from attlog.metrics.innovations import compute_innovations
 from attlog.metrics.metric import Case
+from attlog.metrics.rerun import compute_innovations
 from attlog.pipeline.config import Config
 from attlog.segments.model import Segment
 from tests.conftest import SAMPLES

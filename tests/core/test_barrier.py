@@ -149,7 +149,7 @@ def test_info_goes_on_without_a_reference_and_without_answers() -> None:
             (segments.rest, "airborne_spans", {"continuous"}),
             (segments.model, "find_continuous", {"continuous"}),
             (segments.rest, "find_hovers", {"armed", "airborne", "continuous", "rest.long"}),
-            (segments.resets, "find_resets", {"armed", "airborne", "continuous", "rest.long"}),
+            (segments.increments, "find_resets", {"armed", "airborne", "continuous", "rest.long"}),
         ],
         2,
     ),

@@ -12,7 +12,7 @@ from attlog import segments
 from attlog.core import rotation
 from attlog.core.errors import LogUnreadable, UsageError
 from attlog.external import attitude
-from attlog.external.request import check_truth, parse_truth
+from attlog.external.read import check_truth, parse_truth
 from attlog.flight import read
 from attlog.flight.model import Attitude, FlightLog, Gnss, Stream, TruthFit
 from attlog.reference import (

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import attlog.health.findings as rules
 from attlog.flight.advice import GENERAL_REMEDIES
 from attlog.flight.model import FlightLog, Problem, TimeLine
+from attlog.health import findings as rules
 from attlog.health.check import Check, unknown
 from attlog.health.findings import (
     FLIPPED_ADVICE,

@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.metrics import compute, correction_noise, noise, rank
-from attlog.metrics import intervals as interval
+from attlog.metrics import compute, correction_noise, noise, rank, statistics
 from attlog.metrics.windows import detrended, deviations
 from tests.metrics.test_corpus import row_of, trial_of
 
@@ -157,7 +156,7 @@ def test_two_windows_of_a_rest_tell_the_others_and_not_by_being_wide(corpus):
             told = noise.phase_variances(case, row, "rest", "rest")
             for v in np.log(told.variances[:, :3]).T if told and len(told.t0) >= 5 else ():
                 for first in range(0, len(v) - 1, 2):
-                    low, high = interval.moderated_interval(v[first : first + 2], noise.PRIORS["rest"])
+                    low, high = statistics.moderated_interval(v[first : first + 2], noise.PRIORS["rest"])
                     away = np.abs(np.delete(v, [first, first + 1]).mean() - 0.5 * (low + high)) / (high - low)
                     whole.append(away <= 0.5)
                     half.append(away <= 0.25)

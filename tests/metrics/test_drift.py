@@ -9,10 +9,9 @@ from scipy.signal import lfilter
 from attlog import metrics
 from attlog.core import rotation
 from attlog.flight.model import Attitude
-from attlog.metrics import drift
+from attlog.metrics import drift, statistics
 from attlog.metrics import drift as drift_air
 from attlog.metrics import drift as drift_rest
-from attlog.metrics import intervals as interval
 from attlog.metrics.windows import DRIFT_AIR_S, DRIFT_REST_S
 from attlog.reference.model import HeadingReference, ReferenceSigma, Track
 from attlog.segments.model import Segment
@@ -324,7 +323,7 @@ def test_the_interval_of_records_that_agree_has_the_degrees_of_freedom_of_welch(
     one, two = np.array([1.0, 3.0, 2.0, 2.5, 1.5]), np.array([2.0, 2.6, 1.2, 2.2])
     records = [
         drift.Drift(
-            float(np.mean(x)), interval.mean_interval(x), x, [(float(k), k + 1.0) for k in range(len(x))], 60.0, 0.1
+            float(np.mean(x)), statistics.mean_interval(x), x, [(float(k), k + 1.0) for k in range(len(x))], 60.0, 0.1
         )
         for x in (one, two)
     ]
@@ -348,7 +347,7 @@ def test_records_of_unequal_length_are_pooled_by_their_length():
 
     one, two = np.array([0.6, 1.4, 1.0, 0.8, 1.2]), np.array([1.5, 2.5, 2.2, 1.8])
     records = [
-        drift.Drift(float(np.mean(x)), interval.mean_interval(x), x, [(0.0, 1.0)] * len(x), seconds, wander)
+        drift.Drift(float(np.mean(x)), statistics.mean_interval(x), x, [(0.0, 1.0)] * len(x), seconds, wander)
         for x, seconds, wander in ((one, 60.0, 0.3), (two, 20.0, 0.9))
     ]
     found = drift.pool_drifts(records)
@@ -367,7 +366,7 @@ def test_records_of_unequal_length_are_pooled_by_their_length():
     wanted = (1.25 - half, 1.25 + half) if agree else (records[0].ci95[0], records[1].ci95[1])
     assert found.ci95 == pytest.approx(wanted, rel=1e-6)
     wide = [
-        drift.Drift(v, interval.mean_interval(x), x, [(0.0, 1.0)] * 4, s, 0.1)
+        drift.Drift(v, statistics.mean_interval(x), x, [(0.0, 1.0)] * 4, s, 0.1)
         for v, x, s in ((1.0, np.array([-1.0, 3.0, 0.0, 2.0]), 60.0), (2.0, np.array([0.0, 4.0, 1.0, 3.0]), 20.0))
     ]
     pooled = drift.pool_drifts(wide)

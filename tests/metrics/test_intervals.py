@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from attlog.metrics import intervals
-from attlog.metrics import intervals as interval
-from attlog.metrics.intervals import VariancePrior
+from attlog.metrics import statistics
+from attlog.metrics.statistics import VariancePrior
 from attlog.metrics.traces import known_steps
 from tests.conftest import few
 
@@ -18,45 +17,45 @@ PROBABILITIES = (0.001, 0.025, 0.05, 0.5, 0.95, 0.975, 0.999)
 
 @pytest.mark.parametrize("dof", DOFS)
 def test_chi_square_quantiles_are_those_of_scipy(dof):
-    ours = [intervals.chi_square(p, dof) for p in PROBABILITIES]
+    ours = [statistics.chi_square(p, dof) for p in PROBABILITIES]
     np.testing.assert_allclose(ours, stats.chi2.ppf(PROBABILITIES, dof), rtol=1e-7)
 
 
 @pytest.mark.parametrize("dof", DOFS)
 def test_student_quantiles_are_those_of_scipy(dof):
-    ours = [intervals.student(p, dof) for p in PROBABILITIES]
+    ours = [statistics.student(p, dof) for p in PROBABILITIES]
     np.testing.assert_allclose(ours, stats.t.ppf(PROBABILITIES, dof), rtol=1e-7, atol=1e-9)
 
 
 @pytest.mark.parametrize("dof", [*DOFS, 4.0, 35.0])
 def test_tails_of_many_are_those_of_each_and_of_scipy(dof):
     t = np.array([0.0, 1e-300, np.inf, *np.geomspace(1e-6, 1e6, 40), *np.linspace(0.1, 5.0, 40)])
-    found = intervals.students_two_sided(t, dof)
-    np.testing.assert_allclose(found, [intervals.student_two_sided(x, dof) for x in t], rtol=1e-12, atol=1e-300)
+    found = statistics.students_two_sided(t, dof)
+    np.testing.assert_allclose(found, [statistics.student_two_sided(x, dof) for x in t], rtol=1e-12, atol=1e-300)
     np.testing.assert_allclose(found, 2 * stats.t.sf(t, dof), rtol=1e-6, atol=1e-12)
-    assert np.isnan(intervals.students_two_sided(np.array([np.nan]), dof)[0])
-    assert len(intervals.students_two_sided(t[:0], dof)) == 0
+    assert np.isnan(statistics.students_two_sided(np.array([np.nan]), dof)[0])
+    assert len(statistics.students_two_sided(t[:0], dof)) == 0
 
 
 def test_all_far_out_take_no_more_steps_than_one(monkeypatch):
     """Tails that end at once leave nothing to sum, and no loop runs on for nobody."""
     steps = []
-    monkeypatch.setattr(intervals, "_nonzeros", lambda x: steps.append(1) or x)
-    intervals.students_two_sided(np.array([0.0, np.inf]), 5.0)
+    monkeypatch.setattr(statistics, "_nonzeros", lambda x: steps.append(1) or x)
+    statistics.students_two_sided(np.array([0.0, np.inf]), 5.0)
     assert len(steps) < 20
 
 
 def test_means_of_groups_are_those_of_each_group_wherever_it_lies():
     x = np.random.default_rng(0).standard_normal(50)
     groups = [slice(3, 10), slice(10, 11), slice(20, 50)]
-    np.testing.assert_allclose(interval.group_means(x, groups), [x[g].mean() for g in groups], rtol=1e-13)
+    np.testing.assert_allclose(statistics.group_means(x, groups), [x[g].mean() for g in groups], rtol=1e-13)
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 100])
 def test_a_quantile_of_ordered_values_is_that_of_numpy(n):
     x = np.random.default_rng(n).standard_normal(n)
     for p in (0.0, 0.1, 0.5, 0.95, 1.0):
-        assert interval.quantile(np.sort(x), p) == pytest.approx(np.quantile(x, p), rel=1e-12, abs=1e-12)
+        assert statistics.quantile(np.sort(x), p) == pytest.approx(np.quantile(x, p), rel=1e-12, abs=1e-12)
 
 
 def test_quantiles_of_what_is_known_are_those_of_numpy():
@@ -70,28 +69,28 @@ def test_sums_of_ranges_are_those_of_each_range_empty_ones_too():
     x = np.random.default_rng(3).standard_normal(20)
     first, last = np.array([0, 3, 3, 18, 20, 5]), np.array([4, 3, 9, 20, 20, 5])
     wanted = [x[a:b].sum() for a, b in zip(first, last, strict=True)]
-    np.testing.assert_allclose(interval.group_sums(x, first, last), wanted, atol=1e-14)
-    assert len(interval.group_sums(x, first[:0], last[:0])) == 0
+    np.testing.assert_allclose(statistics.group_sums(x, first, last), wanted, atol=1e-14)
+    assert len(statistics.group_sums(x, first[:0], last[:0])) == 0
 
 
 def test_neighbours_that_do_not_resemble_each_other_widen_nothing():
     x = np.array([1.0, -1.0] * 6)
-    assert interval.neighbour_interval(x) == pytest.approx(interval.mean_interval(x))
-    assert interval.neighbour_interval([1.0]) is None
-    assert interval.neighbour_interval([2.0, 2.0, 2.0]) == (2.0, 2.0)
+    assert statistics.neighbour_interval(x) == pytest.approx(statistics.mean_interval(x))
+    assert statistics.neighbour_interval([1.0]) is None
+    assert statistics.neighbour_interval([2.0, 2.0, 2.0]) == (2.0, 2.0)
 
 
 def test_neighbours_that_resemble_each_other_widen_as_a_first_order_process():
     x = np.array([1.0, 1.0, -1.0, -1.0] * 10)  # neighbours alike in 20 of 39 cases: r = 1/40, and 1/40 for its bias
-    wider = np.diff(interval.neighbour_interval(x)) / np.diff(interval.mean_interval(x))
+    wider = np.diff(statistics.neighbour_interval(x)) / np.diff(statistics.mean_interval(x))
     assert wider == pytest.approx(np.sqrt(1.05 / 0.95))
     slow = np.repeat([1.0, -1.0], 10)
-    assert np.diff(interval.neighbour_interval(slow)) / np.diff(interval.mean_interval(slow)) == pytest.approx(2.0)
+    assert np.diff(statistics.neighbour_interval(slow)) / np.diff(statistics.mean_interval(slow)) == pytest.approx(2.0)
 
 
 def test_an_error_that_does_not_change_is_known_by_a_factor_of_two():
     """Without changes the variance is 2 * 1.3 / 5 for the difference of two records, half of it for one."""
-    low, high = interval.wandering_interval(3.0, [0.0, 0.0, 0.0])
+    low, high = statistics.wandering_interval(3.0, [0.0, 0.0, 0.0])
     factor = np.exp(0.5 * stats.t.ppf(0.975, 5) * np.sqrt(0.5 * 2 * 1.3 / 5))
     assert (low, high) == pytest.approx((3.0 / factor, 3.0 * factor))
     assert factor == pytest.approx(1.93, abs=0.01)
@@ -99,20 +98,20 @@ def test_an_error_that_does_not_change_is_known_by_a_factor_of_two():
 
 def test_a_change_between_halves_counts_as_those_of_both_quarters():
     of_halves, of_quarters = (
-        interval.wandering_interval(1.0, [1.5, 0.0, 0.0]),
-        interval.wandering_interval(1.0, [0.0, 1.5, 1.5]),
+        statistics.wandering_interval(1.0, [1.5, 0.0, 0.0]),
+        statistics.wandering_interval(1.0, [0.0, 1.5, 1.5]),
     )
     assert of_halves == pytest.approx(of_quarters)
     assert (
         of_halves[1]
-        > interval.wandering_interval(1.0, [1.0, 0.0, 0.0])[1]
-        > interval.wandering_interval(1.0, [0.0] * 3)[1]
+        > statistics.wandering_interval(1.0, [1.0, 0.0, 0.0])[1]
+        > statistics.wandering_interval(1.0, [0.0] * 3)[1]
     )
 
 
 @pytest.mark.parametrize(("half", "sigma", "wanted"), [(0.0, 0.1, 0.2), (0.3, 0.2, 0.5), (0.3, 0.0, 0.3)])
 def test_the_sigma_of_a_reference_adds_in_quadrature_twice(half, sigma, wanted):
-    assert interval.widen_by_reference(1.0, (1.0 - half, 1.0 + half), sigma) == pytest.approx(
+    assert statistics.widen_by_reference(1.0, (1.0 - half, 1.0 + half), sigma) == pytest.approx(
         (1.0 - wanted, 1.0 + wanted)
     )
 
@@ -122,14 +121,14 @@ def test_a_jackknife_of_means_is_the_t_interval_of_the_values():
     x = np.random.default_rng(4).standard_normal(12)
     left_out = (x.sum() - x) / 11
     half = stats.t.ppf(0.975, 11) * x.std(ddof=1) / np.sqrt(12)
-    assert interval.jackknife_interval(x.mean(), left_out) == pytest.approx(
+    assert statistics.jackknife_interval(x.mean(), left_out) == pytest.approx(
         (x.mean() - half, x.mean() + half), rel=1e-6
     )
 
 
 @pytest.mark.parametrize("left_out", [[1.0, 2.0], [1.0, 2.0, np.inf], [1.0, np.nan, 2.0, 3.0]])
 def test_a_jackknife_of_too_few_or_of_values_that_are_none_tells_nothing(left_out):
-    assert interval.jackknife_interval(1.0, left_out) is None
+    assert statistics.jackknife_interval(1.0, left_out) is None
 
 
 PRIOR = VariancePrior(0.25, 4.0)
@@ -146,14 +145,14 @@ def of_the_model(rng, k, prior):
 @pytest.mark.parametrize("k", few([1, 2, 4, 12], 2))
 def test_the_interval_covers_95_percent_neither_less_nor_more(k):
     rng = np.random.default_rng(k)
-    bounds = np.array([interval.moderated_interval(of_the_model(rng, k, PRIOR), PRIOR) for _ in range(RUNS)])
+    bounds = np.array([statistics.moderated_interval(of_the_model(rng, k, PRIOR), PRIOR) for _ in range(RUNS)])
     assert np.mean((bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)) == pytest.approx(0.95, abs=0.01)
 
 
 @pytest.mark.slow
 def test_p_values_of_equal_rows_are_uniform():
     rng = np.random.default_rng(5)
-    p = [interval.moderated_p_value(of_the_model(rng, 3, PRIOR)[None], PRIOR)[0] for _ in range(RUNS)]
+    p = [statistics.moderated_p_value(of_the_model(rng, 3, PRIOR)[None], PRIOR)[0] for _ in range(RUNS)]
     assert stats.kstest(p, "uniform").pvalue > 1e-3
 
 
@@ -161,8 +160,10 @@ def test_the_interval_is_smyths():
     x = np.array([0.3, -0.4, 1.1])
     s2 = (4 * 0.25 + 2 * np.var(x, ddof=1)) / 6
     half = stats.t.ppf(0.975, 6) * np.sqrt(s2 / 3)
-    assert interval.moderated_interval(x, PRIOR) == pytest.approx((x.mean() - half, x.mean() + half))
-    assert interval.moderated_p_value(x[None], PRIOR)[0] == pytest.approx(2 * stats.t.sf(x.mean() / np.sqrt(s2 / 3), 6))
+    assert statistics.moderated_interval(x, PRIOR) == pytest.approx((x.mean() - half, x.mean() + half))
+    assert statistics.moderated_p_value(x[None], PRIOR)[0] == pytest.approx(
+        2 * stats.t.sf(x.mean() / np.sqrt(s2 / 3), 6)
+    )
 
 
 def test_factors_of_noise_intervals_at_rest():
@@ -171,7 +172,7 @@ def test_factors_of_noise_intervals_at_rest():
     for k, factor in ((1, 2.0), (2, 1.5), (4, 1.35)):
         x = stats.norm.ppf((np.arange(k) + 0.5) / k)
         x = x / np.std(x, ddof=1) * scatter if k > 1 else x
-        assert np.exp(0.5 * interval.moderated_interval(x, PRIOR)[1]) == pytest.approx(factor, rel=0.08)
+        assert np.exp(0.5 * statistics.moderated_interval(x, PRIOR)[1]) == pytest.approx(factor, rel=0.08)
 
 
 @pytest.mark.parametrize("k", [3, 5, 12])
@@ -181,7 +182,7 @@ def test_the_jackknife_interval_covers_95_percent_neither_less_nor_more(k):
     hits = 0
     for _ in range(RUNS):
         x = rng.standard_normal(k)
-        low, high = interval.jackknife_interval(x.mean(), (x.sum() - x) / (k - 1))
+        low, high = statistics.jackknife_interval(x.mean(), (x.sum() - x) / (k - 1))
         hits += low <= 0 <= high
     assert hits / RUNS == pytest.approx(0.95, abs=0.01)
 
@@ -189,5 +190,5 @@ def test_the_jackknife_interval_covers_95_percent_neither_less_nor_more(k):
 @pytest.mark.parametrize("k", [2, 6])
 def test_the_t_interval_covers_95_percent_neither_less_nor_more(k):
     rng = np.random.default_rng(k)
-    bounds = np.array([interval.mean_interval(rng.standard_normal(k)) for _ in range(RUNS)])
+    bounds = np.array([statistics.mean_interval(rng.standard_normal(k)) for _ in range(RUNS)])
     assert np.mean((bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)) == pytest.approx(0.95, abs=0.01)

@@ -18,8 +18,8 @@ from attlog.flight.model import Imu, Stream
 from attlog.metrics import accuracy, metric
 from attlog.metrics import step_turning as steps
 from attlog.metrics.gyro_bias import no_common_bias
-from attlog.metrics.innovations import AID_GROUPS
 from attlog.metrics.metric import CODES, Answer, Case, per_object, per_row
+from attlog.metrics.rerun import AID_GROUPS
 from attlog.metrics.traces import traces
 from attlog.reference.model import Track
 from attlog.segments.model import WINDOWS, Segment

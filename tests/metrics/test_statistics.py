@@ -13,7 +13,6 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from attlog.core.plain import to_plain
-from attlog.metrics import intervals as interval
 from attlog.metrics import ranking, statistics
 from attlog.metrics.metric import Answer
 from attlog.metrics.statistics import Kind, Summary, UnitValues, make_ids
@@ -205,7 +204,7 @@ def test_four_seconds_and_eight_samples_have_an_interval(seconds: float, count: 
 
 def test_a_root_mean_square_without_groups_has_no_interval_and_of_nothing_is_known_to_be_nothing() -> None:
     x = np.random.default_rng(1).normal(size=100)
-    groups = interval.equal_groups(100, 5)
+    groups = statistics.equal_groups(100, 5)
     assert statistics.root_mean_square(x, groups[:1]) == (pytest.approx(np.sqrt(np.mean(x**2))), None)
     assert statistics.root_mean_square(0.0 * x, groups) == (0.0, (0.0, 0.0))
     _, high = statistics.root_mean_square(170.0 + x, groups)[1] or (0.0, 0.0)
@@ -217,7 +216,7 @@ def test_a_root_mean_square_without_groups_has_no_interval_and_of_nothing_is_kno
 def test_the_factor_of_a_root_mean_square_is_the_relative_half_width_of_its_square_by_half() -> None:
     """Neighbours that do not resemble each other: plain Student's t over four group means of unequal size."""
     levels = np.array([1.0, 2.0, 1.2, 1.9])
-    value, ci95 = statistics.root_mean_square(np.repeat(levels, 25), interval.equal_groups(100, 4))
+    value, ci95 = statistics.root_mean_square(np.repeat(levels, 25), statistics.equal_groups(100, 4))
     half = stats.t.ppf(0.975, 3) * stats.sem(levels**2)
     factor = np.exp(0.5 * half / np.mean(levels**2))
     assert ci95 == pytest.approx((value / factor, value * factor))
@@ -230,7 +229,7 @@ def test_the_median_of_ranks_has_the_binomial_coverage() -> None:
         x = np.sort(rng.normal(size=k))
         fits = [r for r in range(1, k // 2 + 1) if 2.0 * stats.binom.cdf(r - 1, k, 0.5) <= 0.05]
         wanted = (x[fits[-1] - 1], x[k - fits[-1]]) if fits else None
-        assert interval.median_interval(x[::-1]) == wanted
+        assert statistics.median_interval(x[::-1]) == wanted
 
 
 def test_neighbours_are_taken_for_alike_by_their_correlation_without_its_bias() -> None:
@@ -240,5 +239,5 @@ def test_neighbours_are_taken_for_alike_by_their_correlation_without_its_bias() 
     low, high = stats.t.interval(0.95, 8, x.mean(), stats.sem(x))
     wider = np.sqrt((1.0 + r) / (1.0 - r))
     middle, half = 0.5 * (low + high), 0.5 * (high - low) * wider
-    assert interval.neighbour_interval(x) == pytest.approx((middle - half, middle + half))
-    assert interval.neighbour_interval([1.0, 2.0]) == pytest.approx(interval.mean_interval([1.0, 2.0]))
+    assert statistics.neighbour_interval(x) == pytest.approx((middle - half, middle + half))
+    assert statistics.neighbour_interval([1.0, 2.0]) == pytest.approx(statistics.mean_interval([1.0, 2.0]))

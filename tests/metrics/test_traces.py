@@ -15,10 +15,21 @@ from scipy import signal
 import attlog
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.metrics.sensor_traces import MAX_BUCKETS, G, clipped_samples, ground, periodogram, size_of, vibration
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_turning import StepEvent
-from attlog.metrics.trace import BUDGET, SampleBudget, envelope, extremes
+from attlog.metrics.trace import (
+    BUDGET,
+    MAX_BUCKETS,
+    G,
+    SampleBudget,
+    clipped_samples,
+    envelope,
+    extremes,
+    ground,
+    periodogram,
+    size_of,
+    vibration,
+)
 from attlog.metrics.traces import (
     GRID_S,
     MAX_DEMAND_POINTS,

@@ -15,7 +15,7 @@ from attlog.core import rotation
 from attlog.flight.model import Attitude
 from attlog.reference import ReferenceOptions, choose, onboard_rows, replayed, scoring
 from attlog.reference.model import AttitudeErrors, Reference
-from attlog.reference.rows import withhold
+from attlog.reference.scoring import withhold
 from attlog.segments.model import Segment, Segments
 from tests.reference.flights import RATE, SECONDS, attitude_at, compared, estimate, flight, grouped, sampled
 

@@ -14,7 +14,7 @@ from attlog.core import spans
 from attlog.core.errors import AttlogError
 from attlog.flight.model import PAUSE_S
 from attlog.pipeline.summary import describe
-from attlog.segments import Segments, resets
+from attlog.segments import Segments, increments
 from tests.conftest import corpus_logs, corpus_root
 
 
@@ -214,10 +214,10 @@ def test_resets_are_found_without_the_counter_where_they_exceed_the_limit(path):
     log = readable(path)
     attitude, imu = log.attitudes[log.onboard], log.imus[log.imu]
     told = set(attitude.resets.tolist())
-    unexplained = resets.unexplained_deg(attitude, imu)
+    unexplained = increments.unexplained_deg(attitude, imu)
     assert unexplained is not None
     attitude.resets = np.zeros(0, np.int64)
-    found = set(resets.find_resets(attitude, imu)[0].tolist())
+    found = set(increments.find_resets(attitude, imu)[0].tolist())
     assert {i for i in told if unexplained[0][i - 1] > 1.2} <= found
     in_air = [i for i in found - told if attitude.t[i] > 15]
     assert len(in_air) <= 1

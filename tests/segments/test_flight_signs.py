@@ -11,7 +11,7 @@ import pytest
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Imu, Stream
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments import airborne, flight_signs, windows
+from attlog.segments import airborne, flight_signs, rest
 from attlog.segments import flight_signs as signs
 from attlog.segments.airborne import HeightLevel
 from attlog.segments.flight_signs import Grid, hold_last, seconds_to_nearest, true_runs
@@ -327,10 +327,10 @@ def test_fast_force_of_each_second_is_what_a_mean_over_a_fifth_of_it_leaves() ->
     t = np.arange(0.0, 8.0, 0.01)
     acc = np.random.default_rng(2).normal(size=(len(t), 3)) * [1.0, 2.0, 3.0] * (1.0 + t)[:, None]
     unit = Imu(0, Stream(t, acc, "", "", ""), Stream(t, acc, "", "", ""))
-    starts, found = windows.vibration_levels(unit, [(2.0, 6.505)])
+    starts, found = rest.vibration_levels(unit, [(2.0, 6.505)])
     np.testing.assert_allclose(starts, [2.0, 3.0, 4.0, 5.0], atol=0.011)
     part = acc[(t >= 2.0) & (t <= 6.505)]
-    fast = part - windows.centred_mean(part, 20)
+    fast = part - rest.centred_mean(part, 20)
     for k, values in enumerate(found):
         np.testing.assert_allclose(values, np.sqrt(np.mean(fast[100 * k : 100 * (k + 1)] ** 2, axis=0)), rtol=0.03)
-    assert len(windows.vibration_levels(unit, [(2.0, 2.08)])[0]) == 0
+    assert len(rest.vibration_levels(unit, [(2.0, 2.08)])[0]) == 0

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Imu, Stream
-from attlog.segments import resets
+from attlog.segments import increments
 from attlog.segments.increments import GyroIncrements
 from tests.conftest import few
 
@@ -84,14 +84,14 @@ def jump(attitude: Attitude, i: int, heading_deg: float, tilt_deg: float = 0.0) 
 @pytest.mark.parametrize("late", [0.0, 0.02])
 def test_fast_flight_shows_no_reset(late):
     imu, attitude = agile(late=late)
-    assert len(resets.find_resets(attitude, imu)[0]) == 0
+    assert len(increments.find_resets(attitude, imu)[0]) == 0
 
 
 @pytest.mark.parametrize("size", few([3.0, 20.0, -90.0, 180.0], 2))
 def test_a_jump_in_heading_is_found_at_its_sample_without_any_counter(size):
     imu, attitude = agile()
     jump(attitude, 240, size)
-    found, why = resets.find_resets(attitude, imu)
+    found, why = increments.find_resets(attitude, imu)
     assert found.tolist() == [240]
     assert "the gyro does not explain" in why[0]
     assert f"{abs(size):.0f}." in why[0] or abs(size) == 3.0
@@ -102,7 +102,7 @@ def test_a_counter_is_believed_even_where_the_jump_is_small_and_counts_once():
     jump(attitude, 240, 30.0)
     jump(attitude, 500, 0.2)
     attitude.resets = np.array([240, 500])
-    found, why = resets.find_resets(attitude, imu)
+    found, why = increments.find_resets(attitude, imu)
     assert found.tolist() == [240, 500]
     assert all("counter" in w for w in why)
 
@@ -113,25 +113,25 @@ def test_a_jump_one_sample_beside_its_counter_is_no_second_reset(beside):
     imu, attitude = agile()
     jump(attitude, 240, 30.0)
     attitude.resets = np.array([240 + beside])
-    assert resets.find_resets(attitude, imu)[0].tolist() == [240 + beside]
+    assert increments.find_resets(attitude, imu)[0].tolist() == [240 + beside]
 
 
 def test_a_step_across_a_gap_is_not_called_a_reset():
     imu, attitude = agile()
     keep = (imu.gyro.t < 10) | (imu.gyro.t > 12)
     imu.gyro.t, imu.gyro.x = imu.gyro.t[keep], imu.gyro.x[keep]
-    assert len(resets.find_resets(attitude, imu)[0]) == 0
+    assert len(increments.find_resets(attitude, imu)[0]) == 0
     keep = (attitude.t < 10) | (attitude.t > 12)
     attitude.t, attitude.q = attitude.t[keep], attitude.q[keep]
-    assert len(resets.find_resets(attitude, imu)[0]) == 0
+    assert len(increments.find_resets(attitude, imu)[0]) == 0
 
 
 def test_without_gyro_only_the_counter_tells():
     _, attitude = agile()
     jump(attitude, 240, 90.0)
-    assert len(resets.find_resets(attitude, None)[0]) == 0
+    assert len(increments.find_resets(attitude, None)[0]) == 0
     attitude.resets = np.array([240])
-    assert resets.find_resets(attitude, None)[0].tolist() == [240]
+    assert increments.find_resets(attitude, None)[0].tolist() == [240]
 
 
 @settings(max_examples=20, deadline=None)
@@ -142,7 +142,7 @@ def test_neither_north_nor_the_clock_changes_what_is_found(yaw, shift):
     attitude.q = rotation.turn_about_down(attitude.q, yaw) * np.where(np.arange(len(attitude.q)) % 2, 1, -1)[:, None]
     attitude.t = attitude.t + shift
     imu.gyro.t = imu.gyro.t + shift
-    assert resets.find_resets(attitude, imu)[0].tolist() == [100]
+    assert increments.find_resets(attitude, imu)[0].tolist() == [100]
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_jump_is_more_than_a_degree_and_a_tenth_of_what_was_turned(rate_dps, s
     at = t[::ATTITUDE_EVERY]
     attitude = Attitude(at, rotation.from_euler(0 * at, 0 * at, np.radians(rate_dps) * at), "ATT")
     jump(attitude, 200, size)
-    assert resets.find_resets(attitude, imu)[0].tolist() == ([200] if told else [])
+    assert increments.find_resets(attitude, imu)[0].tolist() == ([200] if told else [])
 
 
 def test_before_the_gyro_begins_and_after_it_ends_nothing_is_said_of_a_jump():
@@ -164,7 +164,7 @@ def test_before_the_gyro_begins_and_after_it_ends_nothing_is_said_of_a_jump():
     for stream in (imu.gyro, imu.acc):
         inside = (stream.t >= 5.0) & (stream.t <= 30.0)
         stream.t, stream.x = stream.t[inside], stream.x[inside]
-    found = resets.unexplained_deg(attitude, imu)
+    found = increments.unexplained_deg(attitude, imu)
     assert found is not None
     known = np.isfinite(found[0])
     np.testing.assert_array_equal(known, (attitude.t[:-1] >= imu.gyro.t[0]) & (attitude.t[1:] <= imu.gyro.t[-1]))

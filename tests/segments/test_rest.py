@@ -298,7 +298,8 @@ def test_flight_is_hover_or_cruise_and_never_both():
 
 def test_motors_idle_at_a_gyro_that_no_rest_could_tell_the_offset_of():
     """Without any rest 2 deg/s may be the gyro's own offset; beside a rest that shows zero the vehicle turns."""
-    from attlog.segments import rest, windows
+    from attlog.segments import rest
+    from attlog.segments import rest as windows
     from attlog.segments.rest import FlagSpans
 
     t = np.arange(0.0, 10.0, 0.01)

@@ -7,28 +7,27 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.segments import rest, windows
-from attlog.segments.rest import FlagSpans
-from attlog.segments.windows import ImuWindows
+from attlog.segments import rest
+from attlog.segments.rest import FlagSpans, ImuWindows
 
 
 def test_windows_on_both_sides_of_a_gap_are_not_joined_however_short_it_is() -> None:
     """A gap is told from 50 ms on; less than a tenth of a window stands between the two windows."""
     t = np.concatenate([np.arange(0.0, 2.0, 0.01), np.arange(2.045, 4.0, 0.01)])
-    still = windows.build_windows(t, np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.8], (len(t), 1)))
-    (before, after) = windows.join_windows(still, np.ones(len(still.t0), bool))
+    still = rest.build_windows(t, np.zeros((len(t), 3)), np.tile([0.0, 0.0, -9.8], (len(t), 1)))
+    (before, after) = rest.join_windows(still, np.ones(len(still.t0), bool))
     assert (before, after) == (pytest.approx((0.0, 2.0)), pytest.approx((2.045, 4.0), abs=0.02))
     assert 0.0 < after[0] - before[1] < 0.1 * still.seconds
 
 
 def test_the_statistics_of_each_window_are_those_of_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two windows at a time, other noise and another mean in each axis, and a window that is not full."""
-    monkeypatch.setattr(windows, "WINDOWS_PER_PASS", 2)
+    monkeypatch.setattr(rest, "WINDOWS_PER_PASS", 2)
     rng = np.random.default_rng(3)
     t = 7.0 + np.arange(0.0, 2.7, 0.01)
     gyro = np.radians([5.0, -2.0, 30.0] + rng.normal(size=(len(t), 3)) * [0.5, 2.0, 8.0])
     acc = np.array([1.0, 3.0, -9.0]) + rng.normal(size=(len(t), 3)) * [0.2, 0.9, 0.1]
-    found = windows.build_windows(t, gyro, acc)
+    found = rest.build_windows(t, gyro, acc)
     np.testing.assert_allclose(found.t0, 7.0 + 0.5 * np.arange(6))
     np.testing.assert_allclose(found.t1, [*(7.5 + 0.5 * np.arange(5)), 9.7])
     np.testing.assert_allclose(found.middle, 0.5 * (found.t0 + found.t1))
@@ -43,10 +42,10 @@ def test_the_statistics_of_each_window_are_those_of_numpy(monkeypatch: pytest.Mo
 
 def test_a_slow_log_has_windows_of_five_samples_and_one_of_two_samples_is_left_out() -> None:
     t = 0.25 * np.arange(17)
-    found = windows.build_windows(t, np.zeros((17, 3)), np.zeros((17, 3)))
+    found = rest.build_windows(t, np.zeros((17, 3)), np.zeros((17, 3)))
     assert found.seconds == pytest.approx(1.25)
     np.testing.assert_allclose(found.t0, [0.0, 1.25, 2.5])
-    assert len(windows.build_windows(t[:13], np.zeros((13, 3)), np.zeros((13, 3))).t0) == 3
+    assert len(rest.build_windows(t[:13], np.zeros((13, 3)), np.zeros((13, 3))).t0) == 3
 
 
 def made(n: int = 40, **more: Any) -> ImuWindows:
@@ -68,8 +67,8 @@ def test_windows_are_joined_where_they_follow_each_other_in_one_segment() -> Non
     passed = np.ones(40, bool)
     passed[[5, 20]] = False
     segment = (np.arange(40) >= 10).astype(np.int64)
-    assert windows.join_windows(made(segment=segment), passed) == [(0.0, 2.5), (3.0, 5.0), (5.0, 10.0), (10.5, 20.0)]
-    assert windows.join_windows(made(), ~np.ones(40, bool)) == []
+    assert rest.join_windows(made(segment=segment), passed) == [(0.0, 2.5), (3.0, 5.0), (5.0, 10.0), (10.5, 20.0)]
+    assert rest.join_windows(made(), ~np.ones(40, bool)) == []
 
 
 def flags(spans: list[tuple[float, float]] | None = None, measured: bool = False, known: bool = True) -> FlagSpans:
