@@ -177,7 +177,7 @@ def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestio
     found = [question_column(key, answers[key], rows) for key in TITLES]
     nothing = ""
     if all(q.empty for q in found):
-        why = dict.fromkeys(q.sentence.removeprefix(NO_ANSWER).rstrip(".") for q in found)
+        why = dict.fromkeys(line.text.removeprefix(NO_ANSWER).rstrip(".") for line in answers.values())
         nothing = f"{NO_ANSWER}{'; '.join(why)}."
     return FourQuestions([row.name for row in rows], repeat_reasons_once(found), nothing)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from attlog.result import Reproduction, Result
 from attlog.words.names import flown_name, truth_name
-from attlog.words.numbers import duration, moment, number
+from attlog.words.numbers import duration, moment
 from attlog.words.text import typeset
 
 if TYPE_CHECKING:
@@ -53,16 +53,6 @@ def flight_length(result: Result) -> str:
     flown = (result.log.get("seconds") or {}).get("airborne")
     whole = duration(result.log.get("duration_s"))
     return f"{whole}, {duration(flown)} in flight" if flown else whole
-
-
-def sensor_rates(result: Result) -> str:
-    """Return the logged rate of each sensor."""
-    log = result.log
-    return ", ".join(
-        f"{word} {number(log[key]['rate_hz'], 'Hz')} Hz"
-        for key, word in (("imu", "IMU"), ("mag", "magnetometer"), ("attitude", "attitude"))
-        if log.get(key)
-    )
 
 
 def firmware(result: Result) -> str:

@@ -82,16 +82,6 @@ def test_the_unit_of_the_primary_core_by_the_mask_is_replayed() -> None:
     assert read(tables, {"EK3_IMU_MASK": 6}, imu=0).imus[0].index == 0
 
 
-def test_the_ekf_that_flies_decides_where_two_families_run() -> None:
-    def core(primary: int) -> dict[str, Any]:
-        return {"TimeUS": micros(100, 5), "PI": np.full(100, primary, np.int8)}
-
-    tables = {("IMU", 0): imu(), ("IMU", 1): imu(), ("XKF4", 0): core(0), ("NKF4", 0): core(1)}
-    masks = {"EK2_IMU_MASK": 3, "EK3_IMU_MASK": 3}
-    assert read(tables, masks | {"AHRS_EKF_TYPE": 2}).imu == 1
-    assert read(tables, masks | {"AHRS_EKF_TYPE": 3}).imu == 0
-
-
 def test_old_names_are_units_of_their_own() -> None:
     log = read({("IMU", 0): imu(), ("IMU2", 0): imu(rates=(1.0, 0, 0))})
     assert [(i.index, i.gyro.source) for i in log.imus] == [(0, "IMU"), (1, "IMU2")]

@@ -188,13 +188,6 @@ def test_samples_for_which_the_accelerometer_has_no_value_are_told() -> None:
     assert any("sensor_combined has no value" in p.text for p in log.problems)
 
 
-def test_an_array_of_one_element_in_place_of_a_number_is_that_number() -> None:
-    batches = fifo(2000, 8, 125.0, (1000, 200, 300), 11)
-    batches["samples"] = batches["samples"][:, None]
-    imu = read({("sensor_gyro_fifo", 0): batches, ("sensor_combined", 0): combined()}).imus[0]
-    assert imu.gyro.source == "sensor_gyro_fifo:0"
-
-
 def test_the_board_rotation_is_not_applied_to_what_px4_has_turned_already() -> None:
     """``sensor_combined``, ``vehicle_imu``, ``vehicle_magnetometer`` are in the body frame: turning them is twice."""
     turned = {"SENS_BOARD_ROT": 4, "SENS_BOARD_X_OFF": 5.0, "CAL_GYRO0_ID": 11, "CAL_GYRO0_XOFF": 0.1}
@@ -211,13 +204,6 @@ def test_the_board_rotation_is_not_applied_to_what_px4_has_turned_already() -> N
         np.testing.assert_allclose(told.imus[told.imu].gyro.x[5], RATE_XYZ, rtol=1e-5)
         np.testing.assert_array_equal(told.imus[told.imu].acc.x, plain.imus[plain.imu].acc.x)
         np.testing.assert_allclose(told.mags[told.mag].field.x[5], np.array([0.2, 0.1, 0.4]) * 1e-4, rtol=1e-5)
-
-
-def test_a_gyro_fifo_alone_takes_the_acceleration_of_the_voted_unit() -> None:
-    tables = {("sensor_gyro_fifo", 0): fifo(300, 8, 125.0, (1000, 200, 300), 11), ("sensor_combined", 0): combined()}
-    log = read(tables)
-    assert log.imus[log.imu].acc.source == "sensor_combined"
-    np.testing.assert_allclose(log.imus[log.imu].acc.x[100], [0, 0, -9.81], atol=1e-6)
 
 
 def attitude(n: int, counter: np.ndarray, q: np.ndarray | None = None) -> dict[str, Any]:
