@@ -347,17 +347,14 @@ def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
     low = matching_texts(log, BATTERY)
     for text in said:
         t = text[0]
-        causes = [x for x in low if abs(x[0] - t) <= CAUSE_S]
+        causes = [x for x in low if abs(x[0] - t) <= CAUSE_S and x != text]
         battery = bool(causes) or bool(BATTERY.search(text[2]))
         quoted += [text, *causes]
         kind = "battery" if battery else "failsafe"
         if any(e.kind == kind and (e.t_end or e.t) > t - AGAIN_S for e in found):
             continue
-        found.append(
-            _failsafe_event(
-                kind, t, _failsafe_name(text, battery), [quote_text(text), *(quote_text(x) for x in causes[:1])]
-            )
-        )
+        evidence = [quote_text(x) for x in (text, *causes[:1])]
+        found.append(_failsafe_event(kind, t, _failsafe_name(text, battery), evidence))
     for problem in log.problems:
         at = problem.t
         if at is None or any(abs(e.t - at) <= AGAIN_S and e.kind in ("failsafe", "battery") for e in found):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +19,7 @@ from attlog.segments.model import Segment, Segments
 from attlog.story import flight_events, headlines
 from attlog.story.flight_events import Event, EventSeverity, format_significant
 from attlog.story.headlines import WrongAngle, _crash_phrases, _crash_target, _crashes, _first_fault, _with_angle
+from tests.golden import check_golden
 from tests.story.made import log
 
 LOST = Event("gnss_lost", 40.0, "warning", "GNSS had no fix for 9 s in flight, from 40.0 s.", 49.0)
@@ -96,57 +99,6 @@ def test_one_on_the_ground_is_told_of_what_never_flew_where_nothing_else_is() ->
     assert "failsafe" not in said(log(), flown(armed=(50.0, 83.0)), idle)
 
 
-# What a crash hit and how it lay, in words, on endings made by hand.
-
-
-def crash_of(kind: Any, t: float, size: float, lies: float | None = None) -> CrashEvent:
-    unit = {"impact": "g", "overturn": "deg", "tumble": "deg/s"}[kind]
-    return CrashEvent(kind, t, t + 0.1, size, unit, "seen", lies, 400.0)
-
-
-@pytest.mark.parametrize(
-    ("group", "what", "full", "short"),
-    [
-        (
-            [crash_of("impact", 10.0, 7.0, 40.0)],
-            "the ground",
-            "Hit the ground at 10.0 s (7.0 g), lay at 40°",
-            "Hit the ground at 10.0 s (7.0 g)",
-        ),
-        (
-            [crash_of("overturn", 9.0, 120.0), crash_of("impact", 10.0, 7.0, 40.0)],
-            "the ground",
-            "Rolled to 120° at 9.0 s and hit the ground at 10.0 s (7.0 g)",
-            "Hit the ground at 10.0 s (7.0 g)",
-        ),
-        (
-            [crash_of("impact", 10.0, 7.0), crash_of("overturn", 10.4, 120.0)],
-            "something",
-            "Hit something at 10.0 s (7.0 g) and turned over to 120°",
-            "Hit something at 10.0 s (7.0 g)",
-        ),
-        (
-            [crash_of("overturn", 9.0, 80.0), crash_of("overturn", 12.0, 178.0, 170.0)],
-            "the ground",
-            "Fell over at 9.0 s (80°) and turned over at 12.0 s (178°), lay upside down",
-            "Fell over at 9.0 s (80°)",
-        ),
-        (
-            [crash_of("overturn", 9.0, 80.0)],
-            "",
-            "Flipped over at take-off at 9.0 s (80°)",
-            "Flipped over at take-off at 9.0 s (80°)",
-        ),
-        ([crash_of("tumble", 9.0, 700.0)], "the ground", "Tumbled at 9.0 s (700°/s)", "Tumbled at 9.0 s (700°/s)"),
-        ([crash_of("impact", 10.0, 7.0)], "", "Hit something at 10.0 s (7.0 g)", "Hit something at 10.0 s (7.0 g)"),
-    ],
-)
-def test_a_crash_is_told_by_its_blow_its_overturn_or_its_tumble(
-    group: list[CrashEvent], what: str, full: str, short: str
-) -> None:
-    assert _crash_phrases(group, what) == (full, short)
-
-
 @pytest.mark.parametrize(("height", "hit"), [(5.1, "something"), (4.9, "the ground"), (np.nan, "the ground")])
 def test_above_five_metres_it_is_not_the_ground_that_was_hit(height: float, hit: str) -> None:
     level = SimpleNamespace(above=np.array([0.0, 50.0, height]))
@@ -166,60 +118,49 @@ def ending(kind: Any, t: float, size: float = 5.0, unit: str = "g", **more: Any)
     return CrashEvent(kind, t, more.pop("t_end", t + 0.1), size, unit, "seen", **more)
 
 
-@pytest.mark.parametrize(
-    ("x", "said"), [(0.0, "0"), (0.123, "0.12"), (4.56, "4.6"), (12.6, "13"), (250.4, "250"), (-3.14, "-3.1")]
-)
-def test_sizes_have_two_figures_without_an_exponent(x: float, said: str) -> None:
-    assert format_significant(x) == said
+def crashes() -> Iterator[tuple[list[CrashEvent], str]]:
+    blow, rolled = ending("impact", 10.0, 7.0, lies_deg=40.0), ending("overturn", 9.0, 120.0, "deg")
+    yield [blow], "the ground"
+    yield [rolled, blow], "the ground"
+    yield [ending("impact", 10.0, 7.0), ending("overturn", 10.4, 120.0, "deg")], "something"
+    fell = ending("overturn", 9.0, 80.0, "deg")
+    yield [fell, ending("overturn", 12.0, 178.0, "deg", lies_deg=170.0)], "the ground"
+    yield [fell], ""
+    yield [ending("tumble", 9.0, 700.0, "deg/s")], "the ground"
+    yield [ending("impact", 10.0, 7.0)], ""
 
 
-def test_arming_is_told_at_each_change_and_before_the_log_where_it_holds_at_its_start() -> None:
-    line = TimeLine(np.array([0.0, 5.0, 7.0, 9.0]), [True, True, False, True], "status")
-    found = flight_events._arming(log(armed=line))
-    assert [(e.kind, e.t, e.text) for e in found] == [
-        ("armed", 0.0, "Armed before the log begins."),
-        ("disarmed", 7.0, "Disarmed at 7.0 s."),
-        ("armed", 9.0, "Armed at 9.0 s."),
-    ]
-    line = TimeLine(np.array([0.5, 2.0]), [False, True], "status")
-    assert [e.text for e in flight_events._arming(log(armed=line))] == ["Armed at 2.0 s."]
-    assert flight_events._arming(log()) == []
+def phrases() -> Iterator[str]:
+    """Yield what is said of crashes, endings, arming, the first fault and wrong angles, at both sides of limits."""
+    yield "sizes: " + ", ".join(map(format_significant, (0.0, 0.123, 4.56, 12.6, 250.4, -3.14)))
+    for group, what in crashes():
+        yield f"crash: {' | '.join(_crash_phrases(group, what))}"
+    slow = [ending("impact", 1.0, 7.84, rate=rate) for rate in (100.0, 99.0)]
+    others = [ending("overturn", 1.0, deg, "deg") for deg in (90.0, 90.1)] + [ending("tumble", 1.0, 700.0, "deg/s")]
+    for one in (*slow, *others):
+        yield f"{one.kind}: {flight_events.format_size(one)}, {flight_events.overturn_word(one)}"
+    for kind, lies, t_end in (("impact", 44.6, 13.0), ("hard_landing", 2.0, 12.8)):
+        made = ending(kind, 12.34, 7.0, lies_deg=lies, rate=400.0, t_end=t_end)
+        event = flight_events._crash_event(made, ["e"])
+        yield f"{event.kind}: {event.severity}, to {event.t_end}, crash {event.is_crash}: {event.text}"
+    for t, on in (([0.0, 5.0, 7.0, 9.0], [True, True, False, True]), ([0.5, 2.0], [False, True])):
+        armed = log(armed=TimeLine(np.array(t), on, "status"))
+        yield "arming: " + " ".join(f"{e.kind} {e.t}: {e.text}" for e in flight_events._arming(armed))
+    for t0_us in (73_400_000, 3_600_000_000, -1):
+        yield f"boot {t0_us}: " + " ".join(f"{e.t:.1f}: {e.text}" for e in flight_events._power_up(log(t0_us=t0_us)))
+    hit = Event("impact", 15.0, "serious", "Hit.")
+    later = Event("compass_switch", 20.0, "warning", "Compass changed.")
+    for first in (Event("battery", 3.0, "info", "Battery low."), Event("gnss_lost", 3.04, "warning", "GNSS lost.")):
+        yield f"first fault: {_first_fault(Segments(), [first, later, hit])}"
+    shaken = Event("vibration", 2.0, "warning", "Vibration.", value=43.0)
+    yield f"first fault: {_first_fault(Segments(), [shaken, Event('clipping', 5.6, 'warning', 'Clipped.')])}"
+    spans = Segments([Segment("airborne", 20.0, 50.0), Segment("airborne", 60.0, 80.0)])
+    for t, t_end in ((29.0, 71.0), (31.0, 71.0), (29.0, 69.0)):  # throughout: 10 s from lift-off and landing
+        yield f"angle: {_with_angle(['', 'First.'], WrongAngle('heading', 27.6, t, t_end), spans)}"
 
 
-def test_power_up_is_told_by_a_clock_since_boot_alone() -> None:
-    (found,) = flight_events._power_up(log(t0_us=73_400_000))
-    assert (found.t, found.text) == (pytest.approx(-73.4), "Switched on 73 s before the log’s first sample.")
-    assert flight_events._power_up(log(t0_us=3_600_000_000)) == []
-    assert flight_events._power_up(log(t0_us=-1)) == []
-
-
-@pytest.mark.parametrize(
-    ("one", "said"),
-    [
-        (ending("impact", 1.0, 7.84, rate=100.0), "7.8 g"),
-        (ending("impact", 1.0, 7.84, rate=99.0), "at least 7.8 g"),
-        (ending("overturn", 1.0, 91.4, "deg"), "91°"),
-        (ending("tumble", 1.0, 700.0, "deg/s"), "700°/s"),
-    ],
-)
-def test_an_ending_has_its_size_in_its_unit(one: CrashEvent, said: str) -> None:
-    assert flight_events.format_size(one) == said
-
-
-def test_up_to_ninety_degrees_it_fell_and_beyond_it_turned_over() -> None:
-    assert [flight_events.overturn_word(ending("overturn", 1.0, deg, "deg")) for deg in (90.0, 90.1)] == [
-        "Fell over",
-        "Turned over",
-    ]
-
-
-def test_an_ending_is_serious_with_how_it_lay_and_a_hard_landing_a_warning() -> None:
-    crash = flight_events._crash_event(ending("impact", 12.34, 7.0, lies_deg=44.6, rate=400.0, t_end=13.0), ["e"])
-    assert (crash.severity, crash.t_end, crash.is_crash) == ("serious", 13.0, True)
-    assert crash.text == "Hit the ground or an obstacle at 12.3 s: 7.0 g. It then lay at 45°."
-    hard = flight_events._crash_event(ending("hard_landing", 12.34, 4.0, lies_deg=2.0, rate=400.0, t_end=12.8), [])
-    assert (hard.severity, hard.t_end, hard.is_crash) == ("warning", None, False)
-    assert hard.text == "Hard landing at 12.3 s: 4.0 g, and it stayed upright."
+def test_phrases_are_as_reviewed() -> None:
+    check_golden(Path(__file__).parent / "golden" / "phrases.txt", phrases())
 
 
 def test_a_flight_that_lasts_to_the_end_of_the_log_has_no_landing_and_one_from_its_begin_no_lift_off() -> None:
@@ -239,37 +180,6 @@ def test_endings_within_five_seconds_are_one_crash() -> None:
     endings.append(ending("impact", 22.0))
     groups = _crashes(endings)
     assert [[e.t for e in group] for group in groups] == [[10.0, 16.9], [22.0]]
-
-
-def test_what_went_wrong_first_is_a_warning_before_the_crash() -> None:
-    events = [
-        Event("battery", 3.0, "info", "Battery low."),
-        Event("compass_switch", 20.0, "warning", "Compass changed."),
-        Event("impact", 15.0, "serious", "Hit."),
-    ]
-    assert _first_fault(Segments(), events) == [""]
-    events[0] = Event("gnss_lost", 3.04, "warning", "GNSS lost.")
-    assert _first_fault(Segments(), events) == ["GNSS lost from 3.0 s.", ""]
-    shaken = [
-        Event("vibration", 2.0, "warning", "Vibration.", value=43.0),
-        Event("clipping", 5.6, "warning", "Clipped."),
-    ]
-    assert _first_fault(Segments(), shaken)[0] == "Accelerometer clipped from 6 s (vibration 43 m/s²)."
-
-
-@pytest.mark.parametrize(
-    ("t", "t_end", "when"),
-    [(29.0, 71.0, "throughout"), (31.0, 71.0, "from 31 to 71 s"), (29.0, 69.0, "from 29 to 69 s")],
-)
-def test_an_angle_is_wrong_throughout_from_ten_seconds_after_lift_off_to_ten_before_landing(
-    t: float, t_end: float, when: str
-) -> None:
-    spans = Segments([Segment("airborne", 20.0, 50.0), Segment("airborne", 60.0, 80.0)])
-    wrong = WrongAngle("heading", 27.6, t, t_end)
-    assert _with_angle(["", "First."], wrong, spans) == [
-        f"Heading was 28° wrong {when}; First.",
-        f"Heading was 28° wrong {when}.",
-    ]
 
 
 def test_the_largest_tilt_is_that_within_the_spans() -> None:
