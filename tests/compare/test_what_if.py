@@ -104,7 +104,7 @@ def test_a_wrong_delay_of_gnss_is_seen_in_its_innovations(late: Comparison) -> N
 
 def test_the_first_sentence_gives_values_as_flown_and_changed(late: Comparison) -> None:
     lead = late.verdicts[0].lead
-    assert lead.startswith("Tilt error 0.83 to 0.86°, GNSS velocity innovation 0.14 to 0.3")
+    assert lead.startswith("Tilt error 0.87 to 0.89°, GNSS velocity innovation 0.14 to 0.3")
     assert lead.endswith("; heading error unchanged.")
 
 

@@ -6,9 +6,10 @@ import math
 from typing import NamedTuple
 
 from attlog.core import jit
-from attlog.core.jit import F1, F2, Out2
+from attlog.core.jit import F2, Out2
 from attlog.estimators.ekf2.observations import (
     align_field,
+    emergency_heading,
     field_logic,
     fuse_gnss,
     fuse_heading,
@@ -51,6 +52,7 @@ from attlog.estimators.ekf2.state import (
     T_FALSE,
     T_GNSS,
     T_HEADING,
+    T_LANDED,
     T_ZERO,
     TILT,
     YAW,
@@ -90,13 +92,15 @@ class Samples(NamedTuple):
     """All that a run reads, in rows. Times are s since boot; ``due``: when a sample is fused at the delayed time."""
 
     imu: F2  # (n, 4) duration, gyro rad/s
-    steps: F2  # (k, 13) time, rate (3), force (3), duration, clip bits, landed, at rest, ground effect, last IMU sample
+    # (k, 14) time, rate (3), force (3), duration, clip bits, landed, at rest, ground effect, last IMU sample,
+    # GNSS in use as logged (-1: by the filter's own checks)
+    steps: F2
     mag: F2  # (m, 6) due, arrival, field (3), share of an onboard sample
     gnss: F2  # (g, 13) due, arrival, position NED, velocity NED, eph, epv, sacc, fix, satellites
     baro: F2  # (b, 3) due, arrival, height down in m
     airspeed: F2  # (a, 3) due, arrival, true airspeed in m/s
     gsf: F2  # (s, 3) time, heading, variance of the bank of yaw hypotheses
-    alignments: F1  # (l,) when the heading was aligned in flight
+    resets: F2  # (l, 2) when the log resets the heading; 0 alignment in flight, 1 emergency
 
 
 @jit.loop("PX4's EKF2")
@@ -112,7 +116,7 @@ def run_filter(
     length = int(known.length)
     era = known.era
     ring, correction = f.ring, f.correction
-    i_mag, i_gnss, i_baro, i_tas, i_gsf, i_align = 0, 0, 0, 0, 0, 0
+    i_mag, i_gnss, i_baro, i_tas, i_gsf, i_reset = 0, 0, 0, 0, 0, 0
     started = P[0, 0] > 0.0
     ring_ready = False
     sample = int(s.steps[first - 1, 12]) + 1 if first > 0 else 0
@@ -216,19 +220,23 @@ def run_filter(
         # height above where it took off; the in-flight alignment
         if not in_air:
             c[GROUND] = x[9]
+            c[T_LANDED] = t
         if in_air and c[ALIGNED] == 0.0 and c[YAW] > 0.0 and known.flown_alignment == 0.0 and c[GROUND] - x[9] > 1.5:
             c[ALIGNED] = 1.0
             c[T_ALIGNED] = t if known.reset_in_climb > 0 else NEVER
             if known.reset_in_climb > 0 and c[FIELD_N] > 0 and par.mag_type != 5.0:
                 align_field(f, par, known, t, yaw_gsf, var_gsf, False)
                 c[T_ALIGNED] = t
-        while i_align < len(s.alignments) and s.alignments[i_align] <= t_now:
-            if s.alignments[i_align] > s.steps[k - 1, 0] and c[YAW] > 0.0:
-                c[ALIGNED] = 1.0
-                if known.reset_in_climb > 0 and c[FIELD_N] > 0 and par.mag_type != 5.0:
-                    align_field(f, par, known, t, yaw_gsf, var_gsf, False)
-                    c[T_ALIGNED] = t
-            i_align += 1
+        while i_reset < len(s.resets) and s.resets[i_reset, 0] <= t_now:
+            if s.resets[i_reset, 0] > s.steps[k - 1, 0] and c[YAW] > 0.0:
+                if s.resets[i_reset, 1] > 0.0:
+                    emergency_heading(f, yaw_gsf, var_gsf)
+                else:
+                    c[ALIGNED] = 1.0
+                    if known.reset_in_climb > 0 and c[FIELD_N] > 0 and par.mag_type != 5.0:
+                        align_field(f, par, known, t, yaw_gsf, var_gsf, False)
+                        c[T_ALIGNED] = t
+            i_reset += 1
         # observations whose time has come
         while i_mag < len(s.mag) and s.mag[i_mag, 0] <= t and s.mag[i_mag, 1] <= t_now:
             if s.mag[i_mag, 0] > t - 0.3:
@@ -236,7 +244,7 @@ def run_filter(
             i_mag += 1
         while i_gnss < len(s.gnss) and s.gnss[i_gnss, 0] <= t and s.gnss[i_gnss, 1] <= t_now:
             if s.gnss[i_gnss, 0] > t - 0.3:
-                fuse_gnss(f, par, known, s.gnss[i_gnss, 2:], t)
+                fuse_gnss(f, par, known, s.gnss[i_gnss, 2:], t, s.steps[j, 13], in_air, yaw_gsf, var_gsf)
                 rotation(x, r)
                 if int(par.gps_ctrl) & 2 and (era >= ERA_C or par.hgt_ref == 1.0) and s.gnss[i_gnss, 11] >= 3:
                     height_noise = max(s.gnss[i_gnss, 9], 1.5 * par.gps_p_noise, 0.01) ** 2
@@ -245,10 +253,15 @@ def run_filter(
                         GH_COUNT, OBS_GNSS_HEIGHT, t, known.n_gnss, 0.0,
                     )  # fmt: skip
             i_gnss += 1
-        if c[GNSS_ON] > 0.0 and t - c[T_GNSS] > (7.0 if era == ERA_D else 10.0):
+        if s.steps[j, 13] >= 0.0:
+            stops = s.steps[j, 13] == 0.0
+        else:
+            stops = t - c[T_GNSS] > (7.0 if era == ERA_D else 10.0)
+        if c[GNSS_ON] > 0.0 and stops:
             c[GNSS_ON] = 0.0
             c[FALSE_N], c[FALSE_E] = x[7], x[8]
-            c[GOOD_SINCE] = 1e12
+            if era != ERA_D:
+                c[GOOD_SINCE] = 1e12
         if c[GNSS_ON] == 0.0 and c[GOOD_SINCE] > 1e11 and t - c[T_GNSS] < 1.0:
             c[GOOD_SINCE] = t
         while i_tas < len(s.airspeed) and s.airspeed[i_tas, 0] <= t and s.airspeed[i_tas, 1] <= t_now:

@@ -21,6 +21,7 @@ from attlog.estimators.ekf2.state import (
     FIELD_X,
     FIELD_Y,
     FIELD_Z,
+    GNSS_CHECKED,
     GNSS_ON,
     GOOD_SINCE,
     HEAD_DIFF,
@@ -36,12 +37,11 @@ from attlog.estimators.ekf2.state import (
     T_GNSS,
     T_HEADING,
     T_HEIGHT,
+    T_LANDED,
     T_MAG,
     T_OBSERVABLE,
     T_POS,
-    T_START_GNSS,
     T_VEL,
-    T_VEL_REFUSED,
     TILT,
     WIND_ON,
     YAW,
@@ -54,6 +54,7 @@ from attlog.estimators.error_state import (
     MB,
     MI,
     N_ERR,
+    NEVER,
     OBS_AIRSPEED,
     OBS_BARO,
     OBS_HEADING,
@@ -82,6 +83,9 @@ from attlog.estimators.error_state import (
     update,
     wrap,
 )
+
+# Variance of the bank of yaw hypotheses, rad^2, below which a reset takes its heading: 15 deg.
+MAX_BANK_VARIANCE = math.radians(15.0) ** 2
 
 
 def fuse_axis(f: Filter, m: F1, axis: int, noise: float) -> tuple[float, float]:
@@ -154,7 +158,7 @@ def align_field(
     has_model = known.strength > 0.0
     d = known.declination
     hn, hd = known.strength * math.cos(known.inclination), known.strength * math.sin(known.inclination)
-    by_gsf = (not start) and known.reset_in_climb == 2 and c[GNSS_ON] > 0 and 0.0 < gsf_var < math.radians(15.0) ** 2
+    by_gsf = (not start) and known.reset_in_climb == 2 and c[GNSS_ON] > 0 and 0.0 < gsf_var < MAX_BANK_VARIANCE
     if by_gsf:
         turn = wrap(gsf_yaw - heading_of(x))
         turn_heading(f, turn)
@@ -216,7 +220,7 @@ def field_logic(
     passes = strength > 0.0
     if int(par.mag_check) & 1 and known.strength > 0.0:
         passes = abs(strength - known.strength) <= par.mag_chk_str
-    if not passes:
+    if not passes or c[TILT] == 0.0:
         c[MAG_SINCE] = t
     if kind == 5.0 or c[TILT] == 0.0 or c[MAG_FAULT] > 0.0:
         c[MAG_MODE] = MAG_OFF
@@ -229,7 +233,10 @@ def field_logic(
                 c[MAG_MODE] = MAG_HEADING
             return
         # heading innovation of the sample, low-passed, against what GNSS makes of the heading
-        turn = field_heading(r, m[0] - x[19], m[1] - x[20], m[2] - x[21], known.declination)
+        declination = math.atan2(x[17], x[16]) if c[ALIGNED] > 0.0 else known.declination
+        sure = max(P[MB, MB], P[MB + 1, MB + 1], P[MB + 2, MB + 2]) <= par.mag_noise**2
+        b = 1.0 if sure else 0.0
+        turn = field_heading(r, m[0] - b * x[19], m[1] - b * x[20], m[2] - b * x[21], declination)
         c[HEAD_DIFF] += 0.1 * (turn - c[HEAD_DIFF])
         moves = math.sqrt(c[ACC_N] ** 2 + c[ACC_E] ** 2) > par.mag_acclim
         if abs(c[HEAD_DIFF]) >= par.head_noise:
@@ -321,8 +328,21 @@ def field_logic(
     rotation(x, r)
 
 
-def fuse_gnss(f: Filter, par: Parameters, known: Known, z: F1, t: float) -> None:
-    """Fuse one GNSS sample: z = position NED, velocity NED, eph, epv, sacc, fix, satellites."""
+def fuse_gnss(
+    f: Filter,
+    par: Parameters,
+    known: Known,
+    z: F1,
+    t: float,
+    flown: float,
+    in_air: bool,
+    gsf_yaw: float,
+    gsf_var: float,
+) -> None:
+    """Fuse one GNSS sample: z = position NED, velocity NED, eph, epv, sacc, fix, satellites.
+
+    ``flown``: whether the log says that GNSS was in use, -1 for the filter's own checks.
+    """
     x, P, c, r, rate = f.x, f.P, f.c, f.r, f.rate
     era = known.era
     n = known.n_gnss
@@ -340,13 +360,24 @@ def fuse_gnss(f: Filter, par: Parameters, known: Known, z: F1, t: float) -> None
     vel = (z[3] - ux, z[4] - uy, z[5] - uz)
     v_noise = max(z[8], par.gps_v_noise, 0.01) ** 2
     p_noise = min(max(z[6], par.gps_p_noise, 0.01), max(par.noaid_noise, par.gps_p_noise)) ** 2
-    good = z[9] >= 3 and z[6] <= par.req_eph and z[7] <= par.req_epv and z[8] <= par.req_sacc and z[10] >= par.req_nsats
+    checked = par.req_gps_h
+    if era == ERA_D and c[GNSS_CHECKED] > 0.0:
+        checked = max(1.0, 0.1 * par.req_gps_h)
+    if known.brief_checks > 0.0 and c[GNSS_CHECKED] > 0.0:
+        good = z[9] >= 3 and z[6] <= 50.0 and z[7] <= 50.0 and z[8] <= 10.0
+    else:
+        good = z[9] >= 3 and z[6] <= par.req_eph and z[7] <= par.req_epv and z[8] <= par.req_sacc
+        good = good and z[10] >= par.req_nsats
     if not good:
         c[GOOD_SINCE] = t
-    c[T_GNSS] = t
-    use = (ctrl & 1) or (ctrl & 4)
+    healthy = good and t - c[GOOD_SINCE] >= checked
+    if healthy:
+        c[GNSS_CHECKED] = 1.0
+    if era != ERA_D or good:
+        c[T_GNSS] = t
     if c[GNSS_ON] == 0.0:
-        if use and c[TILT] > 0.0 and c[YAW] > 0.0 and t - c[GOOD_SINCE] >= par.req_gps_h:
+        ready = healthy if flown < 0.0 else flown > 0.0
+        if (ctrl & 5) and c[TILT] > 0.0 and c[YAW] > 0.0 and ready:
             c[GNSS_ON] = 1.0
             for i in range(3):
                 x[4 + i] = vel[i]
@@ -356,8 +387,9 @@ def fuse_gnss(f: Filter, par: Parameters, known: Known, z: F1, t: float) -> None
                 forget_rows(P, POS + i, 1, p_noise)
             c[T_VEL] = t
             c[T_POS] = t
-            c[T_START_GNSS] = t
         return
+    if era == ERA_D and not healthy:
+        return  # left out until the checks pass again
     if ctrl & 4:
         ratio_all = 0.0
         ratio_d = 0.0
@@ -385,7 +417,6 @@ def fuse_gnss(f: Filter, par: Parameters, known: Known, z: F1, t: float) -> None
                 fuse_direct(f, VEL + i, e, noise * n)
         if ratio_all <= 1.0:
             c[T_VEL] = t
-            c[T_VEL_REFUSED] = t
     if ctrl & 1:
         ratio = 0.0
         for i in range(2):
@@ -398,6 +429,9 @@ def fuse_gnss(f: Filter, par: Parameters, known: Known, z: F1, t: float) -> None
             for i in range(2):
                 fuse_direct(f, POS + i, x[7 + i] - pos[i], p_noise * n)
             c[T_POS] = t
+    if known.flown_emergency == 0.0 and era >= ERA_B and in_air and t - c[T_VEL] > 1.0 and c[T_VEL] > c[T_LANDED]:
+        if abs(wrap(gsf_yaw - heading_of(x))) > math.radians(25.0):
+            emergency_heading(f, gsf_yaw, gsf_var)
     silent = t - c[T_VEL] > 7.0
     if era <= ERA_B:
         silent = (silent and t - c[T_POS] > 7.0) or t - c[T_POS] > 14.0
@@ -410,6 +444,17 @@ def fuse_gnss(f: Filter, par: Parameters, known: Known, z: F1, t: float) -> None
             forget_rows(P, POS + i, 1, p_noise)
         c[T_VEL] = t
         c[T_POS] = t
+
+
+def emergency_heading(f: Filter, gsf_yaw: float, gsf_var: float) -> None:
+    """Reset the heading to the bank's where that is sure; the magnetometer is at fault, velocity and position too."""
+    if not 0.0 < gsf_var < MAX_BANK_VARIANCE:
+        return
+    turn_heading(f, wrap(gsf_yaw - heading_of(f.x)))
+    forget_rows(f.P, TH + 2, 1, gsf_var)
+    rotation(f.x, f.r)
+    f.c[MAG_FAULT] = 1.0
+    f.c[T_VEL] = f.c[T_POS] = NEVER
 
 
 def fuse_height(

@@ -14,9 +14,9 @@ from attlog.core.jit import F1, F2, Out1, Out2
 from attlog.estimators.ekf2 import state as s
 from attlog.estimators.ekf2.loop import Samples, run_filter
 from attlog.estimators.ekf2.parameters import START_PARAMETERS, check_changes, era_of, settings_of
-from attlog.estimators.ekf2.start import alignment_times, warm_start
+from attlog.estimators.ekf2.start import logged_gnss, logged_resets, warm_start
 from attlog.estimators.error_state import NEVER, new_filter, rotation, turn_body
-from attlog.estimators.rerun import Rerun, check_start, held, innovation_tables, local_ned, side_by_side
+from attlog.estimators.rerun import Mode, Rerun, check_start, held, innovation_tables, local_ned, side_by_side
 
 if TYPE_CHECKING:
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs, ImuIncrements
@@ -41,12 +41,14 @@ def rerun(
     changes: Mapping[str, float] | None = None,
     *,
     gnss_hz: float | None = None,
+    mode: Mode = "flown",
     cold: bool = False,
 ) -> Rerun:
     """Run EKF2 with the log's parameters and ``changes`` (short names) over them.
 
-    ``gnss_hz``: the receiver's rate on board; None estimates it from the log. ``cold``: start from gravity although the
-    log holds states.
+    ``gnss_hz``: the receiver's rate on board; None estimates it from the log. ``mode``: ``flown`` takes heading resets
+    and use of GNSS from the log, ``own`` decides by the filter's rules. ``cold``: start from gravity although the log
+    holds states.
     """
     era = era_of(inputs.version)
     check_changes(changes or {}, inputs.version)
@@ -57,29 +59,34 @@ def rerun(
     start = None if cold else warm_start(inputs, era, step_s)
     check_start(changes or {}, START_PARAMETERS, "warm" if start else "cold")
     bias = start.x[10:13] if start else np.zeros(3)
-    gnss, gnss_logged_hz = gnssside_by_side(inputs, setting["GPS_DELAY"], step_s)
+    gnss, gnss_logged_hz = gnss_samples(inputs, setting["GPS_DELAY"], step_s)
     gnss_hz = gnss_hz or receiver_rate(inputs.gnss, gnss_logged_hz)
-    aligned = alignment_times(inputs)
+    aligned, emergencies = (logged_resets(inputs, kind) if mode == "flown" else None for kind in (0, 1))
+    if mode == "flown":
+        fill_gnss_use(steps, inputs)
+    kinds = [side_by_side(t, np.full(len(t), kind)) for kind, t in enumerate((aligned, emergencies)) if t is not None]
+    resets = np.concatenate([np.zeros((0, 2)), *kinds])
     samples = Samples(
         side_by_side(inputs.imu.dt, inputs.imu.gyro),
         steps,
-        fieldside_by_side(inputs, setting, era, bias, step_s),
+        field_samples(inputs, setting, era, bias, step_s),
         gnss,
-        baroside_by_side(inputs, setting["BARO_DELAY"], step_s),
-        airspeedside_by_side(inputs, setting["ASP_DELAY"], step_s),
+        baro_samples(inputs, setting["BARO_DELAY"], step_s),
+        airspeed_samples(inputs, setting["ASP_DELAY"], step_s),
         side_by_side(inputs.gsf["t"], np.nan_to_num(inputs.gsf["yaw"]), np.nan_to_num(inputs.gsf["var"])),
-        np.zeros(0) if aligned is None else aligned,
+        np.ascontiguousarray(resets[np.argsort(resets[:, 0])]),
     )
     known = known_facts(inputs, setting, era, model, latitude_deg, step_s)
     known = known._replace(
         n_gnss=1.0 / max(gnss_hz / gnss_logged_hz, 1.0),
         n_baro=1.0 / max(BARO_HZ / rate_of(inputs.baro["t"], BARO_HZ), 1.0),
         flown_alignment=float(aligned is not None),
+        flown_emergency=float(emergencies is not None),
     )
     par = s.Parameters(*(setting[name.upper()] for name in s.Parameters._fields))
     par = par._replace(mag_decl=math.radians(par.mag_decl))
     observations = 6 * len(samples.mag) + 8 * len(gnss) + 2 * len(samples.baro) + 2 * len(samples.airspeed)
-    f = new_filter(int(known.length), observations + 100, len(s.CONTROL))
+    f = new_filter(int(known.length), observations + 100, s.N_CONTROL)
     first, begin = 0, float(t_step[0])
     if start is not None:
         begin, first = start.t, max(int(np.searchsorted(t_step, start.t)), 0)
@@ -102,7 +109,9 @@ def rerun(
     }
     innovations = innovation_tables(f.log[: f.kept[0]])
     facts = {"era": float(era), "gnss_hz": gnss_hz}
-    return Rerun(inputs.imu.t, q, t_step, states, innovations, "warm" if start else "cold", facts)
+    if aligned is None and np.all(steps[:, 13] < 0.0):
+        mode = "own"
+    return Rerun(inputs.imu.t, q, t_step, states, innovations, "warm" if start else "cold", facts, mode)
 
 
 def fitted_gnss_rate(inputs: Ekf2Inputs, model: FieldModel | None, latitude_deg: float) -> float | None:
@@ -163,6 +172,8 @@ def known_facts(
         n_gnss=1.0,
         n_baro=1.0,
         flown_alignment=0.0,
+        flown_emergency=0.0,
+        brief_checks=float(minor >= 17),
         imu_period=float(np.median(inputs.imu.dt)),
     )
 
@@ -188,15 +199,17 @@ def begin_timers(c: Array, begin: float) -> None:
         s.MAG_SINCE,
     ):
         c[i] = begin
-    for i in (s.T_ALIGNED, s.T_OBSERVABLE, s.T_BAD_ACC):
+    for i in (s.T_ALIGNED, s.T_OBSERVABLE, s.T_BAD_ACC, s.T_LANDED):
         c[i] = NEVER
+    if c[s.GNSS_CHECKED]:
+        c[s.GOOD_SINCE] = NEVER
 
 
 def steps_of(imu: ImuIncrements, predict_s: float) -> Array:
     """Average the IMU over the filter's steps: rows as of :class:`Samples`, flags still zero."""
     n = max(round(predict_s / float(np.median(imu.dt))), 1)
     ends = np.arange(n - 1, len(imu.t), n)
-    steps = np.zeros((len(ends), 13))
+    steps = np.full((len(ends), 14), -1.0)
     steps[:, 0], steps[:, 12] = imu.t[ends], ends
     work = np.zeros(4), np.zeros(4), np.zeros((3, 3)), np.zeros(3)
     down_sample(imu.gyro, imu.acc, imu.dt, imu.clip.astype(np.float64), n, *work, steps)
@@ -248,6 +261,13 @@ def fill_flags(steps: Array, inputs: Ekf2Inputs, era: int) -> None:
     steps[:, 11] = np.nan_to_num(held(land["t"], land["ground_effect"], t, 0.0))
 
 
+def fill_gnss_use(steps: Array, inputs: Ekf2Inputs) -> None:
+    """Set the logged use of GNSS of each step, which is as late as the flags are early."""
+    t, on = logged_gnss(inputs)
+    if len(t):
+        steps[:, 13] = held(t, on, steps[:, 0] + (inputs.horizon or 0.0), 0.0)
+
+
 def rest_by_imu(imu: ImuIncrements, landed: Array) -> Array:
     """Mark samples at rest on the ground: forces within 0.25 m/s^2 of the last and rates below 0.05 rad/s for 1 s."""
     same = np.concatenate([[False], np.abs(np.diff(imu.acc, axis=0)).max(axis=1) < 0.25])
@@ -256,7 +276,7 @@ def rest_by_imu(imu: ImuIncrements, landed: Array) -> Array:
     return ((imu.t - moved > 1.0) & (landed > 0)).astype(np.float64)
 
 
-def fieldside_by_side(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias: Array, step_s: float) -> Array:
+def field_samples(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias: Array, step_s: float) -> Array:
     """Return the field's rows of :class:`Samples`, averaged or interpolated to the onboard rate."""
     t, x = inputs.mag["t"], inputs.mag["x"]
     late = float(np.median(inputs.mag["t_arrival"] - t)) if len(t) else 0.0
@@ -301,7 +321,7 @@ def integrate(gyro: F2, dt: F1, bias: F1, q: Out1, r: jit.Out3) -> None:
         rotation(q, r[i])
 
 
-def gnssside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Array, float]:
+def gnss_samples(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Array, float]:
     """Return GNSS rows of :class:`Samples`, positions about the first 3D fix, and their logged rate in Hz."""
     g = inputs.gnss
     good = g["fix"] >= 3
@@ -317,7 +337,7 @@ def gnssside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tupl
     return rows, rate_of(rows[:, 1], DEFAULT_GNSS_HZ)
 
 
-def baroside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
+def baro_samples(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     """Return the barometer's rows of :class:`Samples`."""
     b = inputs.baro
     if not len(b["t"]):
@@ -326,7 +346,7 @@ def baroside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Arra
     return rows[np.isfinite(rows).all(axis=1)]
 
 
-def airspeedside_by_side(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
+def airspeed_samples(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     """Return rows of true airspeed of :class:`Samples`."""
     a = inputs.airspeed
     rows = side_by_side(due(a["t"], delay_ms, step_s), a["t"], a["tas"])

@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 MIN_ATTITUDE_VARIANCE = 1e-9
 # Flags are logged once a second; a heading reset dates them to one record of the attitude.
 FLAGS_BEFORE_S, FLAGS_AFTER_S, RESET_RECORD_S = 0.6, 0.2, 0.01
+# GNSS is fused; the name changed in 1.16.
+GNSS_FLAGS = ("cs_gps", "cs_gnss_pos")
 
 
 class WarmStart(NamedTuple):
@@ -40,7 +42,7 @@ def warm_start(inputs: Ekf2Inputs, era: int, step_s: float) -> WarmStart | None:
     if logged is None:
         return None
     t, states, variances = float(logged.t[0]), logged.states[0], logged.covariances[0].copy()
-    x, P, c = np.zeros(N_STATE), np.zeros((N_ERR, N_ERR)), np.zeros(len(s.CONTROL))
+    x, P, c = np.zeros(N_STATE), np.zeros((N_ERR, N_ERR)), np.zeros(s.N_CONTROL)
     x[:] = states[:N_STATE]
     x[:4] /= np.linalg.norm(x[:4])
     if era <= s.ERA_C:
@@ -72,7 +74,7 @@ def set_modes(c: Array, inputs: Ekf2Inputs, t: float, era: int) -> None:
 
     c[s.TILT] = 0.0 if flag("cs_tilt_align") == 0.0 else 1.0
     c[s.YAW] = 0.0 if flag("cs_yaw_align") == 0.0 else 1.0
-    c[s.GNSS_ON] = flag("cs_gps", "cs_gnss_pos") or 0.0
+    c[s.GNSS_ON] = c[s.GNSS_CHECKED] = flag(*GNSS_FLAGS) or 0.0
     c[s.ALIGNED] = flag("cs_mag_aligned_in_flight") or 0.0
     if flag("cs_mag_3d", "cs_mag_3D"):
         c[s.MAG_MODE] = s.MAG_3D
@@ -85,12 +87,16 @@ def set_modes(c: Array, inputs: Ekf2Inputs, t: float, era: int) -> None:
     c[s.WIND_ON] = flag("cs_wind", "cs_wind_vel") or 0.0
 
 
-def alignment_times(inputs: Ekf2Inputs) -> Array | None:
-    """Return when the heading was aligned in flight, dated by the counter of resets; None where no flag tells."""
+# Kinds of logged resets of the heading, by the flag that rises with them.
+RESET_FLAGS = ("cs_mag_aligned_in_flight", "cs_mag_fault")
+
+
+def logged_resets(inputs: Ekf2Inputs, kind: int) -> Array | None:
+    """Return when a flag of :data:`RESET_FLAGS` rose, dated by the counter of resets; None if it is not logged."""
     flags, attitude = inputs.flags, inputs.attitude
-    if not len(flags["t"]) or "cs_mag_aligned_in_flight" not in flags:
+    if not len(flags["t"]) or RESET_FLAGS[kind] not in flags:
         return None
-    on = flags["cs_mag_aligned_in_flight"] > 0
+    on = flags[RESET_FLAGS[kind]] > 0
     resets = np.zeros(0)
     if "resets" in attitude:
         resets = attitude["t_now"][1:][np.diff(attitude["resets"]) != 0]
@@ -100,3 +106,11 @@ def alignment_times(inputs: Ekf2Inputs) -> Array | None:
         near = resets[(resets >= before - FLAGS_BEFORE_S) & (resets <= after + FLAGS_AFTER_S)]
         times.append(float(near[0]) - RESET_RECORD_S if len(near) else 0.5 * (before + after))
     return np.array(times, np.float64)
+
+
+def logged_gnss(inputs: Ekf2Inputs) -> tuple[Array, Array]:
+    """Return times of the flags and whether GNSS was fused; empty if it is not logged."""
+    for name in GNSS_FLAGS:
+        if name in inputs.flags and len(inputs.flags["t"]):
+            return inputs.flags["t"], (inputs.flags[name] > 0).astype(np.float64)
+    return np.zeros(0), np.zeros(0)

@@ -87,29 +87,20 @@ class Known(NamedTuple):
     plane: float
     n_gnss: float  # logged over onboard rate
     n_baro: float  # logged over onboard rate
-    flown_alignment: float  # 1 where the log dates the alignment in flight
+    flown_alignment: float  # 1: the log dates the alignment in flight, else 1.5 m above the take-off height
+    flown_emergency: float  # 1: the log dates emergency resets of the heading, else by the rule
+    brief_checks: float  # 1: once passed, GNSS is checked by wide limits (from 1.17)
     imu_period: float  # s
 
 
 # Control state of the filter, by position in ``c``. Times are s since boot; -1e9 is never.
-CONTROL = (
-    "tilt_aligned", "yaw_aligned", "gnss_on", "mag_mode", "aligned_in_flight", "t_velocity", "t_position",
-    "t_gnss_sample", "t_mag_fused", "t_heading", "t_false_position", "t_rest", "field_n", "field_x", "field_y",
-    "field_z", "gnss_good_since", "ground_height", "t_alignment", "acc_envelope", "gyro_envelope", "acc_north",
-    "acc_east", "yaw_rate", "t_observable", "mag_good_since", "t_bad_acc", "baro_offset", "baro_var", "baro_n",
-    "gnss_height_offset", "gnss_height_var", "gnss_height_n", "false_north", "false_east", "mag_consistent",
-    "heading_difference", "mag_fault", "rest_n", "rest_x", "rest_y", "rest_z", "gnss_seen", "force_x", "force_y",
-    "force_z", "force_n", "inhibit_bias", "acc_moves", "bad_velocity", "bad_height", "t_height", "wind_on",
-    "t_airspeed", "field_saved", "t_vel_refused", "gravity_envelope", "yaw_turn", "t_gnss_start", "t_zero",
-)  # fmt: skip
 (
-    TILT, YAW, GNSS_ON, MAG_MODE, ALIGNED, T_VEL, T_POS, T_GNSS, T_MAG, T_HEADING, T_FALSE, T_REST, FIELD_N, FIELD_X,
-    FIELD_Y, FIELD_Z, GOOD_SINCE, GROUND, T_ALIGNED, ACC_ENV, GYRO_ENV, ACC_N, ACC_E, YAW_RATE, T_OBSERVABLE,
-    MAG_SINCE, T_BAD_ACC, BARO_OFF, BARO_VAR, BARO_COUNT, GH_OFF, GH_VAR, GH_COUNT, FALSE_N, FALSE_E, CONSISTENT,
-    HEAD_DIFF, MAG_FAULT, REST_N, REST_X, REST_Y, REST_Z, GNSS_SEEN, FORCE_X, FORCE_Y, FORCE_Z, FORCE_N, INHIBIT,
-    ACC_MOVES, BAD_VEL, BAD_HGT, T_HEIGHT, WIND_ON, T_TAS, FIELD_SAVED, T_VEL_REFUSED, GRAV_ENV, YAW_TURN,
-    T_START_GNSS, T_ZERO,
-) = range(len(CONTROL))  # fmt: skip
+    TILT, YAW, GNSS_ON, MAG_MODE, ALIGNED, T_VEL, T_POS, T_GNSS, T_MAG, T_HEADING, T_FALSE, FIELD_N, FIELD_X, FIELD_Y,
+    FIELD_Z, GOOD_SINCE, GROUND, T_ALIGNED, ACC_ENV, GYRO_ENV, ACC_N, ACC_E, YAW_RATE, T_OBSERVABLE, MAG_SINCE,
+    T_BAD_ACC, BARO_OFF, BARO_VAR, BARO_COUNT, GH_OFF, GH_VAR, GH_COUNT, FALSE_N, FALSE_E, CONSISTENT, HEAD_DIFF,
+    MAG_FAULT, REST_N, REST_X, REST_Y, REST_Z, GNSS_CHECKED, FORCE_X, FORCE_Y, FORCE_Z, FORCE_N, ACC_MOVES, BAD_VEL,
+    BAD_HGT, T_HEIGHT, WIND_ON, FIELD_SAVED, GRAV_ENV, T_ZERO, T_LANDED, N_CONTROL,
+) = range(56)  # fmt: skip
 
 # Magnetometer modes.
 MAG_OFF, MAG_HEADING, MAG_3D, MAG_FIELD_ONLY = 0, 1, 2, 3

@@ -30,6 +30,7 @@ UNSUPPORTED_AIDS = {
     "cs_ev_yaw": "vision heading",
     "cs_opt_flow": "optical flow",
     "cs_gps_yaw": "dual-antenna heading",
+    "cs_gnss_yaw": "dual-antenna heading",  # its name from 1.16 on
 }
 # Plausible delays of the filter's time horizon; 1.12 stamps some records with the time of writing.
 MIN_HORIZON_S, MAX_HORIZON_S = 0.03, 0.5

@@ -36,6 +36,8 @@ KNOWN = s.Known(
     n_gnss=1,
     n_baro=1,
     flown_alignment=0,
+    flown_emergency=0,
+    brief_checks=0,
     imu_period=0.01,
 )
 
@@ -48,7 +50,7 @@ def parameters(**changes: float) -> s.Parameters:
 
 def new() -> core.Filter:
     """A filter with a random attitude, field and covariance."""
-    f = core.new_filter(int(KNOWN.length), 1000, len(s.CONTROL))
+    f = core.new_filter(int(KNOWN.length), 1000, s.N_CONTROL)
     q = RNG.normal(size=4)
     f.x[:4] = q / np.linalg.norm(q)
     f.x[4:] = RNG.normal(size=20) * 0.1
@@ -187,13 +189,15 @@ def samples(seconds: float, rate_hz: float, gyro, acc, still: bool = True) -> Sa
     imu = np.column_stack([np.full(n, dt), np.tile(gyro, (n, 1))]).astype(np.float64)
     per_step = max(round(0.01 / dt), 1)
     k = n // per_step
-    steps = np.zeros((k, 13))
+    steps = np.full((k, 14), -1.0)
     steps[:, 0] = (np.arange(k) + 1) * per_step * dt
     steps[:, 1:4], steps[:, 4:7], steps[:, 7] = gyro, acc, per_step * dt
     steps[:, 9], steps[:, 10] = 1.0, float(still)
     steps[:, 12] = (np.arange(k) + 1) * per_step - 1
     empty = np.zeros
-    return Samples(imu, steps, empty((0, 6)), empty((0, 13)), empty((0, 3)), empty((0, 3)), empty((0, 3)), empty(0))
+    return Samples(
+        imu, steps, empty((0, 6)), empty((0, 13)), empty((0, 3)), empty((0, 3)), empty((0, 3)), empty((0, 2))
+    )
 
 
 def test_a_vehicle_at_rest_reaches_tilt_alignment_and_its_tilt() -> None:
@@ -239,7 +243,7 @@ def test_steps_keep_rotation_and_velocity_change_of_their_samples() -> None:
     n, dt = 4, 0.0025
     gyro = np.ascontiguousarray(RNG.normal(size=(n, 3)))
     acc = np.ascontiguousarray(RNG.normal(size=(n, 3)) * 5)
-    steps = np.zeros((1, 13))
+    steps = np.zeros((1, 14))
     down_sample.function(
         gyro, acc, np.full(n, dt), np.zeros(n), n, np.zeros(4), np.zeros(4), np.zeros((3, 3)), np.zeros(3), steps
     )
@@ -265,3 +269,60 @@ def test_settings_come_from_the_log_and_defaults_from_the_version() -> None:
     assert settings_of({"EKF2_MAG_NOISE": 0.08}, (1, 15))["MAG_NOISE"] == 0.08
     assert settings_of({"EKF2_AID_MASK": 0}, (1, 12))["GPS_CTRL"] == 0.0
     assert settings_of({"SENS_GPS0_DELAY": 90}, (1, 18))["GPS_DELAY"] == 90
+
+
+def flight(seconds: float, heading_deg: float, **known: float) -> tuple[core.Filter, Samples, s.Known]:
+    """A level flight with GNSS at 5 Hz that turns velocity about; the filter's heading is off by ``heading_deg``."""
+    f = core.new_filter(int(KNOWN.length), 5000, s.N_CONTROL)
+    f.P[:] = np.eye(23) * 1e-4
+    f.x[:4] = Rotation.from_euler("z", heading_deg, degrees=True).as_quat(scalar_first=True)
+    for i in (s.TILT, s.YAW, s.GNSS_ON, s.GNSS_CHECKED):
+        f.c[i] = 1.0
+    f.c[s.GOOD_SINCE] = f.c[s.T_LANDED] = core.NEVER
+    data = samples(seconds, 100.0, np.zeros(3), np.zeros(3), still=False)
+    t = data.steps[:, 0]
+    data.steps[:, 4:7] = np.column_stack([12.0 * np.sin(t), np.zeros(len(t)), np.full(len(t), -core.G)])
+    data.steps[:, 9] = 0.0
+    at = np.arange(0.2, seconds, 0.2)
+    north, velocity = 12.0 * (at - np.sin(at)), 12.0 * (1.0 - np.cos(at))
+    zero, one = np.zeros(len(at)), np.ones(len(at))
+    gnss = np.column_stack([at, at, north, zero, zero, velocity, zero, zero, one, one, 0.3 * one, 3 * one, 12 * one])
+    bank = np.column_stack([at, zero, np.full(len(at), math.radians(5.0) ** 2)])
+    return f, data._replace(gnss=gnss, gsf=bank), KNOWN._replace(**known)
+
+
+def fly(f: core.Filter, data: Samples, known: s.Known) -> np.ndarray:
+    """Run all steps; return what the loop writes of each."""
+    out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 16), np.nan)
+    run_filter.function(f, parameters(), known, data, 0, len(data.steps), out_q, out_steps)
+    return out_steps
+
+
+def test_a_heading_far_off_is_reset_to_the_bank_after_a_second_of_refused_velocity() -> None:
+    f, data, known = flight(6.0, 90.0)
+    fly(f, data, known)
+    assert f.c[s.MAG_FAULT] == 1.0
+    assert abs(np.degrees(core.heading_of(f.x))) < 3.0
+    f, data, known = flight(6.0, 90.0, flown_emergency=1)  # the log has no such reset
+    fly(f, data, known)
+    assert f.c[s.MAG_FAULT] == 0.0
+    assert np.degrees(core.heading_of(f.x)) > 30.0
+
+
+@pytest.mark.parametrize("brief_checks", [0, 1])
+def test_a_receiver_without_fix_is_left_after_7_s_and_taken_again_after_1_s(brief_checks: int) -> None:
+    f, data, known = flight(20.0, 0.0, brief_checks=brief_checks)
+    lost = (data.gnss[:, 0] > 5.0) & (data.gnss[:, 0] < 15.0)
+    data.gnss[lost, 11] = 0.0
+    data.gnss[lost, 5] += 50.0
+    on = fly(f, data, known)[:, 13]
+    switched = data.steps[1:, 0][np.diff(np.nan_to_num(on, nan=1.0)) != 0]
+    assert switched[:2] == pytest.approx([5.0 + 7.0, 15.0 + 1.0], abs=0.25)
+    assert abs(f.x[4] - 12.0 * (1.0 - math.cos(19.8))) < 1.0, "samples without fix were not fused"
+
+
+def test_logged_use_of_gnss_goes_before_the_filters_own_checks() -> None:
+    f, data, known = flight(6.0, 0.0)
+    data.steps[:, 13] = (data.steps[:, 0] < 2.0) | (data.steps[:, 0] > 4.0)
+    on = fly(f, data, known)[:, 13]
+    assert data.steps[1:, 0][np.diff(np.nan_to_num(on, nan=1.0)) != 0] == pytest.approx([2.0, 4.0], abs=0.21)
