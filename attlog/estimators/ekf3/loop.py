@@ -34,6 +34,7 @@ from attlog.estimators.ekf3.state import (
     MAG_LEARN,
     MAG_NONE,
     MAG_PASSED,
+    MAG_RATIO,
     MAG_YAW,
     MIN_SIDESLIP_SPEED,
     ON_GROUND,
@@ -92,7 +93,7 @@ RATE_NOISE = 0.005
 class Samples(NamedTuple):
     """All that a run reads, in rows. Times are s since boot; ``stamp``: time of measurement that the filter assumes."""
 
-    steps: F2  # (k, 11) time, rate (3), force (3), duration, armed, flying for 5 s, ground effect
+    steps: F2  # (k, 11) time, rate (3), force (3), duration, armed, flying for 5 s, 1 take-off 2 touch-down
     mag: F2  # (m, 5) stamp, arrival, field (3) in gauss
     gnss: F2  # (g, 14) stamp, arrival, position NED, velocity NED, sacc, hacc, vacc, fix, satellites, hdop
     baro: F2  # (b, 3) stamp, arrival, height up in m
@@ -225,7 +226,7 @@ def run_filter(
             elif phase == 2:
                 g = s.gnss[max(gnss, 0), 2:]
                 height = s.baro[max(baro, 0), 2]
-                measure_position(f, par, known, w, g, gnss >= 0, height, baro >= 0, s.steps[k, 10] > 0.0, armed, t_now)
+                measure_position(f, par, known, w, g, gnss >= 0, height, baro >= 0, s.steps[k, 10], armed, t_now)
             elif phase == 3:
                 measure_air(f, par, known, w, s.airspeed[max(tas, 0), 2], tas >= 0, t_now)
             n_phase = 4 if phase < 2 else 7 if phase == 2 else 2
@@ -327,12 +328,15 @@ def fuse(f: Filter, par: Parameters, known: Known, w: Work, kind: int, phase: in
                 w.rows[kind, i] = f.h_value[i]
             if ratio >= 1.0:
                 c[MAG_PASSED] = 0.0
+            if kind < 2:
+                c[MAG_RATIO] = max(ratio, c[MAG_RATIO] if kind > 0 else 0.0)
             if kind == 2:
                 c[MAG_HEALTHY] = c[MAG_PASSED]
                 for i in range(3):
                     w.due[i] = c[MAG_PASSED]
             return
         if kind == OBS_HEADING:
+            c[MAG_RATIO] = ratio if c[HEADING_KIND] == HEADING_COMPASS else 0.0
             if c[HEADING_KIND] == HEADING_COMPASS:
                 c[YAW_INNOVATION] = e
                 c[MAG_HEALTHY] = 1.0 if ratio < 1.0 or c[ON_GROUND] > 0.0 or c[IN_FLIGHT] == 0.0 else 0.0

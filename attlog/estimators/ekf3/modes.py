@@ -17,6 +17,7 @@ from attlog.estimators.ekf3.state import (
     BY_GNSS,
     DECLINATION_DUE,
     DOWN_AT_RESET,
+    DRIFT,
     FIELD_LEARNED,
     FIELD_SET,
     FINAL_MAG,
@@ -43,12 +44,13 @@ from attlog.estimators.ekf3.state import (
     MAG_HEALTHY,
     MAG_LEARN,
     MAG_PASSED,
+    MAG_RATIO,
     NOISE_SCALE,
     ON_GROUND,
-    ORIGIN,
     RESET_FIELD,
     RESET_YAW,
     SACC,
+    SPEED_LOW_PASS,
     START_GYRO_BIAS,
     STATIC_YAW,
     T_AIRSPEED,
@@ -58,6 +60,7 @@ from attlog.estimators.ekf3.state import (
     T_GOOD,
     T_HEIGHT,
     T_MAG,
+    T_PASSED,
     T_POSITION,
     T_SIDESLIP,
     T_SYNTHETIC,
@@ -65,6 +68,7 @@ from attlog.estimators.ekf3.state import (
     TAKE_OFF_HEIGHT,
     TILT,
     VACC,
+    VD_LOW_PASS,
     WIND_ON,
     YAW,
     YAW_AT_RESET,
@@ -79,12 +83,14 @@ from attlog.estimators.ekf3.state import (
     mark_reset,
     reset_field,
     reset_heading,
+    set_origin,
     tilt_variance,
 )
 from attlog.estimators.error_state import (
     BA,
     BG,
     MI,
+    NEVER,
     OBS_AIRSPEED,
     OBS_BARO,
     OBS_DECLINATION,
@@ -114,8 +120,9 @@ MAX_RESET_TURN_RAD = 0.1745
 POSITION_S, POSITION_AIDED_S, AID_S, HEIGHT_S, HEIGHT_AIDED_S = 7.0, 10.0, 15.0, 5.0, 10.0
 # Seconds for which a bad IMU is remembered.
 BAD_IMU_S = 10.0
-# Seconds of good checks before GNSS is used, by the filter's own rules.
-GOOD_GNSS_S = 10.0
+# Seconds of good checks before GNSS is used by the filter's own rules, without one until it is bad again; and of bad
+# compass ratios until the heading is reset on the ground.
+GOOD_GNSS_S, BAD_GNSS_S, BAD_RATIO_S = 10.0, 5.0, 5.0
 # Seconds between headings without compass, and between sideslips.
 SYNTHETIC_S, SIDESLIP_S = 0.14, 0.1
 # Noise of a sideslip of zero (variance), and of the declination beside three compass axes, rad.
@@ -199,20 +206,20 @@ def choose_states(f: Filter, par: Parameters, known: Known, w: Work, tas: float)
 def control_aiding(f: Filter, par: Parameters, known: Known, t: float, starts: bool) -> None:
     """Begin and end the use of GNSS."""
     x, c = f.x, f.c
+    if t >= known.t_origin:
+        set_origin(f, known)
     if c[GNSS_ON] == 0.0:
         if known.flown == 0.0:
-            starts = par.src1_posxy == BY_GNSS and t - c[T_GOOD] >= GOOD_GNSS_S and t - c[T_GNSS] < 1.0
+            starts = par.src1_posxy == BY_GNSS and c[GOOD_GNSS] > 0.0 and t - c[T_GNSS] < 1.0
             starts = starts and c[TILT] > 0.0 and c[YAW] > 0.0
             for i in range(3):
                 starts = starts and (f.P[BG + i, BG + i] <= math.radians(0.15) ** 2 or known.plane > 0.0)
         if starts:
             c[GNSS_ON] = 1.0
-            c[ORIGIN] = 1.0
+            set_origin(f, known)
             reset_velocity(f, par)
             reset_position(f, par)
-            c[T_VELOCITY] = c[T_POSITION] = t
-        else:
-            c[T_VELOCITY] = c[T_POSITION] = t
+        c[T_VELOCITY] = c[T_POSITION] = t
         return
     if t - max(c[T_VELOCITY], c[T_POSITION], c[T_AIRSPEED]) > AID_S:
         c[GNSS_ON] = 0.0
@@ -221,7 +228,6 @@ def control_aiding(f: Filter, par: Parameters, known: Known, t: float, starts: b
         x[9] = -c[HEIGHT]
         forget_rows(f.P, VEL, 2, par.velne_m_nse**2)
         forget_rows(f.P, POS, 2, par.noaid_m_nse**2)
-        c[T_GOOD] = t
 
 
 def reset_velocity(f: Filter, par: Parameters) -> None:
@@ -311,10 +317,6 @@ def use_compass(
                 and growth > ANOMALY_YAW_RAD
                 and angle_between(x, w.q_reset) <= growth
             )
-    if c[ON_GROUND] > 0.0 and c[YAW] > 0.0:
-        # bad ratios for 5 s on the ground
-        if c[MAG_HEALTHY] > 0.0:
-            c[T_BAD_RATIO] = t_now
     if (c[YAW] == 0.0 and c[TILT] > 0.0 and slow) or final or anomaly:
         c[RESET_YAW] = 1.0
     if c[RESET_YAW] > 0.0 and c[TILT] > 0.0:
@@ -360,36 +362,74 @@ def present_heading(f: Filter) -> float:
     return math.atan2(-r[0, 1], r[1, 1])
 
 
-def accept_gnss(f: Filter, par: Parameters, g: F1, t: float) -> None:
-    """Take a GNSS sample: hold peaks of its accuracies, scale noises by the satellites, time good checks."""
+def accept_gnss(f: Filter, par: Parameters, known: Known, g: F1, t: float) -> None:
+    """Take a GNSS sample: hold peaks of its accuracies, scale noises by the satellites, check."""
     c = f.c
     since = min(max(t - c[T_GNSS], 0.0), 5.0)
     decay = 1.0 - 0.2 * since
     c[SACC] = max(decay * c[SACC], min(g[6], 50.0), par.velne_m_nse) if g[6] > 0.0 else 0.0
     c[HACC] = max(decay * c[HACC], min(g[7], 100.0), par.posne_m_nse) if g[7] > 0.0 else 0.0
     c[VACC] = max(decay * c[VACC], min(g[8], 100.0), 1.5 * par.posne_m_nse) if g[8] > 0.0 else 0.0
+    if c[T_GNSS] == NEVER:
+        c[T_GOOD], c[GNSS_N], c[GNSS_E] = t, g[0], g[1]
     c[T_GNSS] = t
     satellites = g[10]
     if satellites >= 6.0 and c[GNSS_ON] > 0.0:
         c[NOISE_SCALE] = 1.0
     else:
         c[NOISE_SCALE] = 1.4 if satellites == 5.0 and c[GNSS_ON] > 0.0 else 2.0
+    check_gnss(f, par, known, g, since, t)
     c[GNSS_N], c[GNSS_E] = g[0], g[1]
     c[GNSS_VN], c[GNSS_VE], c[GNSS_VD] = g[3], g[4], g[5]
+
+
+def check_gnss(f: Filter, par: Parameters, known: Known, g: F1, since: float, t: float) -> None:
+    """Judge GNSS by the checks in use: good after 10 s without a failure, bad after 5 s without a pass.
+
+    The compass is judged beside it: ratios above 1 for 5 s on the ground reset the heading.
+    """
+    c = f.c
+    if c[MAG_RATIO] <= 1.0 or c[ON_GROUND] == 0.0:
+        c[T_BAD_RATIO] = t
+    elif t - c[T_BAD_RATIO] > BAD_RATIO_S:
+        c[T_BAD_RATIO] = t
+        c[RESET_YAW] = 1.0
     scale = max(0.01 * par.check_scale, 0.1) * (1.3 if c[GOOD_GNSS] > 0.0 else 1.0)
     check = int(par.gps_check)
-    good = g[9] >= 3.0
+    speed = math.sqrt(g[3] ** 2 + g[4] ** 2)
+    c[DRIFT] = min(
+        (c[DRIFT] + math.sqrt((g[0] - c[GNSS_N]) ** 2 + (g[1] - c[GNSS_E]) ** 2)) * (1.0 - 0.1 * since), 10.0
+    )
+    good = True
     if check & 1:
-        good = good and satellites >= 6.0
+        good = good and g[10] >= 6.0
     if check & 2:
-        good = good and g[11] <= 2.5 * scale
+        good = good and g[11] <= 2.5
     if check & 4:
-        good = good and g[6] <= scale
+        good = good and c[SACC] <= scale
     if check & 8:
         good = good and g[7] <= 5.0 * scale and g[8] <= 7.5 * scale
-    if not good:
+    if check & 16:
+        good = good and c[MAG_RATIO] <= 1.0
+    if c[ON_GROUND] > 0.0:
+        c[VD_LOW_PASS] += 0.1 * (g[5] - c[VD_LOW_PASS])
+        c[SPEED_LOW_PASS] += 0.1 * (speed - c[SPEED_LOW_PASS])
+        if check & 32:
+            good = good and c[DRIFT] <= 3.0 * scale
+        if check & 64:
+            good = good and abs(c[VD_LOW_PASS]) <= 0.3 * scale
+        if check & 128:
+            good = good and c[SPEED_LOW_PASS] <= 0.3 * scale
+    if good:
+        c[T_PASSED] = t
+    else:
         c[T_GOOD] = t
-    c[GOOD_GNSS] = 1.0 if good else 0.0
+    if c[GOOD_GNSS] == 0.0:
+        c[GOOD_GNSS] = 1.0 if t - c[T_GOOD] > GOOD_GNSS_S else 0.0
+    elif t - c[T_PASSED] > BAD_GNSS_S:
+        c[GOOD_GNSS] = 0.0
+    if c[GOOD_GNSS] > 0.0 and known.flown == 0.0:
+        set_origin(f, known)
 
 
 def measure_position(
@@ -401,19 +441,20 @@ def measure_position(
     fixed: bool,
     height: float,
     has_height: bool,
-    ground_effect: bool,
+    ground_effect: float,
     armed: bool,
     t: float,
 ) -> None:
     """Gate GNSS velocity, GNSS position and height; reset what has timed out; say what is due.
 
-    ``g``: position NED, velocity NED, sacc, hacc, vacc, fix, satellites, hdop.
+    ``g``: position NED, velocity NED, sacc, hacc, vacc, fix, satellites, hdop. ``ground_effect``: 1 at take-off, 2 at
+    touch-down.
     """
     x, P, c, due, z, noise = f.x, f.P, f.c, w.due, w.z, w.noise
     for i in range(OBS_VEL_N, OBS_BARO + 1):
         due[i] = 0.0
     if fixed:
-        accept_gnss(f, par, g, t)
+        accept_gnss(f, par, known, g, t)
     on = c[GNSS_ON] > 0.0
     aids = fixed and on and par.src1_posxy == BY_GNSS
     move = math.sqrt(c[ACC_N] ** 2 + c[ACC_E] ** 2 + c[ACC_D] ** 2)
@@ -421,17 +462,17 @@ def measure_position(
     has_height = fixed if kind == OBS_GNSS_HEIGHT else has_height
     down = x[9]
     if has_height:
-        c[GROUND_EFFECT] = 1.0 if ground_effect and kind == OBS_BARO else 0.0
+        c[GROUND_EFFECT] = 1.0 if ground_effect > 0.0 and kind == OBS_BARO else 0.0
         c[HEIGHT] = -g[2] if kind == OBS_GNSS_HEIGHT else height
         down = -c[HEIGHT]
         noise[kind] = par.alt_m_nse**2
         if kind == OBS_GNSS_HEIGHT:
             noise[kind] = max(c[VACC], 1.5 * par.posne_m_nse) ** 2
-        elif ground_effect:
+        elif ground_effect > 0.0:
             noise[kind] *= 4.0
-            if armed:
+            if armed and ground_effect == 1.0:
                 down = min(down, -c[TAKE_OFF_HEIGHT])
-        if not ground_effect or not armed:
+        if ground_effect != 1.0 or not armed:
             c[TAKE_OFF_HEIGHT] = c[HEIGHT]
         z[kind] = down
     scale = c[NOISE_SCALE] ** 2
@@ -512,6 +553,8 @@ def measure_position(
                 noise[OBS_POS_N + i] = sigma * sigma * scale
     if has_height:
         gate_height(f, par, kind, down, noise[kind], t, w)
+        if kind == OBS_BARO:
+            noise[kind] /= known.n_baro
     c[ARMED_BEFORE] = 1.0 if armed else 0.0
 
 

@@ -33,11 +33,14 @@ MAG_DELAY_S, AIRSPEED_DELAY_S = 0.060, 0.100
 RESERVED_MS, AIRSPEED_MS, MAX_GNSS_LAG_MS = 60.0, 100.0, 250.0
 # Samples of one sensor that are closer are dropped.
 MIN_INTERVAL_S = 0.05
+# Rate of barometer samples on board; of fewer logged ones each weighs more.
+BARO_HZ = 10.0
 # Longer holes of the IMU end a span.
 MAX_HOLE_S = 0.4
 MIN_SPAN_S = 3.0
-# Correlations of a warm start are those after so many seconds of a run from it.
-CORRELATION_S = 20.0
+# Correlations of a warm start are those after so many seconds of a run from it, repeated from the correlations found:
+# that of heading and z gyro bias takes longer to build up.
+CORRELATION_S, CORRELATION_RUNS = 20.0, 4
 # Variances of a warm start where none are logged: attitude, velocity, position (horizontal, vertical), gyro bias,
 # accelerometer bias, fields.
 ATTITUDE_VARIANCE, VELOCITY_VARIANCE, POSITION_VARIANCE, HEIGHT_VARIANCE = 1.2e-3, 0.02, 0.15, 0.3
@@ -48,8 +51,8 @@ GRID_DEG = 10.0
 TABLE_EPOCHS = (((4, 1), 2018.0), ((4, 7), 2023.0), ((99, 0), 2025.5))
 COMPASS_SCALE_LIMITS = (0.8, 1.3)
 GAUSS_PER_TESLA = 1e4
-# Seconds in the air after which the vehicle's word counts as flight.
-FLYING_S = 5.0
+# Seconds in the air after which the vehicle's word counts as flight, and height that ends a take-off.
+FLYING_S, LEFT_M = 5.0, 0.5
 OUT_COLUMNS = 52
 
 
@@ -73,7 +76,7 @@ def rerun(
     setting = sources_of(setting, inputs.version)
     if int(setting["MAG_MASK"]) >> inputs.core & 1:
         setting["MAG_CAL"] = 2.0
-    step_s, frames = filter_step(inputs)
+    step_s, frames, spread = filter_step(inputs)
     lag_ms = setting["GPS_DELAY_MS"] or inputs.gnss_lag_ms
     length = ring_length(inputs, setting, lag_ms)
     spans, steps = steps_of(inputs, step_s, frames)
@@ -82,6 +85,7 @@ def rerun(
         mode = "own"
     samples = samples_of(inputs, setting, steps, horizon_s, lag_ms)
     known = known_facts(inputs, setting, samples, step_s, length, mode)
+    known = known._replace(spread_2=spread[0], spread_4=spread[1])
     par = s.Parameters(*(setting[name.upper()] for name in s.Parameters._fields))
     q, out = np.full((len(steps), 4), np.nan), np.full((len(steps), OUT_COLUMNS), np.nan)
     logs, starts = [], []
@@ -127,15 +131,21 @@ def rerun(
     return Rerun(t_step, q, t_step, states, innovation_tables(np.concatenate(logs)), starts[0], facts, mode)
 
 
-def filter_step(inputs: Ekf3Inputs) -> tuple[float, int]:
-    """Return the mean step of the filter in s and the frames of the main loop in it."""
+def filter_step(inputs: Ekf3Inputs) -> tuple[float, int, tuple[float, float]]:
+    """Return the mean step of the filter in s, the main loop's frames in it, and the spread of steps.
+
+    A step has a whole number of frames, which varies where the mean is not whole. Spread: mean square and mean fourth
+    power of steps, over those of the mean.
+    """
     loop_s = 1.0 / max(inputs.params.get("SCHED_LOOP_RATE", 50.0 if inputs.plane else 400.0), 25.0)
     frames = max(math.ceil((STEP_S - 0.5 * loop_s) / loop_s - 1e-6), 1)
-    step_s = frames * loop_s
-    if inputs.step_s is not None and 0.005 < inputs.step_s < 0.05:
-        step_s = inputs.step_s
-        frames = max(round(step_s / loop_s), 1)
-    return step_s, frames
+    if inputs.step_s is None or not 0.005 < inputs.step_s < 0.05:
+        return frames * loop_s, frames, (1.0, 1.0)
+    mean = max(inputs.step_s / loop_s, 1.0)
+    longer = mean % 1.0
+    counts, shares = np.array([int(mean), int(mean) + 1]) / mean, np.array([1.0 - longer, longer])
+    spread = float(shares @ counts**2), float(shares @ counts**4)
+    return inputs.step_s, max(round(inputs.step_s / loop_s), 1), spread
 
 
 def ring_length(inputs: Ekf3Inputs, setting: Mapping[str, float], lag_ms: float) -> int:
@@ -191,20 +201,30 @@ def steps_of(inputs: Ekf3Inputs, step_s: float, frames: int) -> tuple[list[Span]
 
 
 def fill_flags(inputs: Ekf3Inputs, steps: Array, tas: Array) -> None:
-    """Set armed, flying for 5 s and ground effect of each step."""
+    """Set armed, flying for 5 s, and 1 for take-off, 2 for touch-down in ground effect, of each step."""
     t = steps[:, 0]
     armed = held(inputs.armed["t"], inputs.armed["on"], t, 0.0) > 0
     landed = held(inputs.landed["t"], inputs.landed["on"], t, 1.0) > 0
-    flying = armed & ~landed
-    since = t - np.maximum.accumulate(np.where(flying, -np.inf, t))
-    since[~np.isfinite(since)] = np.inf
     steps[:, 8] = armed
     if inputs.plane:
         steps[:, 9] = np.isfinite(tas[0, 0]) and held(tas[:, 1], tas[:, 2], t, 0.0) > 10.0
+        return
+    if not len(inputs.landed["t"]):
+        return
+    grounded = ~armed | landed
+    begin = np.maximum.accumulate(np.where(grounded, t, -np.inf))
+    since = np.where(np.isfinite(begin), t - begin, np.inf)
+    steps[:, 9] = since > FLYING_S
+    if inputs.params.get("GND_EFFECT_COMP", 1.0 if inputs.version >= (4, 1) else 0.0) <= 0:
+        return
+    steps[:, 10] = 2.0 * (armed & (held(inputs.touch_down["t"], inputs.touch_down["on"], t, 0.0) > 0))
+    leaving = since < FLYING_S
+    if inputs.states is not None:
+        height = -np.interp(t, inputs.states.t, inputs.states.x[:, 9])
+        leaving &= height - np.interp(np.where(np.isfinite(begin), begin, t), t, height) < LEFT_M
     else:
-        steps[:, 9] = flying & (since > FLYING_S) & (len(inputs.landed["t"]) > 0)
-        if inputs.params.get("GND_EFFECT_COMP", 1.0 if inputs.version >= (4, 1) else 0.0) > 0:
-            steps[:, 10] = armed & landed & (len(inputs.landed["t"]) > 0)
+        leaving &= landed
+    steps[armed & leaving, 10] = 1.0
 
 
 def samples_of(
@@ -347,11 +367,14 @@ def known_facts(
         has_table=float(has_table),
         step_s=step_s,
         length=float(length),
+        spread_2=1.0,
+        spread_4=1.0,
         plane=float(inputs.plane),
         airspeed=float(uses_airspeed(inputs)),
         compass=float(compass),
         flown=float(mode == "flown"),
-        gsf=float(len(samples.gsf) > 0),
+        t_origin=float(inputs.events["origin"][0]) if mode == "flown" and len(inputs.events["origin"]) else np.inf,
+        n_baro=max(BARO_HZ * float(np.median(np.diff(inputs.baro["t"]))), 1.0) if len(inputs.baro["t"]) > 2 else 1.0,
     )
 
 
@@ -430,15 +453,17 @@ def begin(
     start: WarmStart | None,
     span: Span,
 ) -> tuple[Filter, s.Work]:
-    """Return a filter at its start; a warm one takes correlations of a run of 20 s from there."""
+    """Return a filter at its start; a warm one takes correlations of runs of 20 s from there."""
     if start is None:
         return fresh(known, samples, steps, first, None)
-    f, w = fresh(known, samples, steps, first, start)
     last = min(first + int(CORRELATION_S / known.step_s), span.last)
     q, out = np.full((len(steps), 4), np.nan), np.full((len(steps), OUT_COLUMNS), np.nan)
-    run_filter(f, w, par, known, samples, first, last, q, out)
-    P = correlated(start.P, f.P)
-    return fresh(known, samples, steps, first, start._replace(P=P))
+    found = start
+    for _ in range(CORRELATION_RUNS):
+        f, w = fresh(known, samples, steps, first, found)
+        run_filter(f, w, par, known, samples, first, last, q, out)
+        found = start._replace(P=correlated(start.P, f.P))
+    return fresh(known, samples, steps, first, found)
 
 
 def correlated(P: Array, other: Array) -> Array:
@@ -461,17 +486,13 @@ def fresh(known: s.Known, samples: Samples, steps: Array, first: int, start: War
     w = s.Work(z(14), z(14), z(14), z(3), z(3), z((3, 8)), z(3), z(3), z(6), z(4), z(4))
     c, t = f.c, float(steps[first, 0])
     w.q_mag[0] = w.q_reset[0] = 1.0
-    for i in (s.T_MAG, s.T_SYNTHETIC, s.T_VELOCITY, s.T_POSITION, s.T_HEIGHT, s.T_GOOD, s.T_BAD_RATIO, s.T_STARTED):
+    for i in (s.T_MAG, s.T_SYNTHETIC, s.T_VELOCITY, s.T_POSITION, s.T_HEIGHT, s.T_GOOD, s.T_BAD_RATIO, s.T_PASSED):
         c[i] = t
-    c[s.T_BAD_IMU] = c[s.T_AIRSPEED] = NEVER
+    c[s.T_BAD_IMU] = c[s.T_AIRSPEED] = c[s.T_GNSS] = NEVER
     c[s.NOISE_SCALE], c[s.ON_GROUND] = 1.0, 1.0
     c[s.MAG_HEALTHY] = 1.0
-    g = (
-        samples.gnss[min(int(np.searchsorted(samples.gnss[:, 1], t)), len(samples.gnss) - 1)]
-        if len(samples.gnss)
-        else None
-    )
-    if g is not None and start is not None:
+    g = samples.gnss[min(int(np.searchsorted(samples.gnss[:, 1], t)), len(samples.gnss) - 1)]
+    if start is not None and np.isfinite(g[1]):
         c[s.GNSS_N : s.GNSS_N + 2] = g[2:4]
         c[s.GNSS_VN : s.GNSS_VN + 3] = g[5:8]
         c[s.SACC], c[s.HACC], c[s.VACC], c[s.T_GNSS] = g[8], g[9], g[10], g[1]

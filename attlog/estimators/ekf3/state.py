@@ -83,11 +83,14 @@ class Known(NamedTuple):
     has_table: float  # 1 where the firmware uses its table
     step_s: float
     length: float  # of the output ring, steps
+    spread_2: float  # mean square of steps over that of the mean step
+    spread_4: float  # mean fourth power alike
     plane: float
     airspeed: float  # 1 where airspeed is used
     compass: float  # 1 where the core has a compass in use
     flown: float  # 1: resets and GNSS use as logged; 0: by the filter's own rules
-    gsf: float  # 1 where headings of the yaw estimator are logged
+    t_origin: float  # s, origin set as logged; inf by the filter's own rules
+    n_baro: float  # barometer samples on board for each logged one
 
 
 # Control state of the filter, by position in ``c``. Times are s since boot; -1e9 is never.
@@ -99,7 +102,8 @@ CONTROL = (
     "origin",
     "held_n", "held_e", "height_rate", "vd_clips", "t_good", "declination_due", "gnss_vn", "gnss_ve", "gnss_vd",
     "gnss_n", "gnss_e", "height", "take_off_height", "t_sideslip", "armed_before", "static_yaw", "heading_kind",
-    "mag_passed", "t_started", "good_gnss", "t_bad_ratio", "ground_effect", "take_off_expected",
+    "mag_passed", "good_gnss", "t_bad_ratio", "ground_effect", "mag_ratio", "t_passed", "drift", "vd_low_pass",
+    "speed_low_pass",
 )  # fmt: skip
 (
     TILT, YAW, GNSS_ON, ON_GROUND, IN_FLIGHT, GROUND, BIAS_ON, MAG_LEARN, FIELD_LEARNED, FIELD_SET, FINAL_YAW,
@@ -107,7 +111,7 @@ CONTROL = (
     WIND_ON, T_SYNTHETIC, T_VELOCITY, T_POSITION, T_HEIGHT, T_AIRSPEED, T_BAD_IMU, BAD_IMU, ACC_N, ACC_E, ACC_D, SACC,
     HACC, VACC, T_GNSS, NOISE_SCALE, ORIGIN, HELD_N, HELD_E, HEIGHT_RATE, VD_CLIPS, T_GOOD, DECLINATION_DUE, GNSS_VN,
     GNSS_VE, GNSS_VD, GNSS_N, GNSS_E, HEIGHT, TAKE_OFF_HEIGHT, T_SIDESLIP, ARMED_BEFORE, STATIC_YAW, HEADING_KIND,
-    MAG_PASSED, T_STARTED, GOOD_GNSS, T_BAD_RATIO, GROUND_EFFECT, TAKE_OFF_EXPECTED,
+    MAG_PASSED, GOOD_GNSS, T_BAD_RATIO, GROUND_EFFECT, MAG_RATIO, T_PASSED, DRIFT, VD_LOW_PASS, SPEED_LOW_PASS,
 ) = range(len(CONTROL))  # fmt: skip
 
 # Modes of the compass, as XKFS.MAG_FUSION counts them.
@@ -156,19 +160,20 @@ def process_noise(f: Filter, par: Parameters, known: Known, w: Work, dt: float) 
     c, noise = f.c, f.noise
     acc = BAD_IMU_NOISE if c[BAD_IMU] > 0.0 else par.acc_p_nse
     on, learn = c[BIAS_ON], c[MAG_LEARN]
+    two, four = known.spread_2, known.spread_4
     wind = dt * par.wind_p_nse * (1.0 + par.wind_pscale * abs(c[HEIGHT_RATE]))
     if known.airspeed == 0.0:
         wind *= 10.0
     for i in range(3):
-        noise[TH + i] = (par.gyro_p_nse * dt) ** 2
-        noise[VEL + i] = (acc * dt) ** 2
+        noise[TH + i] = two * (par.gyro_p_nse * dt) ** 2
+        noise[VEL + i] = two * (acc * dt) ** 2
         noise[POS + i] = 0.0
-        noise[BG + i] = on * (par.gbias_p_nse * dt) ** 2
-        noise[BA + i] = on * (1.0 - w.frozen[i]) * (par.abias_p_nse * dt) ** 2
-        noise[MI + i] = learn * (par.mage_p_nse * dt) ** 2
-        noise[MB + i] = learn * (par.magb_p_nse * dt) ** 2
+        noise[BG + i] = on * four * (par.gbias_p_nse * dt) ** 2
+        noise[BA + i] = on * (1.0 - w.frozen[i]) * four * (par.abias_p_nse * dt) ** 2
+        noise[MI + i] = learn * two * (par.mage_p_nse * dt) ** 2
+        noise[MB + i] = learn * two * (par.magb_p_nse * dt) ** 2
     for i in range(2):
-        noise[WIND + i] = c[WIND_ON] * wind**2
+        noise[WIND + i] = c[WIND_ON] * two * wind**2
 
 
 def limit_states(f: Filter, par: Parameters, known: Known, w: Work) -> None:
@@ -181,7 +186,7 @@ def limit_states(f: Filter, par: Parameters, known: Known, w: Work) -> None:
         x[10 + i] = min(max(x[10 + i], -limit), limit)
         x[13 + i] = min(max(x[13 + i], -par.acc_bias_lim), par.acc_bias_lim)
         x[19 + i] = min(max(x[19 + i], -0.5), 0.5)
-    if known.has_table > 0.0 and c[MAG_LEARN] > 0.0:
+    if known.has_table > 0.0 and c[ORIGIN] > 0.0 and c[MAG_LEARN] > 0.0:
         width = par.mag_ef_lim * 1e-3
         x[16] = min(max(x[16], known.table_n - width), known.table_n + width)
         x[17] = min(max(x[17], known.table_e - width), known.table_e + width)
@@ -210,6 +215,8 @@ def limit_states(f: Filter, par: Parameters, known: Known, w: Work) -> None:
             if w.frozen[i] == 0.0:
                 largest = max(largest, P[BA + i, BA + i])
                 reset = reset or P[BA + i, BA + i] < least
+            else:
+                largest = max(largest, w.bias_variance[i])
         floor = max(0.01 * largest, least)
         for i in range(3):
             if w.frozen[i] == 0.0:
@@ -258,6 +265,15 @@ def reset_field(f: Filter, par: Parameters, known: Known, w: Work, mx: float, my
     if c[IN_FLIGHT] > 0.0:
         c[FINAL_MAG] = 1.0
     mark_reset(f, w)
+
+
+def set_origin(f: Filter, known: Known) -> None:
+    """Take the origin as set: the earth field becomes that of the table."""
+    x, c = f.x, f.c
+    if c[ORIGIN] == 0.0 and known.has_table > 0.0:
+        x[16], x[17], x[18] = known.table_n, known.table_e, known.table_d
+        c[DECLINATION_DUE] = c[MAG_LEARN]
+    c[ORIGIN] = 1.0
 
 
 def mark_reset(f: Filter, w: Work) -> None:

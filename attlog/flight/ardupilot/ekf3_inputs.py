@@ -42,6 +42,10 @@ UBLOX_TYPES = (1, 2)
 # A motor output above this turns the motor (us).
 MOTOR_TURNS_US = 1150.0
 MILLIGAUSS = 1e-3
+# A copter that sinks slowly and hardly moves expects to touch down: m/s demanded and flown, demanded lean in ALT_HOLD.
+SINK_DEMANDED_M_S, SINK_M_S, LEVEL_M_S, LEAN_DEG = 1.0, 0.6, 1.25, 7.5
+# Records of a position controller that is on come closer than this.
+CONTROLLED_S = 0.5
 # Innovation columns of XKF3 by aid, with their factor to the units of the re-run.
 INNOVATION_COLUMNS = {
     "velocity_n": ("IVN", 1.0),
@@ -113,7 +117,7 @@ class Ekf3Inputs:
     gsf: Mapping[str, Array]
     armed: Mapping[str, Array]
     landed: Mapping[str, Array]
-    descent: Mapping[str, Array]
+    touch_down: Mapping[str, Array]
     events: Mapping[str, Array]
     states: Ekf3States | None
     lanes: Mapping[str, Array]
@@ -306,6 +310,39 @@ def _armed(builder: DataflashBuilder, t0: float) -> dict[str, Array]:
     return {"t": np.concatenate([[-np.inf], armed["t"]]), "on": np.concatenate([[float(begin)], armed["on"]])}
 
 
+def _touch_down(builder: DataflashBuilder, core: int, gnss: Mapping[str, Array], t0: float) -> dict[str, Array]:
+    """Return when the copter told its EKF to expect a touch-down, by demands of its position controller."""
+    sink = _read(builder, builder.messages.first("PSCD"), {"demand": "DVD", "rate": "VD"})
+    t = sink["t"]
+    if not len(t):
+        return {"t": t, "on": t}
+    slow = (sink["demand"] > 0.0) & ((sink["demand"] <= SINK_DEMANDED_M_S) | (np.abs(sink["rate"]) <= SINK_M_S))
+    parts = [_read(builder, builder.messages.first(name), {"demand": f"TV{name[-1]}"}) for name in ("PSCN", "PSCE")]
+    level = np.hypot(*(_latest(part["t"], part["demand"], t) for part in parts))
+    moving = np.hypot(*(_latest(gnss["t"], gnss[name], t) for name in ("vn", "ve")))
+    status = _read(builder, _core_table(builder, "XKF4", core), {"bits": "SS"})
+    placed = np.nan_to_num(_latest(status["t"], status["bits"], t)).astype(np.int64) >> ABSOLUTE_BIT & 1 > 0
+    lean = _read(builder, builder.messages.first("ATT"), {"roll": "DesRoll", "pitch": "DesPitch"})
+    upright = np.cos(np.radians(lean["roll"])) * np.cos(np.radians(lean["pitch"])) > np.cos(np.radians(LEAN_DEG))
+    mode = builder.log.state.mode
+    holds = np.zeros(0) if mode is None else np.array([float(m == "ALT_HOLD") for m in mode.value])
+    hold = holds[np.maximum(np.searchsorted(mode.t + t0, t, side="right") - 1, 0)] if mode is not None else 0.0
+    level_hold = (hold > 0.0) & (_latest(lean["t"], upright.astype(np.float64), t) > 0.0)
+    on = slow & (np.where(np.isfinite(level), level <= LEVEL_M_S, placed & (moving <= LEVEL_M_S)) | level_hold)
+    ends = np.append(np.diff(t) > CONTROLLED_S, True)
+    times, values = np.concatenate([t, t[ends] + CONTROLLED_S]), np.concatenate([on, np.zeros(ends.sum())])
+    order = np.argsort(times, kind="stable")
+    return {"t": times[order], "on": values[order].astype(np.float64)}
+
+
+def _latest(t: Array, value: Array, at: Array) -> Array:
+    """Return the last value at each time, NaN where it is older than a controller's interval."""
+    if not len(t):
+        return np.full(len(at), np.nan)
+    k = np.searchsorted(t, at, side="right") - 1
+    return np.where((k >= 0) & (at - t[np.maximum(k, 0)] <= CONTROLLED_S), value[np.maximum(k, 0)], np.nan)
+
+
 def core_of(builder: DataflashBuilder, unit: int | None) -> int:
     """Return the core on IMU ``unit``, for None the core that was primary longest.
 
@@ -356,6 +393,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         yaw, sigma = heading_and_sigma(gsf_table)
         gsf = {"t": _seconds(builder, gsf_table), "yaw": yaw, "sigma": sigma}
     plane = builder.family == "plane"
+    gnss = _gnss(builder, core)
     return Ekf3Inputs(
         core=core,
         unit=unit,
@@ -366,13 +404,13 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         acc_late=imu.acc.delay,
         intervals=imu.gyro.sampling == "interval",
         mag={"t": mag["t"], "x": np.column_stack([mag["x"], mag["y"], mag["z"]]) * MILLIGAUSS},
-        gnss=_gnss(builder, core),
+        gnss=gnss,
         baro=baro,
         airspeed=_selected(builder, "ARSP", _chosen(builder, core, "AI"), {"eas": "Airspeed", "use": "U"}),
         gsf=gsf,
         armed=_armed(builder, t0),
         landed=_line(log.state.landed, t0),
-        descent=_read(builder, builder.messages.first("PSCD"), {"demand": "DVD", "rate": "VD"}),
+        touch_down=_touch_down(builder, core, gnss, t0),
         events=_events(log, builder, unit),
         states=_states(builder, core, log.parameters.trim),
         lanes=_read(builder, builder.messages.first("XKF4"), {"primary": "PI"}),

@@ -39,7 +39,16 @@ def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **
     gnss |= {"hacc": full(len(g), 0.5), "vacc": full(len(g), 0.8), "sacc": full(len(g), 0.3)}
     nothing = {"t": np.zeros(0)}
     none = np.zeros(0)
-    names = ("initialised", "tilt_aligned", "yaw_aligned", "final_reset", "anomaly_reset", "gnss_on", "gnss_off")
+    names = (
+        "initialised",
+        "tilt_aligned",
+        "yaw_aligned",
+        "final_reset",
+        "anomaly_reset",
+        "gnss_on",
+        "gnss_off",
+        "origin",
+    )
     values: dict[str, object] = {
         "core": 0,
         "unit": 0,
@@ -56,7 +65,7 @@ def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **
         "gsf": nothing | {"yaw": none, "sigma": none},
         "armed": nothing | {"on": none},
         "landed": nothing | {"on": none},
-        "descent": nothing,
+        "touch_down": nothing | {"on": none},
         "events": dict.fromkeys(names, none),
         "states": None,
         "lanes": nothing,
