@@ -46,7 +46,7 @@ class Side:
     def __init__(self, log: FlightLog, halves: tuple[str, ...] = ()) -> None:
         case: Case = pipeline.prepare(log)
         rows = [*replay.run_rows(case, FILTERS), *reference.onboard_rows(log, case.segments, case.reference)]
-        self.case = case.looked_at_with(rows)
+        self.case = case.with_rows(rows)
         self.rows: dict[str, Track] = {
             r.name: r for r in rows if not (r.is_reference or following.why_uncorrected(case, r))
         }
@@ -63,7 +63,7 @@ class Side:
     def significant(self, metric: str) -> list[tuple[str, str]]:
         """Pairs (better, worse) of rows in the air; the answers keep their values."""
         answers = self.answers("airborne", metric)
-        copies = {n: replace(a, detail=dict(a.detail)) for n, a in answers.items() if ranking.may_be_best(self.rows[n])}
+        copies = {n: replace(a) for n, a in answers.items() if ranking.may_be_best(self.rows[n])}
         return ranking.family(copies, "low").significant
 
 

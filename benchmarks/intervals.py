@@ -101,7 +101,7 @@ def side(path: Path, truth: bool, halves: tuple[str, ...] = ()) -> Side:
     log = flight.read(path)
     case = pipeline.prepare(log if truth else replace(log, truth=None))
     rows = {row.name: row for row in replay.run_rows(case, ["default"])}
-    case = case.looked_at_with([*rows.values(), *reference.onboard_rows(case.log, case.segments, case.reference)])
+    case = case.with_rows([*rows.values(), *reference.onboard_rows(case.log, case.segments, case.reference)])
     windows = (*case.windows, *(halves or halves_of(case)))
     return Side(case, rows, {n: metrics.compute(case, row, windows) for n, row in rows.items()})
 
@@ -189,7 +189,7 @@ def text(metric: str, row: str, a: Answer, true: float) -> str:
 
 def told(answers: dict[str, Answer], metric: str) -> list[tuple[str, str]]:
     """Pairs (better, worse) that the ranking tells apart; the answers keep their values."""
-    copies = {name: replace(a, detail=dict(a.detail)) for name, a in answers.items()}
+    copies = {name: replace(a) for name, a in answers.items()}
     return ranking.family(copies, DEFINED[metric].better).significant
 
 
@@ -252,9 +252,7 @@ def judge(seen: Flight, blind: Side, truth: Side, own: dict[str, dict[str, Answe
         answer, known = blind.table[name][window].get(metric), truth.table[name][window].get(said)
         if metric.startswith(MADE):
             known = own.get(name, {}).get(metric)
-            value = (
-                None if known is None else known.detail.get("fitted_ms") if metric.startswith("lag") else known.value
-            )
+            value = None if known is None or known.value is None else known.value + (known.taken_out or 0.0)
         else:
             value = None if known is None else known.value
         if value is None:

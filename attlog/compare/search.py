@@ -139,7 +139,7 @@ class SettingsOnLog:
         return following.why_uncorrected(self.case, self._input.rows([setting])[0]) or ""
 
     def _result(self, row: Track) -> SettingResult:
-        seen = self.case.looked_at_with([row])
+        seen = self.case.with_rows([row])
         found: dict[Question, Answer] = {}
         for window in dict.fromkeys(q.window for q in self.questions):
             here = [q for q in self.questions if q.window == window]

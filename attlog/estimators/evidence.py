@@ -152,7 +152,7 @@ class HeadingOffset:
     ``offset_deg`` is the heading of the attitude minus the true one, clockwise positive, with one ``sigma_deg``;
     ``scale`` is GNSS acceleration over that of the force and ``correlation`` theirs, 0 to 1; ``delay_s`` how much later
     than the IMU the receiver is; ``blocks`` the number of blocks of 5 s that bear the weight. It counts where
-    ``told``; else ``why`` says what is missing.
+    ``known``; else ``why`` says what is missing.
     """
 
     offset_deg: float
@@ -163,18 +163,18 @@ class HeadingOffset:
     blocks: float
     t0: float
     t1: float
-    told: bool
+    known: bool
     why: str
 
     @property
     def wrong(self) -> bool:
         """Return whether the heading is in error beyond doubt."""
-        return self.told and abs(self.offset_deg) > max(WRONG_DEG, WRONG_SIGMAS * self.sigma_deg)
+        return self.known and abs(self.offset_deg) > max(WRONG_DEG, WRONG_SIGMAS * self.sigma_deg)
 
     @property
     def sound(self) -> bool:
         """Return whether the heading is right beyond doubt."""
-        sure = self.told and self.sigma_deg <= SOUND_SIGMA_DEG
+        sure = self.known and self.sigma_deg <= SOUND_SIGMA_DEG
         return sure and abs(self.offset_deg) < max(SOUND_DEG, SOUND_SIGMAS * self.sigma_deg)
 
 
@@ -356,11 +356,11 @@ def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_bl
         blocks=blocks,
         t0=float(t[0]),
         t1=float(steps.t1[chosen[-1][-1]]) if len(chosen[-1]) else float(t[-1]) + WINDOW_S,
-        told=False,
+        known=False,
         why="",
     )
     why = delay.why or _why_not(found, least_blocks)
-    return replace(found, told=not why, why=why)
+    return replace(found, known=not why, why=why)
 
 
 def _without_outliers(a: Complex, b: Complex) -> NDArray[np.bool_]:

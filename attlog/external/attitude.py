@@ -133,7 +133,7 @@ def align_truth(log: FlightLog, trajectory: Trajectory, request: TruthRequest, o
     tilted = float(np.mean(rotation.tilt_angle(q) ** 2))
     jitter = timing.offset_sigma**2 * found.turning
     tilt = float(np.sum(noise[:2] ** 2)) + tilt_var + tilted * heading_var + world.sigma_tilt**2 + jitter
-    heading = float(noise[2] ** 2) + jitter + (0.0 if world.north == "nobody" else heading_var)
+    heading = float(noise[2] ** 2) + jitter + (0.0 if world.north == "none" else heading_var)
     fit = TruthFit(
         trajectory.name,
         timing.offset - late,

@@ -215,7 +215,7 @@ class WorldFit:
     turn: Array
     sigma_tilt: float
     sigma_heading: float
-    north: Literal["file", "gnss", "nobody"]
+    north: Literal["file", "gnss", "none"]
 
 
 def fit_world(
@@ -247,7 +247,7 @@ def fit_world(
     left = rotation.rotate(level, down.down)
     sigma = max(down.sigma, float(np.arctan2(np.hypot(left[0], left[1]), left[2])))
     turn = rotation.multiply(_about_down(turned(level)), level)
-    whose: Literal["file", "gnss", "nobody"] = "file" if keeps_north else "gnss" if north else "nobody"
+    whose: Literal["file", "gnss", "none"] = "file" if keeps_north else "gnss" if north else "none"
     return WorldFit(turn, sigma, north.sigma if north else 0.0, whose)
 
 

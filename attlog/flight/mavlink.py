@@ -180,7 +180,7 @@ class TelemetryBuilder(LogBuilder):
         return self.clock.of(table)
 
 
-def choose_system(messages: Messages, path: Path, system: int | None) -> int:
+def choose_system_id(messages: Messages, path: Path, system: int | None) -> int:
     """Return the table instance (system * 256 + component) of the vehicle's autopilot.
 
     The vehicle is chosen when the file is opened; ``system`` is only checked. UsageError if it is not in the file,
@@ -201,7 +201,7 @@ def choose_system(messages: Messages, path: Path, system: int | None) -> int:
 
 def read(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
     """Read the flight of one vehicle in a MAVLink file; ``imu`` and ``mag`` select units."""
-    instance = choose_system(messages, messages.path, system)
+    instance = choose_system_id(messages, messages.path, system)
     systems = messages.info.get("systems", {})
     autopilot = systems.get(instance >> 8, {}).get("autopilot")
     builder = TelemetryBuilder(messages, instance=instance, autopilot=autopilot)

@@ -187,7 +187,7 @@ class TruthFit:
     seconds: float
     sigma_tilt_deg: float
     sigma_heading_deg: float
-    north: Literal["file", "gnss", "nobody"] = "nobody"
+    north: Literal["file", "gnss", "none"] = "none"
     reading: str = ""
 
 
@@ -519,7 +519,7 @@ class FlightLog:
     @property
     def truth_with_north(self) -> Attitude | None:
         """The truth, None if its heading is not referred to north."""
-        return None if self.truth is None or (self.truth.fit and self.truth.fit.north == "nobody") else self.truth
+        return None if self.truth is None or (self.truth.fit and self.truth.fit.north == "none") else self.truth
 
     def advice(self, what: LoggingNeed, rate: float | None = None) -> str:
         """Return the setting that would log ``what``, or the reason why no setting helps.

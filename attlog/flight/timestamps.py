@@ -117,9 +117,9 @@ def record_clock(messages: Messages, system: int | None = None) -> Callable[[Tab
         dataflash = RecordClock(messages)
         return dataflash.of if dataflash.known else lambda table: None
     if messages.format in ("tlog", "mavlink"):
-        from attlog.flight.mavlink import PacketClock, choose_system
+        from attlog.flight.mavlink import PacketClock, choose_system_id
 
-        instance = choose_system(messages, messages.path, system)
+        instance = choose_system_id(messages, messages.path, system)
         packets = PacketClock(messages, instance)
         return lambda table: packets.of(table) if table.instance == instance else packets.by_packet(table)
     return partial(_own_stamps, messages.format)

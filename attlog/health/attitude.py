@@ -137,7 +137,7 @@ def gnss_heading_checks(case: HealthCase) -> list[Check]:
     wrong = find_wrong_heading(whole, parts)
     if wrong is not None:
         return [_wrong_heading_check(log, segments, wrong)]
-    if not whole.told:
+    if not whole.known:
         return [unknown(HEADING_BY_GNSS, f"{whole.why[0].upper()}{whole.why[1:]}.", GNSS_HEADING_LIMIT)]
     size = abs(whole.offset_deg)
     text = f"{log.onboard}'s heading is {size:.1f} deg off by GNSS acceleration (± {whole.sigma_deg:.1f} deg)."
@@ -416,7 +416,7 @@ def crash_checks(case: HealthCase) -> list[Check]:
 
 def _crash_text(segments: Segments, t: float) -> str:
     """Return how the crash at ``t`` s began, ``An impact`` where unknown."""
-    first = next((e for e in segments.endings if e.is_crash and abs(e.t - t) < 1.0), None)
+    first = next((e for e in segments.crash_events if e.is_crash and abs(e.t - t) < 1.0), None)
     kinds = {"impact": "An impact", "overturn": "It turned over", "tumble": "It tumbled"}
     return "An impact" if first is None else kinds.get(first.kind, "An impact")
 

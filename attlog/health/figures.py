@@ -124,7 +124,7 @@ def field_attitude(case: HealthCase) -> tuple[Array, Array, np.ndarray | None, s
         return own.t, own.q, None, own.source
     if reference is None or reference.kind == "none" or len(reference.t) < 2:
         return None
-    if reference.heading.by in ("nobody", "relative"):
+    if reference.heading.by in ("none", "relative"):
         return None
     return reference.t, reference.q, reference.gap_segment, reference.source
 

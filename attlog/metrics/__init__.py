@@ -70,7 +70,7 @@ def compute(
     the same group come too. A row that gravity does not correct is never ranked.
     """
     from attlog.metrics import following
-    from attlog.metrics.ranking import mark_not_ranked
+    from attlog.metrics.ranking import withdraw_uncertain
 
     table: dict[str, dict[str, Answer]] = {}
     asked = [q for q in groups() if not only or _is_of(q, only)]
@@ -82,7 +82,7 @@ def compute(
             answers |= _ask(group, case, row, window)
             for metric in group.metrics:
                 if metric.name in answers:
-                    mark_not_ranked(metric, answers[metric.name])
+                    withdraw_uncertain(metric, answers[metric.name])
                     if partly and metric.covers:
                         answers[metric.name].coverage_pct = row.coverage_pct
         for answer in answers.values():

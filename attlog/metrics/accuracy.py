@@ -101,7 +101,6 @@ def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str,
             f"{STATISTICS[statistic]}, {size.pieces} segments" if size.pieces else STATISTICS[statistic],
             reason=why,
             ranked=why is None,
-            detail={"samples": count},
             floor=math.hypot(case.reference.alignment.floor_deg, own),
             units=units if statistic == "rmse" else None,
         )

@@ -144,18 +144,11 @@ def _walk(d: Deviation, length: float, window: str) -> Answer:
     unit = "deg/sqrt(h)"
     if not WALK_SLOPE[0] <= slope <= WALK_SLOPE[1]:
         reason = f"around 1 s the deviation goes as tau^{slope:.2f}, not tau^-0.5: this heading does not walk at random"
-        return missing("not_applicable", reason, unit, window, slope=slope)
+        return missing("not_applicable", reason, unit, window)
     at = int(np.argmin(np.abs(d.tau - 1.0)))
     low, high = statistics.chi_square_interval(60.0 * value, round(float(d.dof[at]), 3))
     return Answer(
-        60.0 * value,
-        unit,
-        window,
-        round(float(d.dof[at])),
-        length,
-        (low, high),
-        "overlapping Allan deviation at 1 s",
-        detail={"slope": slope},
+        60.0 * value, unit, window, round(float(d.dof[at])), length, (low, high), "overlapping Allan deviation at 1 s"
     )
 
 
@@ -166,7 +159,7 @@ def floor_answer(d: Deviation, length: float, window: str) -> Answer:
     if length < MIN_RATIO * tau or lowest == len(d.tau) - 1:
         needed = max(MIN_RATIO * tau, length)
         reason = f"the deviation still falls at {tau:.0f} s; a rest of more than {needed:.0f} s is needed"
-        return missing("rest_too_short", reason, unit, window, tau_s=tau)
+        return missing("rest_too_short", reason, unit, window)
     factor = 3600.0 / FLICKER
     return Answer(
         factor * float(d.sigma[lowest]),
@@ -176,7 +169,6 @@ def floor_answer(d: Deviation, length: float, window: str) -> Answer:
         length,
         (factor * float(d.low[lowest]), factor * float(d.high[lowest])),
         f"floor of the Allan deviation at {tau:.1f} s",
-        detail={"tau_s": tau},
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from attlog.metrics import correction_noise, drift, lag
 from attlog.metrics.accuracy import ERRORS
 from attlog.metrics.metric import Answer, Case, MetricGroup, named, per_case
-from attlog.metrics.ranking import TOO_UNCERTAIN, mark_not_ranked
+from attlog.metrics.ranking import TOO_UNCERTAIN, withdraw_uncertain
 from attlog.metrics.windows import PHASES, reason_unavailable, row_windows
 from attlog.reference import replayed
 from attlog.reference.model import Track
@@ -119,7 +119,7 @@ def looked_up(case: Case, group: MetricGroup, name: str, windows: tuple[str, ...
         answer = group.ask(case, stand_in(case), window).get(name)
         if answer is None:
             continue
-        mark_not_ranked(metric, answer)
+        withdraw_uncertain(metric, answer)
         if answer.value is not None:
             return answer
         first = first or answer

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.core.spans import Span, between, inside, intersect, merge
+from attlog.core.spans import Span, inside, intersect
 from attlog.metrics import following, statistics
 from attlog.metrics.accuracy import own_sigma
 from attlog.metrics.metric import (
@@ -74,9 +74,8 @@ class HeadingBlocks:
 class Drift:
     """Mean drift of a record in deg/min, from slopes of groups.
 
-    ``slopes`` of the groups in the times ``spans`` (s). ``value`` is None if the record is too short. ``changes``:
-    first and last slope if slopes rise or fall steadily. ``residual``: RMS (deg) without the mean slope and each
-    segment's offset. For pooled records, ``range``: smallest and largest value; ``agree``: one drift explains all.
+    ``slopes`` of the groups in the times ``spans`` (s). ``value`` is None if the record is too short. For pooled
+    records, ``range``: smallest and largest value; ``agree``: one drift explains all.
     """
 
     value: float | None
@@ -84,21 +83,9 @@ class Drift:
     slopes: Array
     spans: list[tuple[float, float]]
     seconds: float
-    residual: float = math.nan
-    changes: tuple[float, float] | None = None
     range: tuple[float, float] | None = None
     agree: bool = True
     records: list[SpanAnswer] = field(default_factory=list)
-
-    @property
-    def significant(self) -> bool:
-        """True if the interval excludes zero."""
-        return self.ci95 is not None and not self.ci95[0] <= 0.0 <= self.ci95[1]
-
-    @property
-    def less_than(self) -> float | None:
-        """Upper bound of the drift's magnitude by its interval, deg/min."""
-        return None if self.ci95 is None else max(abs(self.ci95[0]), abs(self.ci95[1]))
 
 
 def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBlocks:
@@ -153,20 +140,7 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = statistics.mean_interval(slopes)
-    found.residual = math.sqrt(float(np.mean(without_slope(blocks, found.value) ** 2)))
-    rises = np.diff(slopes)
-    width = found.ci95[1] - found.ci95[0] if found.ci95 else math.inf
-    if ((rises > 0).all() or (rises < 0).all()) and abs(slopes[-1] - slopes[0]) > width:
-        found.changes = (slopes[0], slopes[-1])
     return found
-
-
-def without_slope(blocks: HeadingBlocks, deg_per_min: float) -> Array:
-    """Return the heading error (n,) without drift and segment offsets, deg."""
-    rest = blocks.e - deg_per_min / 60.0 * blocks.t
-    for own in _segments(blocks):
-        rest[own] -= np.mean(rest[own])
-    return rest
 
 
 def drift_line(blocks: HeadingBlocks) -> Array:
@@ -210,7 +184,6 @@ def pool_drifts(records: list[Drift]) -> Drift:
         np.concatenate([r.slopes for r in usable]),
         [s for r in usable for s in r.spans],
         sum(r.seconds for r in usable),
-        float(np.sqrt(weight @ np.array([r.residual**2 for r in usable]))),
         range=(float(values.min()), float(values.max())),
         agree=bool(agree),
     )
@@ -244,16 +217,8 @@ def drift_answer(found: Drift, window: str, against: str) -> Answer:
         method,
         reason=reason,
         ranked=reason is None,
-        detail={
-            "slopes": [float(s) for s in found.slopes],
-            "significant": found.significant,
-            "less_than": found.less_than,
-            "residual_deg": found.residual,
-            **({} if found.range is None else {"range": list(found.range)}),
-        },
         records=found.records,
         disagree=None if found.agree else found.range,
-        changes=found.changes,
         units=_units(found),
     )
 
@@ -375,58 +340,39 @@ def compute_rest_drift(case: Case, row: Track, window: str) -> dict[str, Answer]
         return REST_DRIFT.without(*reason_unavailable(case, "rest", window), window)
     pooled = pool_drifts(found)
     pooled.records = [r for one in found for r in one.records]
-    change = heading_change(case, row, window)
     if pooled.value is None:
-        return {REST_DRIFT_METRICS[0].name: _none_long_enough(pooled, change, window)}
+        return {REST_DRIFT_METRICS[0].name: _none_long_enough(case, row, pooled, window)}
     shown, rests_of_log = sum(one.value is not None for one in found), long_enough(case, window)
     if shown < rests_of_log:
         reason = f"it is measured in {shown} of {rests_of_log} rests, and the rests of a log may disagree"
-        answer = missing("not_covered", reason, "deg/min", window, **change)
+        answer = missing("not_covered", reason, "deg/min", window)
         answer.records = pooled.records
         return {REST_DRIFT_METRICS[0].name: answer}
     answer = drift_answer(pooled, window, "rest")
-    usable = [span for _, spans in usable_rests(case, row, window) for span in spans]
-    answer.detail |= bias_beside(row, answer.value, usable) | change
     return {REST_DRIFT_METRICS[0].name: following.unrank_frozen(case, row, "heading", answer)}
 
 
-def _none_long_enough(pooled: Drift, change: dict[str, float], window: str) -> Answer:
+def _none_long_enough(case: Case, row: Track, pooled: Drift, window: str) -> Answer:
     """Return the answer if no rest is long enough."""
     longest = max(pooled.records, key=lambda r: r.usable_s)
     reason = f"the longest rest has {longest.reason}"
-    if change:
-        reason += f"; between the first and the last rest the heading turned by {change['heading_change_deg']:+.1f} deg"
-    answer = missing("rest_too_short", reason, "deg/min", window, **change)
+    turned = heading_change_deg(case, row, window)
+    if turned is not None:
+        reason += f"; between the first and the last rest the heading turned by {turned:+.1f} deg"
+    answer = missing("rest_too_short", reason, "deg/min", window)
     answer.records = pooled.records
     return answer
 
 
-def bias_beside(row: Track, drift_deg_per_min: float | None, spans: list[tuple[float, float]]) -> dict[str, float]:
-    """Return gyro z biases in deg/s, for comparison with a drift.
-
-    The one that the drift implies, and the filter's mean estimate.
-    """
-    beside: dict[str, float] = {}
-    if drift_deg_per_min is not None:
-        beside["implied_bias_dps"] = drift_deg_per_min / 60.0
-    if row.bias is not None:
-        own = [row.bias[between(row.t, t0, t1), 2] for t0, t1 in merge(spans)]
-        z = np.concatenate([np.zeros(0), *own])
-        z = z if np.isfinite(z.sum()) else z[np.isfinite(z)]
-        if len(z):
-            beside["own_bias_z_dps"] = float(np.degrees(np.mean(z)))
-    return beside
-
-
-def heading_change(case: Case, row: Track, window: str) -> dict[str, float]:
-    """Return the heading change from first to last rest, deg."""
+def heading_change_deg(case: Case, row: Track, window: str) -> float | None:
+    """Return the heading change from first to last rest in deg, None if unknown."""
     spans = intersect([whole for whole, _ in usable_rests(case, row, window)], [(row.start, np.inf)])
     if len(spans) < 2:
-        return {}
+        return None
     means = [rotation.mean(row.q[w[0]]) for w in (within(row.t, s, row.segment) for s in (spans[0], spans[-1])) if w]
     if len(means) < 2 or not np.isfinite(means).all():
-        return {}
-    return {"heading_change_deg": float(np.degrees(rotation.heading_angle(rotation.earth_error(means[1], means[0]))))}
+        return None
+    return float(np.degrees(rotation.heading_angle(rotation.earth_error(means[1], means[0]))))
 
 
 # Yaw drift in the air: slope of the heading error against each logged heading reference.
@@ -554,9 +500,6 @@ def _against(case: Case, row: Track, name: str, window: str) -> Answer:
         per_min = 60.0 * own_sigma(case, "heading", window) / found.seconds
         found.ci95 = statistics.widen_by_reference(found.value, found.ci95, per_min)
     answer = drift_answer(found, window, name)
-    answer.detail |= bias_beside(row, answer.value, [(float(blocks.t[0]), float(blocks.t[-1]))])
-    if name in case.heading_references and case.heading_references[name].text:
-        answer.detail["heading_reference"] = case.heading_references[name].text
     return answer
 
 

@@ -35,7 +35,7 @@ GNSS_HEADING_METRICS: tuple[Metric, ...] = (
             flight, clockwise positive. Changes of velocity over 1 s; means of 30 s removed; one delay of GNSS for the
             flight. Interval: jackknife of blocks of 5 s, 0.3 deg, and what the delay leaves open. Answered where both
             show one motion: correlation 0.7 or more, scale 0.7 to 1.3, sigma up to 10 deg, more than one movement.
-            Every row shares the errors of GNSS, so nobody is ranked."""
+            Every row shares the errors of GNSS, so no row is ranked."""
         ),
         wording=Wording("errs", "less", "more", "heading by GNSS acceleration"),
     ),
@@ -58,7 +58,7 @@ def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answe
     turned = own_north(row) or 0.0
     whole, parts = _offsets(case, row, window)
     wrong = [_record(part, turned) for part in parts if _shifted(part, turned).wrong]
-    if not whole.told:
+    if not whole.known:
         answer = missing("too_uncertain", whole.why, GNSS_HEADING_UNIT, window)
     else:
         value = _shifted(whole, turned).offset_deg
@@ -73,7 +73,6 @@ def compute_gnss_heading(case: Case, row: Track, window: str) -> dict[str, Answe
             "rotation between force and GNSS acceleration, 1 s windows",
             reason=SHARED,
             ranked=False,
-            detail={"delay_s": whole.delay_s, "scale": whole.scale, "correlation": whole.correlation},
         )
     answer.records = wrong
     return {GNSS_HEADING_NAME: answer}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,7 +122,7 @@ def common_s(case: Case) -> float:
 
 def half_width(found: Fit, common: float = COMMON_S) -> float:
     """Return half the 95 % interval of a fitted delay, s."""
-    shape, moved = PER_SHAPE * found.shape_s, PER_MOVED * found.moved_s
+    shape, moved = PER_SHAPE * found.shape_s, PER_MOVED * found.aiding_shift_s
     return math.sqrt(found.half_width(0) ** 2 + common**2 + shape**2 + moved**2)
 
 
@@ -154,13 +154,6 @@ def _of_axis(case: Case, row: Track, window: str, axis: str, seen: RowFits | Non
         reason = too_few(count, where)
         code = "too_few_events" if count else "no_events"
         return {name: missing(code, reason, UNITS[kind], window) for kind, name in names.items()}
-    detail: dict[str, Any] = {
-        "gain": found.gain,
-        "distortion_pct": 100 * found.distortion,
-        "aiding_share": found.share,
-        "shape_ms": 1000 * found.shape_s,
-        "misalignment_deg": [float(v) for v in np.degrees(found.x[2:5])],
-    }
 
     def answer(value: float, kind: str, half: float) -> Answer:
         factor = 100.0 if kind == "distortion" else 1.0
@@ -174,29 +167,23 @@ def _of_axis(case: Case, row: Track, window: str, axis: str, seen: RowFits | Non
             found.seconds,
             ci95,
             f"rate fit, {len(found.events)} events, jackknife",
-            detail=dict(detail),
         )
 
     distortion = answer(found.distortion, "distortion", found.half_width(2))
     if not PURE_GAIN[0] <= found.gain <= PURE_GAIN[1]:
         distortion.ranked, distortion.reason = False, f"follows {100 * found.gain:.0f} % of the step"
     return {
-        names["lag"]: _lag_answer(case, row, window, found, seen.events, detail),
+        names["lag"]: _lag_answer(case, row, window, found, seen.events),
         names["gain"]: answer(found.gain, "gain", math.hypot(found.half_width(1), COMMON_GAIN)),
         names["distortion"]: distortion,
     }
 
 
-def _lag_answer(
-    case: Case, row: Track, window: str, found: Fit, events: list[steps.StepEvent], shared: dict[str, Any]
-) -> Answer:
+def _lag_answer(case: Case, row: Track, window: str, found: Fit, events: list[steps.StepEvent]) -> Answer:
     delay = input_delay(case, row)
     common = common_s(case)
     lag, half, half_sample = found.delay - delay, half_width(found, common), 0.5 * sample_step(case, row)
-    detail = shared | {"fitted_ms": 1000 * found.delay, "without_aiding_ms": 1000 * (lag - found.moved_s)}
-    answer = functools.partial(
-        Answer, detail=detail, each=[float(v) for v in 1000 * (found.each - delay)], taken_out=1000 * delay
-    )
+    answer = functools.partial(Answer, each=[float(v) for v in 1000 * (found.each - delay)], taken_out=1000 * delay)
     if found.at_edge:
         reason = "the best fit lies at the end of the range of 250 ms: no delay explains this row"
         return answer(None, "ms", window, code="lag_at_edge", reason=reason)

@@ -69,8 +69,8 @@ class Answer:
     """Value of one metric for one row and window.
 
     With a value: ``n`` independent units of evidence over ``seconds`` and the 95 % interval ``ci95``. Without: ``code``
-    (of CODES) and ``reason``. A value that is not ``ranked`` is never the best; ``reason`` then says why. ``detail`` is
-    for people only. In the value's own unit:
+    (of CODES) and ``reason``. A value that is not ``ranked`` is never the best; ``reason`` then says why. In the
+    value's own unit:
 
     - ``floor``: smallest difference that counts in a ranking
     - ``counts_as_zero_below``: smallest value that differs from zero
@@ -78,7 +78,6 @@ class Answer:
     - ``coverage_pct``: share of the time that was compared, where it is below 95 %
     - ``each``: value of each event; ``records``: value of each span
     - ``disagree``: least and largest of the records where one value does not explain them all
-    - ``changes``: first and last rate where the rate rises or falls steadily
     - ``taken_out``: known delay of the sensors that was subtracted
     - ``units``: evidence by which two answers on one log are paired
     """
@@ -93,7 +92,6 @@ class Answer:
     code: str | None = None
     reason: str | None = None
     ranked: bool = True
-    detail: dict[str, Any] = field(default_factory=dict)
     floor: float = 0.0
     counts_as_zero_below: float = 0.0
     gyro_share: float = 0.0
@@ -101,7 +99,6 @@ class Answer:
     each: list[float] = field(default_factory=list)
     records: list[SpanAnswer] = field(default_factory=list)
     disagree: tuple[float, float] | None = None
-    changes: tuple[float, float] | None = None
     taken_out: float | None = None
     units: UnitValues | None = field(default=None, repr=False, compare=False)
 
@@ -112,9 +109,9 @@ class Answer:
             self.ranked = False
 
 
-def missing(code: str, reason: str, unit: str, window: str, **detail: Any) -> Answer:
+def missing(code: str, reason: str, unit: str, window: str) -> Answer:
     """Return an answer without a value, with code and reason."""
-    return Answer(None, unit, window, code=code, reason=reason, detail=detail)
+    return Answer(None, unit, window, code=code, reason=reason)
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,7 +233,7 @@ class Case:
         taken = self.bias_of(imu)
         return imu.gyro.x if taken.taken == "none" else imu.gyro.x - taken.at(imu.gyro.t_best)
 
-    def looked_at_with(self, rows: list[Track]) -> Case:
+    def with_rows(self, rows: list[Track]) -> Case:
         """Return the case with other rows, sharing the cache."""
         return replace(self, rows=rows, undecided=[])
 

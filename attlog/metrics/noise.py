@@ -65,15 +65,11 @@ def rest_residual(out: Out2, t: F1, q: F2, centre: F2, yaw: F1, edges: I1) -> No
 
 @dataclass(frozen=True, slots=True)
 class PhaseVariances:
-    """Windows that begin at ``t0`` (k,) s, with variances (k, 4) deg^2 about NOISE_AXES and ``seconds`` in all.
-
-    ``settled_s``: how long after its start a row still settled at rest, if it did.
-    """
+    """Windows that begin at ``t0`` (k,) s, with variances (k, 4) deg^2 about NOISE_AXES and ``seconds`` in all."""
 
     t0: Array
     variances: Array
     seconds: float
-    settled_s: float | None
 
 
 def variance(residual: Array) -> Array:
@@ -98,8 +94,7 @@ def phase_variances(case: Case, row: Track, phase: str, window: str) -> PhaseVar
     if not parts:
         return None
     t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
-    settled = [part.settled_s for part in parts if part.settled_s is not None]
-    return PhaseVariances(t0, variances, sum((p.seconds for p in parts), 0.0), settled[-1] if settled else None)
+    return PhaseVariances(t0, variances, sum((p.seconds for p in parts), 0.0))
 
 
 @per_row
@@ -115,7 +110,7 @@ def span_variances(case: Case, row: Track, phase: str, span: Span) -> PhaseVaria
         return None
     t0 = np.array([w[0] for w, _ in kept])
     seconds = sum((w[1] - w[0] for w, _ in kept), 0.0)
-    return PhaseVariances(t0, np.array([v for _, v in kept]), seconds, t0[0] - row.start if skip else None)
+    return PhaseVariances(t0, np.array([v for _, v in kept]), seconds)
 
 
 def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Array]:
@@ -277,9 +272,6 @@ def _answer(case: Case, row: Track, window: str, phase: str, axis: str, found: P
     if row.kind == "onboard" and phase != "rest":
         summary = one_digit(summary)
         reason = "of another IMU path with its own delay: known to one digit"
-    detail = {"windows": len(ids), "phase": phase, "step_deg": row.step_deg}
-    if found.settled_s is not None:
-        detail["settled_after_s"] = found.settled_s
     answer = Answer(
         summary.value,
         "deg",
@@ -290,7 +282,6 @@ def _answer(case: Case, row: Track, window: str, phase: str, axis: str, found: P
         f"typical of {len(ids)} windows of 5 s, moderated t",
         reason=reason,
         ranked=reason is None,
-        detail=detail,
         floor=max(0.5 * step, hidden if shown else 0.0),
         gyro_share=_row_noise_floor(case, row, phase, axis) if phase != "rest" else 0.0,
         units=UnitValues("log_variance", ids, values, on),

@@ -27,18 +27,17 @@ MAX_INTERVAL_RATIO = 100.0
 PERFECT = {"zero": 0.0, "one": 1.0}
 
 
-def mark_not_ranked(metric: Metric, answer: Answer) -> bool:
+def withdraw_uncertain(metric: Metric, answer: Answer) -> bool:
     """Withdraw an answer too uncertain to show; return whether it was withdrawn.
 
-    "No significant drift, below 500 deg/min" is true and of no use. The value stays in the detail. An answer whose
-    interval excludes perfect is kept at any width, as are records that disagree.
+    "No significant drift, below 500 deg/min" is true and of no use. An answer whose interval excludes
+    perfect is kept at any width, as are records that disagree.
     """
     limit = metric.resolution
     if limit is None or answer.value is None or answer.ci95 is None or answer.disagree is not None:
         return False
     if _resolved(limit, metric.better, *answer.ci95):
         return False
-    answer.detail["withheld"] = {"value": answer.value, "ci95": list(answer.ci95)}
     answer.reason = _why(limit, metric.better, answer)
     answer.value, answer.ci95, answer.code, answer.ranked, answer.units = None, None, TOO_UNCERTAIN, False, None
     return True
@@ -346,7 +345,6 @@ def _restrict(answer: Answer, common: Ids) -> None:
     summary = answer.units.of(common)
     answer.seconds *= len(common) / len(answer.units.ids)
     answer.value, answer.ci95, answer.n = summary.value, summary.ci95, len(common)
-    answer.detail["units_left_out"] = len(answer.units.ids) - len(common)
 
 
 def _by_intervals(answers: Mapping[str, Answer], better: str) -> Family:
@@ -383,7 +381,7 @@ def rank(table: Table, rows: Iterable[Track], metrics: Mapping[str, Metric]) -> 
             metric = metrics[column]
             answers = {n: table[n][window][column] for n in names if column in table[n].get(window, {})}
             compared = _family(answers, metric, families.get(metric.decided_by))
-            families[column] = compared.without([n for n in compared.rows if mark_not_ranked(metric, answers[n])])
+            families[column] = compared.without([n for n in compared.rows if withdraw_uncertain(metric, answers[n])])
         for column in (c for c in columns if c in families):
             _mark(found, window, column, families[column])
     return found

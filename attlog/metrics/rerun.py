@@ -287,7 +287,6 @@ def _answers(aid: str, s: AidSamples, window: str) -> dict[str, Answer]:
             BLOCK_S * len(block),
             _rms_interval(units[statistic].values, value) if statistic.endswith("_rms") else None,
             "blocks of 5 s",
-            detail={"samples": len(t)},
             units=units.get(statistic),
         )
     return answers

@@ -15,7 +15,7 @@ from attlog.metrics import statistics
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
-from attlog.metrics.step_fit import MIN_EVENTS, first_with, too_few, why_no_events
+from attlog.metrics.step_fit import MIN_EVENTS, too_few, why_no_events
 from attlog.metrics.step_products import axis_of
 from attlog.metrics.step_turning import StepEvent, SummedTurning
 from attlog.metrics.windows import why_no_errors
@@ -162,23 +162,24 @@ def _largest_hole(t: Array, within: Array) -> float:
     return float(np.max(np.diff(t[max(int(i) - 1, 0) : int(j) + 1]), initial=0.0))
 
 
-# Error about the axis of a step, 0.5 s and 1.0 s later.
+# Error about the axis of a step, 0.5 s later.
 
-AFTER_S = (0.5, 1.0)  # the event window ends 1 s after 90 %
+AFTER_S = 0.5
 # Half the averaging time of the error; at least one sample.
 NEAR_S = 0.05
 
 # Change of a smoother's own error within a second: 0.02 to 0.06 deg (RMS) on six flights with truth.
 SMOOTHED_DEG = 0.05
 
-_ERROR = """How far the attitude is off {after:.1f} s after a step: the row's error relative to its own
-    mean over 0.3 s before the onset, about the axis of the step, {after:.1f} s after 90 % of it (mean over
-    +-50 ms). A constant heading offset or misalignment does not count. """
-_DEG = _ERROR + "Median of the magnitude over the events that are seen so long; detail: 90 %."
+_ERROR = """How far the attitude is off 0.5 s after a step: the row's error relative to its own mean over 0.3 s before
+    the onset, about the axis of the step, 0.5 s after 90 % of it (mean over +-50 ms). A constant heading offset or
+    misalignment does not count. """
+_DEG = _ERROR + "Median of the magnitude over the events that are seen so long."
 _PCT = _ERROR + "Percent of the step, signed: negative where the row shows too little. Median over events."
 _INTERVAL = """ Interval: order statistics, from 6 events on; against the smoother with 2 sigma of 0.05 deg, below
     which rows do not differ."""
 
+UNITS: tuple[Literal["deg", "pct"], ...] = ("deg", "pct")
 _KINDS: tuple[tuple[str, str, Literal["low", "zero"], str, Resolution | None], ...] = (
     ("deg", "deg", "low", _DEG, None),
     ("pct", "%", "zero", _PCT, Resolution(100.0, "an error of the whole step", "steps")),
@@ -186,17 +187,16 @@ _KINDS: tuple[tuple[str, str, Literal["low", "zero"], str, Resolution | None], .
 
 STEP_ERROR_METRICS: tuple[Metric, ...] = tuple(
     Metric(
-        f"step_error_{unit}.{after:.1f}s",
-        f"Step error after {after:.1f} s",
+        f"step_error_{unit}.0.5s",
+        "Step error after 0.5 s",
         sign,
         better,
-        paragraph(text.format(after=after) + _INTERVAL),
+        paragraph(text + _INTERVAL),
         resolution=resolution,
         wording=Wording("has a", "smaller step error", "larger step error", "step error"),
         covers=True,
     )
     for unit, sign, better, text, resolution in _KINDS
-    for after in AFTER_S
 )
 
 
@@ -209,19 +209,14 @@ class EventErrors:
     stroke: Array
 
 
-def errors_after(found: list[Curve], after: float) -> EventErrors:
-    """Return each event's error ``after`` s past 90 % of its stroke."""
-    kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + after)) is not None]
+def errors_after(found: list[Curve]) -> EventErrors:
+    """Return each event's error AFTER_S past 90 % of its stroke."""
+    kept = [(c, e) for c in found if (e := error_at(c, c.event.t90 + AFTER_S)) is not None]
     return EventErrors(
         make_ids([c.event.onset for c, _ in kept]),
         np.array([e for _, e in kept]),
         np.array([abs(c.event.delta_deg) for c, _ in kept]),
     )
-
-
-@per_row
-def _after(case: Case, row: Track, window: str, after: float) -> EventErrors:
-    return errors_after(curves(case, row, window), after)
 
 
 def error_at(curve: Curve, at: float) -> float | None:
@@ -255,13 +250,11 @@ def error_on_events(errors: EventErrors, values: Array, least: float, sigma: flo
 def compute_step_error(case: Case, row: Track, window: str) -> dict[str, Answer]:
     """Return the errors of a row after the steps of a window."""
     found = curves(case, row, window)
-    answers: dict[str, Answer] = {}
-    for after in AFTER_S:
-        errors = _after(case, row, first_with(case, row, window), after)
-        own = SMOOTHED_DEG if case.reference.kind == "smoother" else 0.0
-        answers[f"step_error_deg.{after:.1f}s"] = _answer(errors, "deg", window, found, own)
-        answers[f"step_error_pct.{after:.1f}s"] = _answer(errors, "pct", window, found, own)
-    return {m.name: answers[m.name] for m in STEP_ERROR_METRICS}
+    errors = errors_after(found)
+    own = SMOOTHED_DEG if case.reference.kind == "smoother" else 0.0
+    return {
+        m.name: _answer(errors, unit, window, found, own) for m, unit in zip(STEP_ERROR_METRICS, UNITS, strict=True)
+    }
 
 
 def _answer(
@@ -289,7 +282,6 @@ def _answer(
         seconds,
         summary.ci95,
         f"median of {count} of {len(found)} events, order statistics",
-        detail={"p90": np.quantile(np.abs(values), 0.9)},
         each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, sizes, here),
         floor=sigma,

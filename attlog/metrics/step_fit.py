@@ -42,9 +42,9 @@ class Fit:
     """Fitted delay (s, positive: late), gain and further parameters.
 
     ``distortion`` and ``share`` (of the aiding) are relative to the RMS of the reference's rate. ``shape_s``: residual
-    over the RMS of the rate's slope. ``moved_s``: change of the delay by the aiding; ``plain_gain``: gain without
-    aiding. ``x``: coefficients. ``left_out`` (events, 3): delay, gain and distortion without each event; ``each``
-    (events,): delay of each event alone; ``events`` (events,): their numbers in ``sums``.
+    over the RMS of the rate's slope. ``aiding_shift_s``: change of the delay by the aiding; ``plain_gain``: gain
+    without aiding. ``coefficients`` (11,). ``left_out`` (events, 3): delay, gain and distortion without
+    each event; ``each`` (events,): delay of each event alone; ``events`` (events,): their numbers in ``sums``.
     """
 
     delay: float
@@ -52,9 +52,9 @@ class Fit:
     distortion: float
     share: float
     shape_s: float
-    moved_s: float
+    aiding_shift_s: float
     plain_gain: float
-    x: Array
+    coefficients: Array
     left_out: Array
     each: Array
     events: Index
@@ -218,7 +218,7 @@ def fit(groups: EventBatches) -> dict[str, Fit]:
     if len(present) == 0:
         return {}
     fits = {"all": sums.fit(present)}
-    kept = sums.keeping(fits["all"].x)
+    kept = sums.keeping(fits["all"].coefficients)
     for axis, name in enumerate(AXES):
         own = present[sums.axis[present] == axis]
         if len(own):

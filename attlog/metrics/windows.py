@@ -128,7 +128,7 @@ def why_no_heading(case: Case, row: Track, window: str = "") -> tuple[str, str] 
     """Return code and reason if a row's heading cannot be compared."""
     if row.heading_shared:
         return "not_applicable", f"{case.reference.heading.why}, so the reference has its heading from this row"
-    if case.reference.heading.by == "nobody":
+    if case.reference.heading.by == "none":
         return "no_reference", f"{case.reference.heading.why}, and no other heading can be compared with"
     return None
 

@@ -186,7 +186,7 @@ class Measurement:
 
         ``unusable``: name of the sensor whose fault makes every filter unusable, or empty.
         """
-        self.case = case.looked_at_with([])
+        self.case = case.with_rows([])
         self._unusable, self._traces, self._only = unusable, traces, only
         expected = len(case.imus) * sum(not isinstance(spec, PluginError) for spec in chosen.values())
         self._drawing = metrics.Drawing(self.case, expected, onboard)

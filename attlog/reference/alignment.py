@@ -355,7 +355,7 @@ def delay_step(
 
 # An external truth: its alignment, noise and north.
 
-NO_NORTH_TEXT = "nobody knows the north of {name}: each row is turned to it by its own mean heading"
+NO_NORTH_TEXT = "the north of {name} is unknown: each row is turned to it by its own mean heading"
 TRUTH_OPTION = "--truth"
 
 
@@ -364,7 +364,7 @@ def adopt_fit(reference: Reference, fit: TruthFit) -> None:
     n = len(reference.t)
     reference.fit = fit
     reference.sigma = ReferenceSigma(np.full(n, fit.sigma_tilt_deg), np.full(n, fit.sigma_heading_deg))
-    if fit.north == "nobody":
+    if fit.north == "none":
         reference.heading = HeadingOrigin("relative", NO_NORTH_TEXT.format(name=fit.name))
 
 
@@ -378,7 +378,7 @@ def fit_steps(fit: TruthFit) -> list[AlignmentStep]:
     north = {
         "file": "its own north is kept",
         "gnss": "its north is from GNSS motion",
-        "nobody": "its north is unknown: only changes of heading are compared",
+        "none": "its north is unknown: only changes of heading are compared",
     }[fit.north]
     noise = f"tilt {fit.sigma_tilt_deg:.2f}, heading {fit.sigma_heading_deg:.2f} deg (one sigma); part of each interval"
     return [

@@ -133,7 +133,7 @@ class _Choice:
         if onboard is not None:
             onboard.second = smoother
             if wrong_heading:
-                onboard.heading = HeadingOrigin("nobody", wrong_heading)
+                onboard.heading = HeadingOrigin("none", wrong_heading)
             if unsure:
                 out[SMOOTHER] = unsure
             return self._taken(onboard)

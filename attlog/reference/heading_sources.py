@@ -111,7 +111,7 @@ def onboard_offsets(
 def find_wrong_heading(whole: HeadingOffset, parts: list[HeadingOffset]) -> WrongHeading | None:
     """Return the spans of a wrong heading; None without any."""
     off = [part for part in parts if part.wrong]
-    if whole.wrong and not any(part.told and not part.wrong for part in parts):
+    if whole.wrong and not any(part.known and not part.wrong for part in parts):
         return WrongHeading([(whole.t0, whole.t1)], whole)
     if off:
         spans = list(merge((part.t0, part.t1) for part in [*off, *_equal_offsets(off, parts)]))
@@ -127,7 +127,7 @@ def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list
         one = queue.pop()
         for part in parts:
             apart = abs((part.offset_deg - one.offset_deg + 180.0) % 360.0 - 180.0)
-            near = part.t0 <= one.t1 and part.t1 >= one.t0 and part not in found and not part.told
+            near = part.t0 <= one.t1 and part.t1 >= one.t0 and part not in found and not part.known
             off_too = abs(part.offset_deg) > max(WRONG_DEG, WRONG_SIGMAS * part.sigma_deg)
             if near and off_too and apart <= SAME_SIGMAS * math.hypot(part.sigma_deg, one.sigma_deg):
                 found.append(part)

@@ -140,10 +140,10 @@ class HeadingOrigin:
     """Source of the reference's heading.
 
     ``own``: its own north. ``onboard``: heading of the onboard attitude. ``relative``: unknown north, only changes of
-    heading are compared. ``nobody``: no heading is compared. ``why``: the reason.
+    heading are compared. ``none``: no heading is compared. ``why``: the reason.
     """
 
-    by: Literal["own", "onboard", "relative", "nobody"] = "own"
+    by: Literal["own", "onboard", "relative", "none"] = "own"
     why: str = ""
 
 

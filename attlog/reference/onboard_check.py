@@ -120,11 +120,11 @@ class OnboardEvidence:
                 return True  # gravity contradicts the reference elsewhere, so it must confirm it here
             return still is not None and still.supports_onboard(span)
         onboard, other = self._headings(span)
-        if onboard is None or not onboard.told:
+        if onboard is None or not onboard.known:
             return other is not None and other.wrong
         if onboard.sound or (other is not None and other.wrong and not onboard.wrong):
             return True
-        return other is not None and other.told and abs(other.offset_deg) > abs(onboard.offset_deg)
+        return other is not None and other.known and abs(other.offset_deg) > abs(onboard.offset_deg)
 
     def contradicts_onboard(self, angle: str, span: Span) -> bool:
         """Return whether evidence contradicts the onboard attitude and not the reference."""
@@ -144,10 +144,10 @@ class OnboardEvidence:
                 else f"{found[1]:.1f} deg off gravity standing still, the reference {found[0]:.1f} deg"
             )
         onboard, other = self._headings(span)
-        if onboard is None or not onboard.told:
+        if onboard is None or not onboard.known:
             return ""
         words = heading_sources.heading_error_words(onboard)
-        return words if other is None or not other.told else f"{words}, the reference {abs(other.offset_deg):.0f} deg"
+        return words if other is None or not other.known else f"{words}, the reference {abs(other.offset_deg):.0f} deg"
 
     def _static_tilt(self) -> reference_checks.StaticTilt | None:
         if not self._computed:

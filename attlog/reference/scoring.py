@@ -240,7 +240,7 @@ def attitude_errors(
 # Averaging time of a heading offset without a long rest, and shortest scored part of a long rest.
 FIRST_S, LEAST_REST_S = 10.0, 5.0
 # Heading origins without a known north: rows are compared without their heading offset.
-NO_NORTH = ("nobody", "relative")
+NO_NORTH = ("none", "relative")
 
 
 def replayed(

@@ -128,7 +128,7 @@ def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estim
     """
     why = {k: reason_unusable(one) for k, one in enumerate(found)}
     length = [float(one.t[-1] - one.t[0]) if len(one.t) else 0.0 for one in found]
-    headless = [k for k in why if not why[k] and found[k].quality.get("heading_from") == "nobody"]
+    headless = [k for k in why if not why[k] and found[k].quality.get("heading_from") == "none"]
     if sum(length[k] for k in why if not why[k] and k not in headless) >= MIN_COVERED_SHARE * sum(length):
         why |= {k: str(found[k].quality["heading_why"]) for k in headless}
     sound = [one for k, one in enumerate(found) if whatever or not why[k]]
@@ -138,7 +138,7 @@ def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estim
         raise UsageError(why.get(longest, "no segment of the log can be smoothed"))
     longest_sound = max(sound, key=lambda one: len(one.t))
     quality = dict(longest_sound.quality)
-    if quality.get("heading_from") != "nobody" and any(one.quality.get("heading_from") == "compass" for one in sound):
+    if quality.get("heading_from") != "none" and any(one.quality.get("heading_from") == "compass" for one in sound):
         quality["heading_from"] = "compass"
     counts = [np.full(len(one.t), k) for k, one in enumerate(sound)]
     names = set.intersection(*(set(one.aux) for one in sound))
@@ -290,11 +290,11 @@ def with_heading_of(reference: Reference, onboard: Reference | None) -> Referenc
     why = f"the smoother's own heading sigma is {own:.1f} deg"
     if not own < UNKNOWN_HEADING_DEG:
         why = "neither compass nor motion shows the smoother a heading that stands"
-    step = AlignmentStep("heading_by", f"{why}: no heading is compared", source="nobody")
+    step = AlignmentStep("heading_by", f"{why}: no heading is compared", source="none")
     heading = np.zeros(0) if onboard is None else differences_deg(reference, onboard.t, onboard.q)[1]
     known = np.isfinite(heading)
     if onboard is None or np.count_nonzero(known) < 2:
-        return replace(reference, heading=HeadingOrigin("nobody", why), alignment=_with_step(reference, step))
+        return replace(reference, heading=HeadingOrigin("none", why), alignment=_with_step(reference, step))
     t, segment = onboard.t[known], onboard.segment[known]
     off = np.radians(heading[known])
     turned = np.zeros(len(reference.t))
@@ -377,8 +377,8 @@ def _short(why: str) -> str:
 
 def _heading_caveat(ref: Reference) -> str:
     """Return the single source of its heading, or why no heading is compared."""
-    if ref.heading.by == "nobody":
-        why = str(ref.quality.get("heading_why", "")) if ref.quality.get("heading_from") == "nobody" else ""
+    if ref.heading.by == "none":
+        why = str(ref.quality.get("heading_why", "")) if ref.quality.get("heading_from") == "none" else ""
         return f"no heading is compared: {_short(why or ref.heading.why)}"
     one_source = ref.heading.by == "own" and ref.quality.get("heading_from") in ("compass", "motion", "external")
     return heading_words(ref.quality) if one_source else ""
@@ -392,7 +392,7 @@ def heading_words(quality: Mapping[str, float | str]) -> str:
         "compass": "the heading rests on the compass alone",
         "motion": "the heading is from motion, without the compass",
         "external": "the heading is external",
-        "nobody": f"there is no heading: {quality.get('heading_why', 'nothing shows it')}",
+        "none": f"there is no heading: {quality.get('heading_why', 'nothing shows it')}",
     }
     return words.get(found, "")
 
@@ -411,10 +411,10 @@ def _smoother_meaning(ref: Reference) -> str:
     whose = {
         "own": f"{heading:.2g} deg in heading",
         "onboard": "headings are compared with onboard",
-        "nobody": "headings are not compared",
+        "none": "headings are not compared",
     }[ref.heading.by]
     words = heading_words(ref.quality)
-    if ref.heading.by == "onboard" and ref.quality.get("heading_from") != "nobody":
+    if ref.heading.by == "onboard" and ref.quality.get("heading_from") != "none":
         words = ref.heading.why
     rests = f" {words[0].upper()}{words[1:]}." if words else ""
     return (

@@ -1,7 +1,7 @@
 """Convert a result to its JSON document and back.
 
-Left out are fields with their default, the window and the unit of an answer (given by its place and its metric), and
-internal details of metrics. Answers have six significant digits, their evidence five.
+Left out are fields with their default, and the window and the unit of an answer (given by its place and its metric).
+Answers have six significant digits, their evidence five.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _written(answer: dict[str, Any], metric: str, window: str) -> dict[str, Any]
     given: dict[str, Any] = {"window": window, "unit": metric_units().get(metric)}
     if answer.get("value") is None:
         given["ranked"] = False
-    own = {k: v for k, v in answer.items() if k != "detail" and not (k in given and given[k] == v)}
+    own = {k: v for k, v in answer.items() if not (k in given and given[k] == v)}
     return {k: rounded_document(v, EVIDENCE_DIGITS if k in EVIDENCE else ANSWER_DIGITS) for k, v in own.items()}
 
 
@@ -72,7 +72,7 @@ def as_written(answer: Answer) -> Answer:
         units.values[:] = rounded_document(units.values.tolist(), EVIDENCE_DIGITS)
     each = rounded_document(list(answer.each), EVIDENCE_DIGITS)
     ends = answer.ci95 and tuple(found["ci95"])
-    return replace(answer, value=found["value"], ci95=ends, each=each, units=units, detail={})
+    return replace(answer, value=found["value"], ci95=ends, each=each, units=units)
 
 
 def read(kind: type[T], content: bytes, name: str) -> T:

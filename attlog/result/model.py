@@ -104,7 +104,7 @@ class ReferenceSummary:
     """Reference of all comparisons, and each step of the alignment.
 
     ``sigma_tilt_deg``, ``sigma_heading_deg``: RMS error of the reference itself (smoother or external truth).
-    ``heading_by``: source of its heading, ``own``, ``onboard`` or ``nobody``. ``refused``: attitude (truth, smoother)
+    ``heading_by``: source of its heading, ``own``, ``onboard`` or ``none``. ``refused``: attitude (truth, smoother)
     -> why it was rejected as reference. ``fit``: clock and axes of a truth from the user.
     """
 

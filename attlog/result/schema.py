@@ -67,9 +67,7 @@ def _metrics() -> dict[str, Any]:
 
 
 def _name_answers(parts: dict[str, Any]) -> None:
-    """Set the schema of a row's metrics by window, and hide details of answers."""
-    answer = parts["Answer"]["properties"]
-    del answer["detail"]
+    """Set the schema of a row's metrics by window."""
     parts["EstimatorRow"]["properties"]["metrics"] = {
         "type": "object",
         "description": "window -> metric -> answer",

@@ -28,22 +28,23 @@ Mask = NDArray[np.bool_]
 LIKELY_HEIGHT_M = {"range": 0.3, "barometer": 0.7, "GNSS": 3.0}
 CERTAIN_HEIGHT_M = {"range": 0.5, "barometer": 2.0, "GNSS": 12.0}
 # Maximum ground speed and climb rate of a vehicle at rest or carried by hand.
-HIGHEST_HAND_M_S, CLIMBS_M_S = 2.0, 0.5
-LEVEL_S, STANDS_S = 1.0, 1.0  # averaging time of a height; minimum time at rest that gives the ground height
-# Minimum range of a rangefinder's height; below it the sensor sits too low or sees no ground.
-MOVED_M = 0.5
+MAX_GROUND_SPEED_M_S, MAX_GROUND_CLIMB_M_S = 2.0, 0.5
+# Averaging time of a height, and minimum time at rest that gives the ground height.
+HEIGHT_MEAN_S, MIN_STAND_S = 1.0, 1.0
+# Minimum change of a rangefinder's height; below it the sensor sits too low or sees no ground.
+MIN_RANGE_CHANGE_M = 0.5
 # Minimum share of a flight in range for a rangefinder to be preferred for the height.
-SEEN = 0.95
-# Minimum height in m that is reported for a flight.
-ROSE_M = 0.3
-# The rangefinder was out of range where the barometer's top exceeds BEYOND times its top plus BEYOND_M. Wind and
-# propellers shift a barometer by up to 4 m.
-BEYOND, BEYOND_M = 1.5, 5.0
+MIN_RANGED_SHARE = 0.95
+# Minimum height that is reported for a flight.
+MIN_REPORTED_HEIGHT_M = 0.3
+# A flight left the rangefinder's range where the barometer's top exceeds this ratio of the range's plus this height:
+# wind and propellers shift a barometer by up to 4 m.
+OUT_OF_RANGE_RATIO, OUT_OF_RANGE_M = 1.5, 5.0
 # A height sample further than SPIKE_M from the median over SPIKE_S is a spike: 10 m/s^2 of climb gives 5 m only.
 SPIKE_M, SPIKE_S = 15.0, 4.0
-# A pause of the drive up to FALLS_S with a height change above FALLS_M is a fall or a climb in the air: on the ground
-# propellers shift a barometer by up to 4 m.
-FALLS_S, FALLS_M = 10.0, 5.0
+# Longest pause of the drive, and smallest height change in it, of a fall or climb in the air: on the ground propellers
+# shift a barometer by up to 4 m.
+MAX_FALL_S, MIN_FALL_M = 10.0, 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,20 +68,20 @@ class HeightLevel:
 
 def height_levels(log: FlightLog, grid: Grid, driven: Mask) -> list[HeightLevel]:
     """Return heights above ground: rangefinder first, then barometer or GNSS."""
-    stands = ~driven & grid.known & ~(grid.speed > HIGHEST_HAND_M_S)
+    stands = ~driven & grid.known & ~(grid.speed > MAX_GROUND_SPEED_M_S)
     found = []
     if log.rangefinder is not None and len(log.rangefinder.t) > 3:
         raw = hold_last(grid.t, log.rangefinder, np.nan) * np.clip(np.nan_to_num(grid.down[:, 2], nan=1.0), 0.0, 1.0)
         ranged = (
             raw - np.nanmedian(raw[stands]) if np.isfinite(raw[stands]).any() else raw - np.nanmin(raw, initial=1e9)
         )
-        if np.nanmax(ranged, initial=0.0) > MOVED_M:
+        if np.nanmax(ranged, initial=0.0) > MIN_RANGE_CHANGE_M:
             found.append(HeightLevel("range", log.rangefinder.source, ranged))
     for sensor, stream in _height_streams(log):
         level = _averaged_height(grid.t, stream)
         climb = np.gradient(level, STEP_S)
-        ground = _long_runs(stands & (np.abs(np.nan_to_num(climb, nan=9.0)) < CLIMBS_M_S), round(STANDS_S / STEP_S))
-        ground &= np.isfinite(level)
+        level_ground = stands & (np.abs(np.nan_to_num(climb, nan=9.0)) < MAX_GROUND_CLIMB_M_S)
+        ground = _long_runs(level_ground, round(MIN_STAND_S / STEP_S)) & np.isfinite(level)
         if ground.any():
             found.append(HeightLevel(sensor, stream.source, level - np.interp(grid.t, grid.t[ground], level[ground])))
             break
@@ -90,7 +91,7 @@ def height_levels(log: FlightLog, grid: Grid, driven: Mask) -> list[HeightLevel]
 def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel, float] | None:
     """Return the preferred height source and its maximum in m while flying.
 
-    ``flying`` (n,): mask. None without a height above ROSE_M. A rangefinder in range for 95 % of the time is preferred,
+    ``flying`` (n,): mask. None without a reportable height. A rangefinder in range for 95 % of the time is preferred,
     unless the barometer shows that the vehicle left its range. Barometer height changes with wind; GNSS height lags.
     """
     tops = [(level, float(np.nanmax(level.above[flying], initial=-np.inf))) for level in levels]
@@ -100,10 +101,10 @@ def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel,
         level, top = candidate
         if level.sensor != "range":
             return 1
-        seen = np.isfinite(level.above[flying]).mean() > SEEN
-        return 0 if seen and others <= BEYOND * top + BEYOND_M else 2
+        seen = np.isfinite(level.above[flying]).mean() > MIN_RANGED_SHARE
+        return 0 if seen and others <= OUT_OF_RANGE_RATIO * top + OUT_OF_RANGE_M else 2
 
-    return next(((level, top) for level, top in sorted(tops, key=rank) if top > ROSE_M), None)
+    return next(((level, top) for level, top in sorted(tops, key=rank) if top > MIN_REPORTED_HEIGHT_M), None)
 
 
 def join_across_falls(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -120,7 +121,7 @@ def join_across_falls(log: FlightLog, grid: Grid, found: list[tuple[int, int]]) 
         end = joined[-1][1]
         pause = level[end : a + 1]
         moved = float(np.nanmax(pause) - np.nanmin(pause)) if np.isfinite(pause).any() else 0.0
-        if (a - end) * STEP_S <= FALLS_S and moved > FALLS_M and bool(grid.known[end:a].all()):
+        if (a - end) * STEP_S <= MAX_FALL_S and moved > MIN_FALL_M and bool(grid.known[end:a].all()):
             joined[-1] = joined[-1][0], b
         else:
             joined.append((a, b))
@@ -155,7 +156,7 @@ def _averaged_height(t: Array, stream: Stream) -> Array:
     around = round(0.5 * SPIKE_S / STEP_S)
     middle = np.median(sliding_window_view(np.pad(raw, around, mode="edge"), 2 * around + 1), axis=1)
     raw = np.where(np.abs(raw - middle) > SPIKE_M, middle, raw)
-    half = round(0.5 * LEVEL_S / STEP_S)
+    half = round(0.5 * HEIGHT_MEAN_S / STEP_S)
     mean = np.convolve(np.pad(raw, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
     near: Array = np.where(seconds_to_nearest(t, stream.t) <= MAX_AGE_S, mean, np.nan)
     return near
@@ -171,21 +172,31 @@ def _long_runs(mask: Mask, count: int) -> Mask:
 
 # --- flights -----------------------------------------------------------------------------------------------------
 
-# Thresholds of :attr:`Grid.dynamics`: airborne above CARRIED, at rest below STILL, flight over below FALLEN.
-CARRIED, STILL, FALLEN = 0.4, -0.6, -2.5
-HINTED, PROVEN, LASTING = 0.2, 0.55, -0.3
-LEAST_DRIVE, OF_FLIGHT, OF_OWN = 0.02, 0.25, 0.6
-# Power relative to the usual power of flight: minimum for lift, and for hover. IDLING: absolute limit of idle motors.
-OF_LIFT, OF_HOVER, IDLING = 0.5, 0.8, 0.1
-ENOUGH_S, LONG_S, BRIDGE_S, SLOW_S = 0.5, 1.5, 2.0, 3.0
+# Dynamics (:attr:`Grid.dynamics`) of a vehicle in the air, at rest, and landed.
+AIRBORNE_DYNAMICS, REST_DYNAMICS, LANDED_DYNAMICS = 0.4, -0.6, -2.5
+# Minimum dynamics (80 % quantile) that confirm a flight with a likely height, and without any height.
+MIN_DYNAMICS_WITH_HEIGHT, MIN_DYNAMICS_ALONE = 0.2, 0.55
+# Minimum dynamics in the air where the height is likely.
+MIN_LIKELY_DYNAMICS = -0.3
+# Minimum drive at all.
+MIN_DRIVE = 0.02
+# Shares of the usual power of flight: driven, in a likely flight or while a flight lasts, lifting, hovering.
+DRIVEN_SHARE, FLIGHT_SHARE, LIFT_SHARE, HOVER_SHARE = 0.25, 0.6, 0.5, 0.8
+# Maximum power of idle motors.
+MAX_IDLE_POWER = 0.1
+# Minimum time with a height, that of a slow IMU, and with dynamics alone; longest pause within a flight.
+MIN_HEIGHT_S, MIN_SLOW_HEIGHT_S, MIN_DYNAMICS_S, MAX_BRIDGED_S = 0.5, 3.0, 1.5, 2.0
 # Rotor thrust has no sideways part, so this sideways force (15 deg of tilt) without speed or height is a hand's.
-LEANS_M_S2 = 2.5
-BY_AIR_M_S = 5.0
-# Signs of flight are late after long ground contact: the range is extended by height for up to CLIMBS_S.
-OF_HINT, CLIMBS_S, TREMBLE_M = 0.3, 3.0, 0.03
-LEAVES_M_S2, SPREADS, OUTSTANDING = 0.25, 5.0, 4.0
+MIN_HAND_FORCE_M_S2 = 2.5
+# Ground speed that only flight reaches.
+MIN_AIR_SPEED_M_S = 5.0
+# Signs of flight are late after long ground contact: a flight is extended while the height, above this share of a
+# likely one, rises or sinks, up to noise and for so long.
+GROUND_HEIGHT_SHARE, HEIGHT_NOISE_M, MAX_EXTENSION_S = 0.3, 0.03, 3.0
+# Change of the force at lift-off: minimum, and in standard deviations; ratio of the landing peak to the median.
+MIN_LIFTOFF_STEP_M_S2, LIFTOFF_SIGMAS, LANDING_PEAK_RATIO = 0.25, 5.0, 4.0
 # Above this height ground contact is impossible: near the ground propellers shift a barometer by up to 4 m.
-CLEAR_M = 5.0
+MIN_CLEAR_M = 5.0
 
 
 @dataclass(slots=True)
@@ -225,11 +236,11 @@ def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spa
         driven = may.copy() if armed is not None else np.zeros(len(t), bool)  # arming alone is no lift
         power, source, usual, lifting = driven.astype(np.float64), "arming", 1.0, np.zeros(len(t), bool)
     else:
-        moving = (np.nan_to_num(grid.dynamics, nan=-9.0) > CARRIED) & ~grid.contact
-        usual = _usual_power(power, may & moving & (power > LEAST_DRIVE))
-        driven, lifting = may & (power > max(LEAST_DRIVE, OF_FLIGHT * usual)), power > IDLING
+        moving = (np.nan_to_num(grid.dynamics, nan=-9.0) > AIRBORNE_DYNAMICS) & ~grid.contact
+        usual = _usual_power(power, may & moving & (power > MIN_DRIVE))
+        driven, lifting = may & (power > max(MIN_DRIVE, DRIVEN_SHARE * usual)), power > MAX_IDLE_POWER
     levels = height_levels(log, grid, driven)
-    flying = _flying_mask(log.kind, grid, levels, driven, power / max(usual, LEAST_DRIVE), lifting)
+    flying = _flying_mask(log.kind, grid, levels, driven, power / max(usual, MIN_DRIVE), lifting)
     found = join_across_falls(log, grid, _flight_ranges(log.kind, flying, grid, levels, driven, power))
     rolls = log.kind.fixed_wing  # a take-off run hides the force step of lift-off
     edges = [(float(t[a]) if rolls else _liftoff_time(grid, a, driven), _landing_time(grid, b)) for a, b in found]
@@ -265,8 +276,8 @@ def _flying_mask(
     hint, sure, clear = none, none, none
     for level in levels:
         hint, sure = hint | level.hint, sure | level.sure
-        clear = clear | (np.nan_to_num(level.above) > CLEAR_M)
-    fast = np.nan_to_num(grid.speed) > BY_AIR_M_S
+        clear = clear | (np.nan_to_num(level.above) > MIN_CLEAR_M)
+    fast = np.nan_to_num(grid.speed) > MIN_AIR_SPEED_M_S
     if kind.winged and not levels:
         hint = sure = clear = fast
     if grid.slow:
@@ -274,14 +285,14 @@ def _flying_mask(
     dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
     by_air = none
     if kind.winged:
-        by_air = driven & sure & (fast | (dynamics > CARRIED)) | fast & hint & (dynamics > CARRIED)
+        by_air = driven & sure & (fast | (dynamics > AIRBORNE_DYNAMICS)) | fast & hint & (dynamics > AIRBORNE_DYNAMICS)
         if kind is not VehicleKind.VTOL:
             return by_air
     contact = grid.contact & ~clear
     free = ~contact & (grid.force[:, 2] < 0.0)
-    carried = (dynamics > CARRIED) & free & (hint | lifting & (power > OF_LIFT))
-    likely = hint & (dynamics > LASTING) & free & (power > OF_OWN)
-    flying: Mask = by_air | driven & (carried | likely | sure & (~contact | (power > OF_HOVER)))
+    carried = (dynamics > AIRBORNE_DYNAMICS) & free & (hint | lifting & (power > LIFT_SHARE))
+    likely = hint & (dynamics > MIN_LIKELY_DYNAMICS) & free & (power > FLIGHT_SHARE)
+    flying: Mask = by_air | driven & (carried | likely | sure & (~contact | (power > HOVER_SHARE)))
     return flying
 
 
@@ -298,20 +309,20 @@ def _flight_ranges(
             continue
         own = float(np.median(power[a:b]))
         dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
-        lasting = driven & (power > OF_OWN * own) & ~grid.contact & (dynamics > FALLEN)
+        lasting = driven & (power > FLIGHT_SHARE * own) & ~grid.contact & (dynamics > LANDED_DYNAMICS)
         while b < len(flying) and lasting[b]:
             b += 1
-        before = driven & (power > OF_HOVER * own) & ~grid.contact & (dynamics > STILL)
+        before = driven & (power > HOVER_SHARE * own) & ~grid.contact & (dynamics > REST_DYNAMICS)
         if before[:a].all():  # a log that begins in the air
             a = 0
-        while not levels and 0 < a < b - 1 and power[a] < OF_OWN * own:
+        while not levels and 0 < a < b - 1 and power[a] < FLIGHT_SHARE * own:
             a += 1  # without a height: motors spin up on the ground
         found.append((a, b))
     if grid.slow:
         return _bridge_gaps(found, grid.known)
     reached = []
     for a, b in found:
-        pushed = driven & (power > OF_OWN * float(np.median(power[a:b])))
+        pushed = driven & (power > FLIGHT_SHARE * float(np.median(power[a:b])))
         reached.append(_extend_to_ground(a, b, levels, pushed))
     return _bridge_gaps(reached, grid.known)
 
@@ -319,12 +330,12 @@ def _flight_ranges(
 def _extend_to_ground(a: int, b: int, levels: list[HeightLevel], driven: Mask) -> tuple[int, int]:
     """Extend a flight while the height still rises from, or sinks to, the ground."""
     for level in levels:
-        above, least = np.nan_to_num(level.above), OF_HINT * LIKELY_HEIGHT_M[level.sensor]
-        furthest = round(CLIMBS_S / STEP_S)
-        while furthest and a > 0 and driven[a - 1] and least < above[a - 1] <= above[a] + TREMBLE_M:
+        above, least = np.nan_to_num(level.above), GROUND_HEIGHT_SHARE * LIKELY_HEIGHT_M[level.sensor]
+        furthest = round(MAX_EXTENSION_S / STEP_S)
+        while furthest and a > 0 and driven[a - 1] and least < above[a - 1] <= above[a] + HEIGHT_NOISE_M:
             a, furthest = a - 1, furthest - 1
-        furthest = round(CLIMBS_S / STEP_S)
-        while furthest and b < len(above) and driven[b] and least < above[b] <= above[b - 1] + TREMBLE_M:
+        furthest = round(MAX_EXTENSION_S / STEP_S)
+        while furthest and b < len(above) and driven[b] and least < above[b] <= above[b - 1] + HEIGHT_NOISE_M:
             b, furthest = b + 1, furthest - 1
     return a, b
 
@@ -333,7 +344,7 @@ def _bridge_gaps(found: list[tuple[int, int]], whole: Mask) -> list[tuple[int, i
     """Join ranges across gaps of up to 2 s that lie wholly in the mask ``whole``."""
     joined: list[tuple[int, int]] = []
     for a, b in found:
-        if joined and (a - joined[-1][1]) * STEP_S <= BRIDGE_S and bool(whole[joined[-1][1] : a].all()):
+        if joined and (a - joined[-1][1]) * STEP_S <= MAX_BRIDGED_S and bool(whole[joined[-1][1] : a].all()):
             joined[-1] = joined[-1][0], max(b, joined[-1][1])
         else:
             joined.append((a, b))
@@ -346,23 +357,23 @@ def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
     def seconds(masks: list[Mask]) -> float:
         return max((np.count_nonzero(mask[a:b]) for mask in masks), default=0) * STEP_S
 
-    if seconds([level.sure for level in levels]) >= ENOUGH_S:
+    if seconds([level.sure for level in levels]) >= MIN_HEIGHT_S:
         return True
     hints = seconds([level.hint for level in levels])
     if grid.slow:
-        return hints >= SLOW_S
-    hinted = hints >= ENOUGH_S
+        return hints >= MIN_SLOW_HEIGHT_S
+    hinted = hints >= MIN_HEIGHT_S
     dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
     by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without attitude, ground contact cannot be excluded
-    moves = dynamics > PROVEN and (b - a) * STEP_S >= LONG_S and by_tilt
-    return (hinted and dynamics > HINTED) or (moves and not (levels and _is_handheld(a, b, grid)))
+    moves = dynamics > MIN_DYNAMICS_ALONE and (b - a) * STEP_S >= MIN_DYNAMICS_S and by_tilt
+    return (hinted and dynamics > MIN_DYNAMICS_WITH_HEIGHT) or (moves and not (levels and _is_handheld(a, b, grid)))
 
 
 def _is_handheld(a: int, b: int, grid: Grid) -> bool:
     """Return whether a slow span has a large sideways force, as in a hand."""
     sideways = np.hypot(grid.force[a:b, 0], grid.force[a:b, 1])
     slow = not np.any(grid.speed[a:b] > MAX_HAND_M_S)
-    return slow and float(np.quantile(sideways, 0.6)) > LEANS_M_S2
+    return slow and float(np.quantile(sideways, 0.6)) > MIN_HAND_FORCE_M_S2
 
 
 def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
@@ -374,7 +385,7 @@ def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
         return float(grid.t[first])
     level = float(np.median(before))
     spread = 1.4826 * float(np.median(np.abs(before - level)))
-    off, limit = np.abs(grid.size[a:b] - level), max(LEAVES_M_S2, SPREADS * spread)
+    off, limit = np.abs(grid.size[a:b] - level), max(MIN_LIFTOFF_STEP_M_S2, LIFTOFF_SIGMAS * spread)
     left = np.flatnonzero(off > limit)
     if not len(left):
         return float(grid.t[first])
@@ -390,7 +401,7 @@ def _landing_time(grid: Grid, end: int) -> float:
     if grid.slow or end >= len(grid.t):
         return float(grid.t[min(end, len(grid.t) - 1)])
     bump = np.abs(grid.size[a:b] - np.median(grid.size[a:b]))
-    stands_out = bump.max() > max(2.0 * LEAVES_M_S2, OUTSTANDING * float(np.median(bump)))
+    stands_out = bump.max() > max(2.0 * MIN_LIFTOFF_STEP_M_S2, LANDING_PEAK_RATIO * float(np.median(bump)))
     if not stands_out:
         return float(grid.t[end])
     k = int(np.argmax(bump))

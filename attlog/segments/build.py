@@ -94,7 +94,7 @@ def _found(log: FlightLog) -> Segments:
     if onboard is not None:
         found += guarded_part(log, "Resets", lambda: _resets(onboard, imu), list[Segment])
     unknown = tuple(name for name, phase in (("armed", armed), ("airborne", airborne)) if not phase.known)
-    return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes, unknown, air, flown.endings)
+    return Segments(sorted(found, key=lambda s: (s.t0, s.t1)), notes, unknown, air, flown.crash_events)
 
 
 def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:

@@ -95,7 +95,7 @@ def _overturn_text(deg: float) -> str:
 
 
 def _tumble_text(dps: float) -> str:
-    return f"it tumbled at up to {dps:.0f} deg/s that nobody asked for"
+    return f"it tumbled without a command at up to {dps:.0f} deg/s"
 
 
 def _attitude_source(context: CrashContext) -> str:
@@ -240,7 +240,7 @@ class FlightOutcome:
     """Flights of a log, their crashes and hard landings, and its wrecks."""
 
     flights: list[Span]
-    endings: list[CrashEvent]
+    crash_events: list[CrashEvent]
     wrecks: list[Wreck]
 
 

@@ -58,14 +58,14 @@ class Segments:
     """All segments of a log.
 
     ``notes``: source of each phase, by kind. ``unknown``: phases (armed, airborne) that the log does not show. ``air``:
-    signs of flight, None without sensors. ``endings``: crashes and hard landings in time order.
+    signs of flight, None without sensors. ``crash_events``: crashes and hard landings in time order.
     """
 
     segments: list[Segment] = field(default_factory=list)
     notes: dict[str, str] = field(default_factory=dict)
     unknown: tuple[str, ...] = ()
     air: InAir | None = None
-    endings: list[CrashEvent] = field(default_factory=list)
+    crash_events: list[CrashEvent] = field(default_factory=list)
 
     def seconds(self, kind: str) -> float | None:
         """Return the total length of a kind in s, None where it is not logged."""

@@ -184,13 +184,13 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
     quoted: list[Text] = []
     found = [*_power_up(log), *_arming(log)]
     flights = segments.spans("airborne")
-    crashes = [e for e in segments.endings if e.is_crash]
+    crashes = [e for e in segments.crash_events if e.is_crash]
     end = max((s.t1 for s in segments.of("continuous")), default=log.seconds)
     begin = min((s.t0 for s in segments.of("continuous")), default=0.0)
     for a, b in flights:
         if a - begin > BEGUN_S:
             found.append(_flown_event(log, "liftoff", a, "Lifted off", matching_texts(log, TAKE_OFF), quoted))
-        ended = [e for e in segments.endings if abs(e.t - b) <= TEXT_MARGIN_S]
+        ended = [e for e in segments.crash_events if abs(e.t - b) <= TEXT_MARGIN_S]
         if not ended and end - b < END_S:
             found.append(
                 Event(
@@ -201,7 +201,7 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
             found.append(_flown_event(log, "landing", b, "Landed", matching_texts(log, LANDED), quoted))
     said = matching_texts(log, CRASHED)
     reported = [p for p in log.problems if p.code == "crash" and p.t is not None]
-    for ending in segments.endings:
+    for ending in segments.crash_events:
         evidence = [f"{source}: {ending.why}" for source in ending.sources[:2]] or [ending.why]
         near = [x for x in said if -2.0 <= x[0] - ending.t <= 10.0] if ending.is_crash else []
         quoted += near
@@ -330,7 +330,7 @@ def sensor_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list
     if clip is not None:
         found.append(clip)
         quoted += texts
-    crashes = [e.t for e in segments.endings if e.is_crash]
+    crashes = [e.t for e in segments.crash_events if e.is_crash]
     shaken = _vibration_event(
         log, [(a, min([b, *(t - LANDING_S for t in crashes if a < t)])) for a, b in segments.spans("airborne")]
     )
@@ -340,7 +340,7 @@ def sensor_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list
 def clipping_spans(segments: Segments) -> list[Span]:
     """Return flights without touch-down, or the armed spans where none was flown."""
     flights = segments.spans("airborne")
-    crashes = [e.t for e in segments.endings if e.is_crash]
+    crashes = [e.t for e in segments.crash_events if e.is_crash]
     if flights:
         return [(a, b - (BLOW_S if any(abs(b - t) < 0.5 for t in crashes) else LANDING_S)) for a, b in flights]
     return merge(segments.spans("armed"))

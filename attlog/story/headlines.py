@@ -13,7 +13,7 @@ from attlog.core import rotation
 from attlog.core.spans import Span, inside
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments.airborne import IDLING, highest_level
+from attlog.segments.airborne import MAX_IDLE_POWER, highest_level
 from attlog.segments.flight_signs import speed_at, true_runs
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segments
@@ -151,7 +151,7 @@ def _throttle_spans(segments: Segments) -> list[Span]:
     air = segments.air
     if air is None or not air.driven.any() or air.power_source == "arming":
         return []
-    up = air.driven & (air.power > max(OF_FLIGHT * float(air.power[air.driven].max()), IDLING))
+    up = air.driven & (air.power > max(OF_FLIGHT * float(air.power[air.driven].max()), MAX_IDLE_POWER))
     found: list[Span] = []
     for a, b in true_runs(up):
         t0, t1 = float(air.grid.t[a]), float(air.grid.t[b - 1])
@@ -301,7 +301,7 @@ def _realigned(found: Sequence[Event]) -> str:
 
 def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool) -> list[str]:
     """Return phrases on how the flight ended, longest first."""
-    crashes = _crashes(segments.endings)
+    crashes = _crashes(segments.crash_events)
     if crashes:
         blow = next((e.t for e in crashes[0] if e.kind == "impact"), crashes[0][0].t)
         full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, blow))
@@ -312,7 +312,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         bare = short.partition(" (")[0]  # drop the first crash's size rather than the second crash
         return list(dict.fromkeys((f"{full}{sizes}.", f"{short}{sizes}.", f"{bare}{again}.", f"{short}.")))
     warned = any(e.severity in ("warning", "serious") for e in events if e.kind != "hard_landing")
-    hard = [e for e in segments.endings if e.kind == "hard_landing"]
+    hard = [e for e in segments.crash_events if e.kind == "hard_landing"]
     if hard:
         worst = max(hard, key=lambda e: e.size)
         killed = next((e for e in events if "Kill switch" in e.text and 0 <= worst.t - e.t < KILLED_S), None)

@@ -155,7 +155,7 @@ def flown(
 @pytest.mark.parametrize("off", [-120.0, -28.0, 0.0, 12.0, 170.0])
 def test_the_offset_of_a_heading_is_found_with_its_sign(off: float) -> None:
     found = flown().found(heading_deg=off)
-    assert found.told
+    assert found.known
     assert found.offset_deg == pytest.approx(off, abs=1.0)
     assert abs(found.offset_deg - off) < 3.0 * found.sigma_deg
     assert found.wrong == (abs(off) > 8.0)
@@ -171,14 +171,14 @@ def test_a_late_receiver_moves_the_delay_and_not_the_heading(late: float) -> Non
 
 def test_hover_says_nothing_of_any_heading() -> None:
     found = flown(moves=0.01, noise_m_s=0.1).found(heading_deg=90.0)
-    assert not any([found.told, found.wrong, found.sound])
+    assert not any([found.known, found.wrong, found.sound])
     assert found.why
 
 
 def test_an_accelerometer_of_wrong_scale_is_another_fault() -> None:
     found = flown(scale=2.0).found(heading_deg=40.0)
     assert found.correlation > 0.9
-    assert not found.told
+    assert not found.known
     assert "0.5 times" in found.why
 
 
@@ -186,7 +186,7 @@ def test_jumps_of_gnss_are_left_out() -> None:
     flight = flown()
     flight.velocity[200:203] += 8.0
     found = flight.found(heading_deg=15.0)
-    assert found.told
+    assert found.known
     assert found.offset_deg == pytest.approx(15.0, abs=1.5)
 
 
@@ -239,7 +239,7 @@ def test_gaps_of_the_imu_and_times_outside_the_spans_are_left_out() -> None:
     spans = np.array([[10.0, 100.0]])
     args = flight.t[keep], flight.acc[keep], flight.q[keep], flight.fixes, flight.velocity
     found = heading_offset(*args, spans)
-    assert found.told
+    assert found.known
     assert abs(found.offset_deg) < 1.0
     assert found.t0 >= 10.0
     assert found.t1 <= 100.0
@@ -250,14 +250,14 @@ def test_gaps_of_the_imu_and_times_outside_the_spans_are_left_out() -> None:
 def test_without_gnss_there_is_no_answer(fixes: int) -> None:
     flight = flown()
     whole, parts = both(flight.t, flight.acc, flight.q, flight.fixes[:fixes], flight.velocity[:fixes])
-    assert not whole.told
+    assert not whole.known
     assert whole.why
     assert parts == []
 
 
 def test_a_receiver_that_seems_earlier_than_any_is_not_believed() -> None:
     found = flown(late_s=-0.4).found()
-    assert not found.told
+    assert not found.known
     assert "delay" in found.why
 
 
@@ -286,7 +286,7 @@ def test_a_heading_is_wrong_beyond_eight_and_sound_within_three_degrees_or_its_s
 ) -> None:
     found = replace(FOUND, offset_deg=offset, sigma_deg=sigma)
     assert (found.wrong, found.sound) == (wrong, sound)
-    silent = replace(found, told=False)
+    silent = replace(found, known=False)
     assert (silent.wrong, silent.sound) == (False, False)
 
 

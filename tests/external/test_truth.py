@@ -64,7 +64,7 @@ def test_clock_and_axes_are_found_within_their_sigma(log: FlightLog, tmp_path: P
     assert tilt_deg(found) < 2.0 * fit.sigma_tilt_deg < 1.0
     assert fit.body_deg == pytest.approx(np.degrees(rotation.to_euler(BODY)), abs=0.3)
     assert fit.correlation > 0.95
-    assert fit.north == "nobody"
+    assert fit.north == "none"
     spread = heading_deg(found)
     assert np.std(spread) < 2.0 * fit.sigma_heading_deg < 1.0
 
@@ -140,7 +140,7 @@ def test_positions_take_motion_out_of_gravity_and_tell_north_by_gnss(tmp_path: P
     assert found.fit.north == "gnss"
     assert abs(np.mean(heading_deg(found))) < 0.3
     log.gnss = []
-    assert brought(log, tum(tmp_path, replace(m, p=rotation.rotate(WORLD, way)))).fit.north == "nobody"
+    assert brought(log, tum(tmp_path, replace(m, p=rotation.rotate(WORLD, way)))).fit.north == "none"
     assert tilt_deg(brought(log, tum(tmp_path, m))) > 1.0  # neither tells the motion
 
 
@@ -402,7 +402,7 @@ def test_its_own_sigma_is_part_of_what_is_said():
 
 
 def test_without_a_north_rows_are_turned_to_it_and_their_changes_compared():
-    row, reference, _ = compared(log_with("nobody", turned_deg=70.0), estimate(heading_deg=5.0))
+    row, reference, _ = compared(log_with("none", turned_deg=70.0), estimate(heading_deg=5.0))
     assert reference.heading.by == "relative"
     assert row.heading_offset_deg == pytest.approx(-65.0, abs=0.1)
     assert np.abs(row.errors.heading).max() < 0.1
@@ -418,7 +418,7 @@ def test_with_its_own_north_a_wrong_heading_stays_wrong():
 
 
 def test_without_a_north_it_is_no_heading_for_the_compass_and_accuses_no_heading():
-    log = log_with("nobody", turned_deg=70.0)
+    log = log_with("none", turned_deg=70.0)
     found = segments.build(log)
     reference = choose(log, found, ReferenceOptions(declination=0.0))
     assert "truth" not in heading_references(log, found, reference_of(flight()))

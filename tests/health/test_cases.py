@@ -108,7 +108,7 @@ def test_filters_are_not_called_diverged_where_the_onboard_attitude_is_the_wrong
     """px4_1.6.5_hand_rotation: five filters within 6 deg of vqf; mean force -9.67 down by it, not by the onboard."""
     name = "px4_1.6.5_hand_rotation.ulg"
     judged = result(name)
-    assert (judged.reference.choice, judged.reference.heading_by) == ("smoother", "nobody")
+    assert (judged.reference.choice, judged.reference.heading_by) == ("smoother", "none")
     papers = ("complementary", "mahony", "madgwick", "ekf12", "vqf")
     assert {r.status for r in judged.estimators if r.estimator in papers} == {"ok"}
     assert max(off_in_tilt(judged, filter_) for filter_ in papers) < 6.0

@@ -62,7 +62,7 @@ def test_a_vehicle_that_stands_in_the_air_has_no_heading_by_motion():
 
 def test_a_heading_that_nobody_knows_turns_no_field():
     unsure, lost, nowhere = case(log(), None), case(log(), None), log()
-    unsure.reference.heading.by, lost.reference.kind, nowhere.gnss = "nobody", "none", []
+    unsure.reference.heading.by, lost.reference.kind, nowhere.gnss = "none", "none", []
     assert field_traces(unsure, []) == field_traces(lost, []) == field_traces(case(nowhere), []) == []
 
 

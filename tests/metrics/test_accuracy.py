@@ -199,7 +199,7 @@ def test_the_sigma_of_the_window_counts_and_not_that_of_the_whole_log():
     assert flights.ask(accuracy.METRIC_GROUPS, case, rows[0], "60:80")["tilt_rmse_deg"].floor == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(("heading_by", "code"), [("own", None), ("onboard", None), ("nobody", "no_reference")])
+@pytest.mark.parametrize(("heading_by", "code"), [("own", None), ("onboard", None), ("none", "no_reference")])
 def test_whose_heading_a_smoother_has_decides_what_heading_errors_mean(heading_by, code):
     case, rows = drifting_rows([1.0, 3.0])
     with_sigma(case, 0.1, 0.1)

@@ -100,12 +100,9 @@ def test_a_drift_is_told_however_wide_its_interval_and_bounded_by_the_larger_end
     t = np.arange(0.0, 30.0, 0.02)
     fast = drift.drift_answer(slope_of(t, 12.0 * t + 20.0 * np.sin(2 * np.pi * t / 25.0)), "airborne", "truth")
     assert fast.ci95[1] - fast.ci95[0] > 10.0
-    assert fast.detail["significant"]
     assert fast.ranked
     assert fast.reason is None
     slow = drift.drift_answer(slope_of(t, 0.01 * t + np.sin(2 * np.pi * t / 25.0)), "airborne", "truth")
-    assert not slow.detail["significant"]
-    assert slow.detail["less_than"] == max(abs(slow.ci95[0]), abs(slow.ci95[1]))
     assert slow.ranked
 
 
@@ -117,15 +114,6 @@ def test_rows_are_paired_by_the_slopes_of_groups_that_begin_together():
     np.testing.assert_array_equal(a.units.ids, b.units.ids)
     assert a.units.on(a.units.ids).value == a.value
     assert a.units.on(a.units.ids[:3]).value == pytest.approx(np.mean(a.units.values[:3]))
-
-
-def test_a_rate_that_changes_steadily_is_told():
-    t = np.arange(0.0, 240.0, 0.02)
-    e = 1e-4 * t**2 + 1e-3 * np.random.default_rng(0).standard_normal(len(t))
-    first, last = slope_of(t, e).changes
-    assert first == pytest.approx(60 * 2e-4 * 10.0, rel=0.1)
-    assert last == pytest.approx(60 * 2e-4 * 230.0, rel=0.1)
-    assert slope_of(t, 0.01 * t + np.sin(t)).changes is None
 
 
 def test_rests_that_agree_are_pooled_and_rests_that_do_not_are_a_range():
@@ -143,7 +131,7 @@ def test_rests_that_agree_are_pooled_and_rests_that_do_not_are_a_range():
     assert apart.ci95[1] > 6.58
     told = drift.drift_answer(apart, "rest", "rest")
     assert not told.ranked
-    assert told.detail["range"] == list(apart.range)
+    assert told.disagree == apart.range
 
 
 REST = [
@@ -159,13 +147,10 @@ def turning(dps, seconds=100.0, hz=50.0):
     return t, rotation.from_euler(0.05, -0.1, 2.5 + np.radians(dps) * t)
 
 
-def test_drift_at_rest_is_the_rows_own_turn_and_names_the_bias_it_implies():
+def test_drift_at_rest_is_the_rows_own_turn():
     row = flights.row(*turning(0.03))
-    row.bias = np.tile(np.radians([0.0, 0.0, 0.01]), (len(row.t), 1))
     answer = drift_rest.REST_DRIFT.ask(flights.case([row], REST), row, "rest")["drift_rest_deg_per_min"]
     assert answer.value == pytest.approx(1.8, abs=1e-6)
-    assert answer.detail["implied_bias_dps"] == pytest.approx(0.03)
-    assert answer.detail["own_bias_z_dps"] == pytest.approx(0.01)
 
 
 def test_drift_in_the_air_is_against_the_reference_and_each_heading_reference():
@@ -266,7 +251,7 @@ def test_rests_that_are_all_too_short_tell_the_longest_and_the_turn_between_them
     answer = drift_rest.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
     assert answer.code == "rest_too_short"
     assert "6 s after settling; 8 are needed" in answer.reason
-    assert answer.detail["heading_change_deg"] == pytest.approx(3.0, abs=0.01)
+    assert "the heading turned by +3.0 deg" in answer.reason
     assert len(answer.records) == 2
 
 
@@ -323,7 +308,7 @@ def test_the_interval_of_records_that_agree_has_the_degrees_of_freedom_of_welch(
     one, two = np.array([1.0, 3.0, 2.0, 2.5, 1.5]), np.array([2.0, 2.6, 1.2, 2.2])
     records = [
         drift.Drift(
-            float(np.mean(x)), statistics.mean_interval(x), x, [(float(k), k + 1.0) for k in range(len(x))], 60.0, 0.1
+            float(np.mean(x)), statistics.mean_interval(x), x, [(float(k), k + 1.0) for k in range(len(x))], 60.0
         )
         for x in (one, two)
     ]
@@ -333,22 +318,14 @@ def test_the_interval_of_records_that_agree_has_the_degrees_of_freedom_of_welch(
     assert found.ci95 == pytest.approx((low / 2.0, high / 2.0), rel=1e-6)
 
 
-def test_a_drift_without_an_interval_is_neither_significant_nor_bounded():
-    unknown = drift.Drift(None, None, np.zeros(0), [], 3.0)
-    assert (unknown.significant, unknown.less_than) == (False, None)
-    for ci95, significant, bound in (((-2.0, 5.0), False, 5.0), ((-7.0, -0.1), True, 7.0), ((0.0, 3.0), False, 3.0)):
-        found = drift.Drift(1.0, ci95, np.zeros(4), [], 60.0)
-        assert (found.significant, found.less_than) == (significant, bound)
-
-
 def test_records_of_unequal_length_are_pooled_by_their_length():
     """Values 1 and 2 over 60 and 20 s, with their own scatter: the closed forms of a weighted mean."""
     from scipy import stats
 
     one, two = np.array([0.6, 1.4, 1.0, 0.8, 1.2]), np.array([1.5, 2.5, 2.2, 1.8])
     records = [
-        drift.Drift(float(np.mean(x)), statistics.mean_interval(x), x, [(0.0, 1.0)] * len(x), seconds, wander)
-        for x, seconds, wander in ((one, 60.0, 0.3), (two, 20.0, 0.9))
+        drift.Drift(float(np.mean(x)), statistics.mean_interval(x), x, [(0.0, 1.0)] * len(x), seconds)
+        for x, seconds in ((one, 60.0), (two, 20.0))
     ]
     found = drift.pool_drifts(records)
     variance = np.array([stats.sem(one) ** 2, stats.sem(two) ** 2])
@@ -360,7 +337,6 @@ def test_records_of_unequal_length_are_pooled_by_their_length():
     agree = np.sum((np.array([1.0, 2.0]) - centre) ** 2 / variance) <= stats.chi2.ppf(0.95, 1)
     assert found.agree == agree
     assert found.value == pytest.approx(1.25)
-    assert found.residual == pytest.approx(np.sqrt(0.75 * 0.09 + 0.25 * 0.81))
     assert found.seconds == 80.0
     assert found.range == (1.0, 2.0)
     wanted = (1.25 - half, 1.25 + half) if agree else (records[0].ci95[0], records[1].ci95[1])

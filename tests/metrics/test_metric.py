@@ -121,7 +121,7 @@ NAMED = (
     "total_rmse_deg heading_rmse_deg tilt_rmse_deg tilt_p95_deg "
     "noise_tilt_deg noise_roll_deg noise_pitch_deg noise_heading_deg "
     "lag_roll_ms lag_pitch_ms lag_yaw_ms lag_ms step_gain_roll distortion_roll_pct "
-    "step_error_deg.0.5s step_error_deg.1.0s step_error_pct.0.5s step_error_pct.1.0s "
+    "step_error_deg.0.5s step_error_pct.0.5s "
     "drift_rest_deg_per_min "
     "drift_air_deg_per_min.onboard drift_air_deg_per_min.course "
     "allan_arw_deg_per_sqrt_h allan_bias_deg_per_h gnss_heading_deg "

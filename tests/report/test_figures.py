@@ -214,7 +214,7 @@ def test_reports_of_real_logs_open_without_complaint_and_draw_everything(visit, 
 
 def test_a_reference_without_a_heading_shows_none_and_no_difference_from_it():
     result = make_result()
-    result.reference = replace(result.reference, choice="onboard", heading_by="nobody")
+    result.reference = replace(result.reference, choice="onboard", heading_by="none")
     found = figures(result)
     assert not any(t["meta"]["quantity"] == "heading" for t in traces(found["difference"]))
     headings = {t["meta"].get("row") for t in traces(found["attitude"]) if t["meta"]["quantity"] == "heading"}

@@ -193,7 +193,7 @@ def test_every_answer_reads_back_whole(tmp_path: Path) -> None:
 
 
 def test_an_answer_is_written_without_what_its_place_gives_and_with_six_digits() -> None:
-    given = Answer(2 / 3, "ms", "all", 1, ci95=(1e-7 / 3, 1e7 / 3), each=[1 / 7], detail={"slopes": [1 / 7]})
+    given = Answer(2 / 3, "ms", "all", 1, ci95=(1e-7 / 3, 1e7 / 3), each=[1 / 7])
     none = Answer(None, "ms", "rest", code="no_rest", reason="No rest.")
     row = EstimatorRow("vqf", "replay", "vqf", "ok", metrics={"all": {"lag_ms": given}, "rest": {"lag_ms": none}})
     result = Result({}, "", {}, {"t0": 1 / 3}, estimators=[row])
@@ -202,7 +202,6 @@ def test_an_answer_is_written_without_what_its_place_gives_and_with_six_digits()
         "rest": {"lag_ms": {"code": "no_rest", "reason": "No rest."}},
     }
     assert result.to_dict()["log"]["t0"] == 1 / 3
-    assert result.estimators[0].metrics["all"]["lag_ms"].detail, "the result itself stays whole"
 
 
 def test_an_answer_that_was_read_equals_what_was_written() -> None:

@@ -64,7 +64,7 @@ def ended(log: FlightLog) -> tuple[list[Span], list[CrashEvent]]:
     clock = sys.modules["attlog.segments.build"]._clock(log)
     armed = rest.armed_spans(log, float(clock.min()), float(clock.max()))
     found = crash.find_crashes(log, found_in(log), armed.spans if armed.known else None, float(clock.max()))
-    return found.flights, found.endings
+    return found.flights, found.crash_events
 
 
 def crashes(path: Path) -> list[float]:
@@ -135,7 +135,7 @@ def endings(log: FlightLog) -> list[CrashEvent]:
     air = found_in(log)
     air.spans = [(TAKE_OFF, LANDED)]
     air.driven = (air.grid.t > TAKE_OFF) & (air.grid.t < DISARMED)
-    return crash.find_crashes(log, air, [(TAKE_OFF - 5.0, DISARMED)], float(log.imus[0].acc.t[-1])).endings
+    return crash.find_crashes(log, air, [(TAKE_OFF - 5.0, DISARMED)], float(log.imus[0].acc.t[-1])).crash_events
 
 
 def test_a_blow_after_which_it_lies_tilted_is_an_impact_to_the_sample():
@@ -208,7 +208,7 @@ def fallen(degrees: float, leans: float, seconds: float = 8.0) -> FlightLog:
 def fallen_endings(log: FlightLog) -> list[CrashEvent]:
     air = found_in(log)
     air.spans, air.driven = [], (air.grid.t > ARMED) & (air.grid.t < DISARMED)
-    return crash.find_crashes(log, air, [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1])).endings
+    return crash.find_crashes(log, air, [(ARMED, DISARMED)], float(log.imus[0].acc.t[-1])).crash_events
 
 
 def test_a_fall_to_one_side_with_motors_driven_is_a_crash_though_it_never_flew():

@@ -51,7 +51,7 @@ def test_a_failsafe_after_which_nobody_chose_a_mode_is_told_after_what_came_firs
 
 def test_it_stays_where_the_words_run_out_and_what_came_first_goes() -> None:
     lies = CrashEvent("impact", 80.0, 81.0, 12.0, "g", "seen", lies_deg=44.0, rate=400.0)
-    long = flown((10.0, 50.0), (60.0, 80.0), endings=[lies])
+    long = flown((10.0, 50.0), (60.0, 80.0), crash_events=[lies])
     crash = Event("impact", 80.0, "serious", "Hit.")
     first = Event("lane_switch", 61.0, "warning", "The estimator changed its core at 61.0 s.")
     made = log(mode=modes((0.0, "LOITER"), (70.0, "LAND")))
@@ -59,7 +59,7 @@ def test_it_stays_where_the_words_run_out_and_what_came_first_goes() -> None:
     assert text.endswith("EKF failsafe at 70.0 s. Hit the ground at 80.0 s (12 g), lay at 44°.")
     assert "core changed" not in text
     assert len(text.split()) <= 30
-    short = flown((10.0, 80.0), endings=[lies])
+    short = flown((10.0, 80.0), crash_events=[lies])
     text = said(made, short, first, failsafe(70.0), crash)
     assert "Estimator core changed at 61.0 s. EKF failsafe at 70.0 s. Hit" in text
 
@@ -165,7 +165,7 @@ def test_phrases_are_as_reviewed() -> None:
 
 def test_a_flight_that_lasts_to_the_end_of_the_log_has_no_landing_and_one_from_its_begin_no_lift_off() -> None:
     def kinds(a: float, b: float, *endings: CrashEvent) -> list[str]:
-        spans = Segments([Segment("continuous", 0.0, 100.0), Segment("airborne", a, b)], endings=list(endings))
+        spans = Segments([Segment("continuous", 0.0, 100.0), Segment("airborne", a, b)], crash_events=list(endings))
         return [e.kind for e in flight_events.movement_events(log(t0_us=-1), spans)[0]]
 
     assert kinds(0.6, 98.9) == ["liftoff", "landing"]

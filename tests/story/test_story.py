@@ -152,7 +152,7 @@ def test_headlines_of_faults_and_of_flights_that_never_were_are_as_reviewed():
     part = story.WrongAngle("tilt", 12.0, lift + 15.0, land)
     lines = [story.headline(log, phases, events, False, wrong) for wrong in (whole, part)]
     lines.append(story.headline(log, segments.Segments(), [], False, whole))
-    phases.endings = [crashed(20.0), crashed(30.0)]
+    phases.crash_events = [crashed(20.0), crashed(30.0)]
     again = story.WrongAngle("heading", 31.2, 25.0, 30.0)
     lines.append(story.headline(log, phases, story.events(log, phases), False, again))
     for throttle in (0.0, 0.07):  # Copter 3.3 idles at 7 %
@@ -163,7 +163,7 @@ def test_headlines_of_faults_and_of_flights_that_never_were_are_as_reviewed():
         idle.texts = [(3.0, 6, "starting motor test")]
         lines.append(headline_of(idle))
     log, phases, _ = made(texts=[(15.0, 4, "Crash: Disarming"), (23.0, 4, "Crash: Disarming again")])
-    phases.endings = [crashed(20.0)]
+    phases.crash_events = [crashed(20.0)]
     lines += printed("a crash between two texts", flight_events.movement_events(log, phases)[0])
     check_golden(GOLDEN / "headlines.txt", lines)
 
@@ -218,7 +218,7 @@ def crashed(t: float) -> CrashEvent:
 def test_clipping_counts_up_to_the_touch_down_or_the_blow_of_a_crash(before_s, crash, told):
     log, phases, _ = made()
     end = phases.spans("airborne")[-1][1]
-    phases.endings = [crashed(end)] if crash else []
+    phases.crash_events = [crashed(end)] if crash else []
     log.vibration.clippings = [Clipping("accelerometer", 0, "IMU:0", np.array([end - before_s]), np.array([50]), True)]
     assert len(flight_events.sensor_events(log, phases)[0]) == told
 

@@ -50,13 +50,13 @@ from attlog.estimators.interface import Array, Estimate, Parameter
 # sure                    up to 1      the run with it: heading from ``both``
 # sure                    above 1      the run without it: ``motion``
 # not sure                up to 1      the run with it if that is sure: ``compass``, which nothing confirms
-# not sure                above 1      the run with it, without its heading: ``nobody``
+# not sure                above 1      the run with it, without its heading: ``none``
 # ======================= ============ =======================================================================
 #
 # Sigmas hold the difference of the runs, sigma = hypot(own, difference): of the heading where both are sure of it and
 # Dz is up to 2, of the tilt unless the compass is beyond doubt the one that errs.
 
-HeadingFrom = Literal["both", "compass", "motion", "nobody"]
+HeadingFrom = Literal["both", "compass", "motion", "none"]
 # Joint sigmas between two headings of which one shares every sensor with the other: sound compasses stay below 0.85 (24
 # simulated flights), turned by 15 deg they are above it on 22.
 MOST_DISAGREEMENT = 1.0
@@ -108,7 +108,7 @@ def without_heading(run: Estimate, why: str, told: Mapping[str, float | str] | N
     unknown = np.full(len(run.t), np.pi)
     told = {**(told or {}), "heading_why": why, "sigma_heading_deg": 180.0}
     run = replace(run, aux=run.aux | {"sigma_heading": unknown, OWN_HEADING: unknown})
-    return _with_heading(run, "nobody", told)
+    return _with_heading(run, "none", told)
 
 
 def differences(a: Estimate, b: Estimate) -> tuple[Array, Array]:
@@ -166,11 +166,11 @@ MAX_USEFUL_SIGMA_DEG = 5.0
 def check_heading(run: Estimate, inputs: Inputs) -> Estimate:
     """Drop the run's heading where something contradicts it; note the offset by GNSS in its quality."""
     own = own_deg(run, OWN_HEADING if OWN_HEADING in run.aux else "sigma_heading")
-    if run.quality["heading_from"] == "nobody" and own > MAX_USEFUL_SIGMA_DEG:
+    if run.quality["heading_from"] == "none" and own > MAX_USEFUL_SIGMA_DEG:
         return run
     offset = heading_offset_by_gnss(run, inputs)
     told: dict[str, float | str] = {}
-    if offset is not None and offset.told:
+    if offset is not None and offset.known:
         told = {"heading_gnss_deg": offset.offset_deg, "heading_gnss_sigma_deg": offset.sigma_deg}
         run.quality.update(told)
         if abs(offset.offset_deg) > max(MIN_HEADING_OFFSET_DEG, MAX_HEADING_SIGMAS * math.hypot(offset.sigma_deg, own)):

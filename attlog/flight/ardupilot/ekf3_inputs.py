@@ -41,7 +41,7 @@ UBLOX_OLD_LAG_MS, UBLOX_LAG_MS, OTHER_LAG_MS, SIMULATED_LAG_MS = 220.0, 120.0, 2
 UBLOX_TYPES = (1, 2)
 # A motor output above this turns the motor (us).
 MOTOR_TURNS_US = 1150.0
-MILLIGAUSS = 1e-3
+GAUSS_PER_MILLIGAUSS = 1e-3
 # A copter that sinks slowly and hardly moves expects to touch down: m/s demanded and flown, demanded lean in ALT_HOLD.
 SINK_DEMANDED_M_S, SINK_M_S, LEVEL_M_S, LEAN_DEG = 1.0, 0.6, 1.25, 7.5
 # Records of a position controller that is on come closer than this.
@@ -54,9 +54,9 @@ INNOVATION_COLUMNS = {
     "position_n": ("IPN", 1.0),
     "position_e": ("IPE", 1.0),
     "baro_height": ("IPD", 1.0),
-    "mag_x": ("IMX", MILLIGAUSS),
-    "mag_y": ("IMY", MILLIGAUSS),
-    "mag_z": ("IMZ", MILLIGAUSS),
+    "mag_x": ("IMX", GAUSS_PER_MILLIGAUSS),
+    "mag_y": ("IMY", GAUSS_PER_MILLIGAUSS),
+    "mag_z": ("IMZ", GAUSS_PER_MILLIGAUSS),
     "heading": ("IYAW", np.pi / 180.0),
     "airspeed": ("IVT", 1.0),
 }
@@ -248,8 +248,8 @@ def _states(builder: DataflashBuilder, core: int, trim: Array | None) -> Ekf3Sta
         k = np.maximum(np.searchsorted(_seconds(builder, second), t, side="right") - 1, 0)
         if "AX" in second:
             x[:, 13:16] = columns(second, "AX", "AY", "AZ")[k]
-        x[:, 16:19] = columns(second, "MN", "ME", "MD")[k] * MILLIGAUSS
-        x[:, 19:22] = columns(second, "MX", "MY", "MZ")[k] * MILLIGAUSS
+        x[:, 16:19] = columns(second, "MN", "ME", "MD")[k] * GAUSS_PER_MILLIGAUSS
+        x[:, 19:22] = columns(second, "MX", "MY", "MZ")[k] * GAUSS_PER_MILLIGAUSS
         x[:, 22:24] = columns(second, "VWN", "VWE")[k]
     variances = [_core_table(builder, f"XKV{n}", core) for n in (1, 2)]
     tv, v = np.zeros(0), np.zeros((0, 24))
@@ -403,7 +403,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         gyro_late=imu.gyro.delay,
         acc_late=imu.acc.delay,
         intervals=imu.gyro.sampling == "interval",
-        mag={"t": mag["t"], "x": np.column_stack([mag["x"], mag["y"], mag["z"]]) * MILLIGAUSS},
+        mag={"t": mag["t"], "x": np.column_stack([mag["x"], mag["y"], mag["z"]]) * GAUSS_PER_MILLIGAUSS},
         gnss=gnss,
         baro=baro,
         airspeed=_selected(builder, "ARSP", _chosen(builder, core, "AI"), {"eas": "Airspeed", "use": "U"}),

@@ -212,7 +212,7 @@ def track(source: FigureSource) -> PageFigure | None:
 def _comparable(source: FigureSource, kind: str) -> list[Trace]:
     """Drop differences from a reference without heading, and its heading itself."""
     found, reference = source.traces(kind), source.result.reference
-    if reference is None or reference.heading_by != "nobody":
+    if reference is None or reference.heading_by != "none":
         return found
     return [
         replace(t, columns={k: y for k, y in t.columns.items() if k != "heading"})

@@ -129,7 +129,7 @@ def test_without_gnss_a_heading_rests_on_the_compass_alone_or_is_none() -> None:
     m = flight(60.0, noise=CONSUMER_NOISE)
     assert estimate("smoother", *m.sensors).quality["heading_from"] == "compass"
     e = estimate("smoother", m.t, m.gyr, m.acc)
-    assert e.quality["heading_from"] == "nobody"
+    assert e.quality["heading_from"] == "none"
     assert (e.aux["sigma_heading"] == np.pi).all()
 
 

@@ -91,14 +91,14 @@ def test_a_turned_compass_is_left_out_where_motion_shows_the_heading(turn: float
 def test_a_turned_compass_in_a_hover_leaves_no_heading(turn: float) -> None:
     made = flight(reach=0.01)
     e, _ = smoothed_run(made, turn)
-    assert e.quality["heading_from"] == "nobody"
+    assert e.quality["heading_from"] == "none"
     assert (e.aux["sigma_heading"] == np.pi).all()
     assert str(e.quality["refused"]).startswith("no heading: ")
     assert rms_deg(off(e.q, made.motion.q)[0][3000:]) < 1.0
 
 
 def test_without_a_compass_motion_shows_the_heading_or_nobody_does() -> None:
-    for made, expected in ((flight(), "motion"), (flight(reach=0.01), "nobody")):
+    for made, expected in ((flight(), "motion"), (flight(reach=0.01), "none")):
         m = made.motion
         assert estimate("smoother", m.t, m.gyr, m.acc, aids=made.aids).quality["heading_from"] == expected
 
@@ -159,7 +159,7 @@ def turned_run(m: Motion, degrees: float, sigma: float = 0.3) -> estimators_Esti
 def test_a_heading_that_gnss_acceleration_contradicts_is_withheld(degrees: float) -> None:
     made = flight()
     run = check_heading(turned_run(made.motion, degrees), ready(made))
-    assert run.quality["heading_from"] == "nobody"
+    assert run.quality["heading_from"] == "none"
     assert run.quality["heading_gnss_deg"] == pytest.approx(degrees, abs=3.0)
     assert "GNSS acceleration" in str(run.quality["refused"])
     assert (run.aux["sigma_heading"] == np.pi).all()
@@ -203,7 +203,7 @@ def checked_run(
 
 
 def gnss(offset: float, sigma: float = 0.1, told: bool = True) -> Any:
-    return SimpleNamespace(offset_deg=offset, sigma_deg=sigma, told=told)
+    return SimpleNamespace(offset_deg=offset, sigma_deg=sigma, known=told)
 
 
 @pytest.mark.parametrize(
@@ -235,9 +235,9 @@ def test_a_bias_that_changed_by_half_a_degree_per_second_leaves_no_heading(
     assert checked_run(monkeypatch, run(gyro_jump_s=5.0), changed=9.0).quality["heading_from"] == "both"
 
 
-@pytest.mark.parametrize(("sigma", "found"), [(0.99, "motion"), (1.01, "nobody"), (np.nan, "nobody")])
+@pytest.mark.parametrize(("sigma", "found"), [(0.99, "motion"), (1.01, "none"), (np.nan, "none")])
 def test_without_a_compass_a_heading_stands_that_is_sure_to_a_degree(sigma: float, found: str) -> None:
     alone = smoother.without_compass_twin(run(sigma))
     assert alone.quality["heading_from"] == found
-    assert (smoother.OWN_HEADING in alone.aux) == (found == "nobody")
+    assert (smoother.OWN_HEADING in alone.aux) == (found == "none")
     assert smoother.by_compass(run(sigma)).quality["heading_from"] == "compass"

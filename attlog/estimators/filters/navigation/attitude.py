@@ -198,7 +198,7 @@ def refusal(told: dict[str, float | str]) -> str:
     """Return why a smoothed run is no reference; empty where it is one."""
     reasons = []
     heading = "its own heading sigma is {:.1f} deg"
-    if told.get("heading_from") == "nobody":
+    if told.get("heading_from") == "none":
         heading = f"no heading: {told['heading_why']}"
     for name, limit, text in (
         ("sigma_tilt_deg", SURE_DEG, "its own tilt sigma is {:.1f} deg"),

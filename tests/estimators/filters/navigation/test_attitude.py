@@ -107,5 +107,5 @@ def test_a_reference_is_refused_beyond_each_limit(name: str, limit: float, word:
     assert word in attitude.refusal(sound | {name: limit * 1.01})
     two = attitude.refusal(sound | {"sigma_tilt_deg": 2.0, "openings": 6.0})
     assert two.count("; ") == 1
-    nobody: dict[str, float | str] = {"heading_from": "nobody", "heading_why": "so it is", "sigma_heading_deg": 180.0}
+    nobody: dict[str, float | str] = {"heading_from": "none", "heading_why": "so it is", "sigma_heading_deg": 180.0}
     assert attitude.refusal(sound | nobody) == "no heading: so it is"

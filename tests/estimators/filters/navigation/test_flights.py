@@ -264,7 +264,7 @@ def test_constants_of_a_long_run_are_found_where_it_moves_most(monkeypatch: pyte
 # `eskf` and `smoother` against the truth in simulated logs of both firmwares.
 
 SAMPLES = Path(__file__).parents[4] / "sample_logs"
-FLIGHTS = {"copter_yaw_turns.bin": (0.25, 0.9, 117.0, "nobody"), "px4_steps.ulg": (0.8, 0.6, 0.0, "both")}
+FLIGHTS = {"copter_yaw_turns.bin": (0.25, 0.9, 117.0, "none"), "px4_steps.ulg": (0.8, 0.6, 0.0, "both")}
 """Most that tilt and heading errors of the smoother may be of the onboard attitude's; the delay of GNSS in ms; what
 heading rests on: turns on the spot show GNSS none."""
 
