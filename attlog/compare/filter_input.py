@@ -15,15 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import estimators
-from attlog.compare.setting import (
-    SETTINGS,
-    Configuration,
-    Value,
-    flown_filter,
-    numbers_text,
-    offered_name,
-    parameter_table,
-)
+from attlog.compare.setting import SETTINGS, Configuration, Value, flown_filter, numbers_text
 from attlog.core import rotation, signal
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
@@ -32,7 +24,7 @@ from attlog.flight.recalibration import recorrected_units
 from attlog.flight.vehicle import version_number
 from attlog.metrics.metric import Case
 from attlog.pipeline import replay
-from attlog.pipeline.onboard_rerun import flown_inputs, rerun_row
+from attlog.pipeline.onboard_rerun import check_changes, flown_inputs, rerun_row, start_parameters
 from attlog.pipeline.recalibrated_inputs import recalibrate_inputs
 from attlog.reference.model import Reproduction, Track
 from attlog.result import EstimatorRow, ParameterValue
@@ -129,7 +121,7 @@ class ConfiguredFilter:
                 )
             return replay.recorded_row(case, imu, c.row, c.name + suffix)
         if c.is_flown:
-            changes = flown_changes(case.log, c)
+            changes = flown_changes(case, c)
             spec = estimators.EstimatorSpec(c.row.estimator, c.row.preset, changes.parameters)
             return rerun_row(case, imu, spec, c.name + suffix, calibration=changes.calibration)
         row, line = FilterInput.of(case, c, suffix).row()
@@ -149,64 +141,52 @@ class FlownChanges:
     remarks: list[str]
 
 
-def flown_changes(log: FlightLog, c: Configuration) -> FlownChanges:
+def flown_changes(case: Case, c: Configuration) -> FlownChanges:
     """Return what a configuration of a flown filter changes on a log.
 
     From a parameter file only values that differ from the log's. UsageError for settings of the samples, because the
     filter runs on its onboard inputs, and for parameters of another version.
     """
+    estimator, log = c.row.estimator, case.log
     others = [name for name in c.before if name != "params"]
     if others:
-        raise UsageError(f"{', '.join(others)}: nothing comes before {c.row.estimator.name}, it runs on its own inputs")
-    wrong = [name for name in c.row.params if log.param(name) is None and not _is_of_version(log, c, name)]
-    firmware = f"{log.firmware.name} {log.firmware.version}"
-    if wrong:
-        raise UsageError(f"{firmware} has no {', '.join(wrong)}")
-    parameters: dict[str, float | str] = {}
+        raise UsageError(f"{', '.join(others)}: nothing comes before {estimator.name}, it runs on its own inputs")
     given = {} if c.params is None else read_parameter_file(c.params)
+    parameters: dict[str, float | str] = {}
     remarks = []
     for name, value in given.items():
         flew = log.param(name)
-        if flown_filter(f"{name}=") != c.row.estimator.name or (
-            flew is not None and math.isclose(value, flew, rel_tol=1e-6, abs_tol=1e-9)
-        ):
+        equal = flew is not None and math.isclose(value, flew, rel_tol=1e-6, abs_tol=1e-9)
+        if equal or flown_filter(f"{name}=") != estimator.name:
             continue
         try:
-            offered = offered_name(c.row.estimator, name)
-            if not offered:
-                remarks.append(f"{name}: {c.row.estimator.name} does not know it; not applied")
-            elif flew is None and not _is_of_version(log, c, offered):
-                remarks.append(f"{name}: {firmware} does not have it; not applied")
-            else:
-                parameters[offered] = c.row.estimator.parameter(offered).check(value, str(c.params))
+            parameter = estimator.parameter(name)
+            check_changes(estimator.name, [parameter.name], version_number(log.firmware.version))
         except UsageError as why:
-            remarks.append(f"{why}; not applied")
+            remarks.append(f"{why} It is not applied." if str(why).endswith(".") else f"{why}; it is not applied")
+        else:
+            parameters[parameter.name] = parameter.check(value, str(c.params))
     return FlownChanges({**parameters, **c.row.params}, given, remarks)
 
 
 def change_remarks(case: Case, c: Configuration, start: str) -> list[str]:
     """Return a remark on each change of a flown filter that is not applied, and on calibrations that are.
 
-    ``start``: of its re-run, "warm" or "cold".
+    ``start``: of its re-run, "warm" or "cold". UsageError where no change has an effect.
     """
-    changes, table = flown_changes(case.log, c), parameter_table(c.row.estimator.name)
+    check_changes(c.row.estimator.name, c.row.params, version_number(case.log.firmware.version))
+    changes = flown_changes(case, c)
     remarks = [*changes.remarks]
     if changes.calibration:
-        remarks += recalibrate_inputs(
-            case.log, flown_inputs(case, next(iter(case.imus.values()))), changes.calibration
-        )[1]
-    names = [n for n in changes.parameters if getattr(table.TABLE[n.removeprefix(table.PREFIX)], "start", False)]
+        inputs = flown_inputs(case, next(iter(case.imus.values())))
+        remarks += recalibrate_inputs(case.log, inputs, changes.calibration)[1]
+    names = [n for n in changes.parameters if n in start_parameters(c.row.estimator.name)]
     if start == "warm" and names:
-        remarks.append(f"{', '.join(names)}: acts on a cold start alone, and this re-run begins from logged states")
+        why = f"{', '.join(names)}: acts on a cold start alone, and this re-run begins from logged states"
+        if len(names) == len(changes.parameters) and not changes.calibration:
+            raise UsageError(why)
+        remarks.append(why)
     return remarks
-
-
-def _is_of_version(log: FlightLog, c: Configuration, name: str) -> bool:
-    """Return whether a log's firmware version has a parameter of its filter."""
-    table, version = parameter_table(c.row.estimator.name), version_number(log.firmware.version)
-    known = table.TABLE[name.removeprefix(table.PREFIX)]
-    at = table.era_of(version) if hasattr(table, "era_of") else version
-    return bool(known.first <= at <= known.last)
 
 
 def require_reproduction(case: Case, name: str, *, anyway: bool = False) -> Reproduction | None:

@@ -108,6 +108,7 @@ def parse_axis(text: str, estimator: Estimator) -> GridAxis:
     """Parse the axis ``NAME=VALUES``. UsageError with the text and its problem."""
     name, _, values = (part.strip() for part in text.partition("="))
     parameter = estimator.parameter(name)
+    name = parameter.name
     where = f"{estimator.name}: {text}"
     if not values:
         raise UsageError(f"{where}: no values; give some such as {name}={_range_of(parameter)}")
@@ -299,6 +300,7 @@ def _default_range(parameter: Parameter) -> FreeParameter:
 def _parse_free(text: str, estimator: Estimator) -> FreeParameter:
     name, _, values = (part.strip() for part in text.partition("="))
     parameter: Parameter = estimator.parameter(name)
+    name = parameter.name
     log = values.endswith("log")
     ends = RANGE_PATTERN.fullmatch(values.removesuffix("log").strip())
     if parameter.choices or ends is None or ends["count"] is not None:

@@ -11,10 +11,8 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from attlog import estimators
@@ -271,37 +269,14 @@ def build_configuration(
 
 def _assign(estimator: Estimator, key: str, value: object, params: dict[str, Any], before: dict[str, Value]) -> None:
     """Check a value and store it with the filter's parameters or its settings."""
-    if offered := offered_name(estimator, key):
-        params[offered] = check_parameter(estimator, offered, value)
-    elif key in SETTINGS:
+    own = any(p.name == key for p in estimator.parameters)
+    if not own and key in SETTINGS:
         before[key] = SETTINGS[key].check(value)
-    else:
+        return
+    if not own and estimator.name not in FLOWN:
         hint = suggestion(key, [*(p.name for p in estimator.parameters), *SETTINGS])
         raise UsageError(f"{estimator.name} has no parameter {key}, and no setting before a filter is called so{hint}")
-
-
-def offered_name(estimator: Estimator, key: str) -> str:
-    """Return a filter's own name of a parameter, "" for one that it does not have.
-
-    A re-run also knows the names of other firmware versions. UsageError with the reason for a parameter of the firmware
-    that it does not offer.
-    """
-    if any(p.name == key for p in estimator.parameters):
-        return key
-    if estimator.name not in FLOWN:
-        return ""
-    table = parameter_table(estimator.name)
-    if key in table.ALIASES:
-        return next(p.name for p in estimator.own if p.name.endswith(table.ALIASES[key]))
-    reasons = {begin: why for begin, why in table.NOT_OFFERED.items() if key.startswith(begin)}
-    if reasons:
-        raise UsageError(f"{estimator.name} does not offer {key}: {reasons[max(reasons, key=len)]}")
-    return ""
-
-
-def parameter_table(flown: str) -> ModuleType:
-    """Return the parameter module of a flown filter: TABLE, ALIASES, NOT_OFFERED."""
-    return import_module(f"attlog.estimators.{flown.rpartition('_')[2]}.parameters")
+    params[estimator.parameter(key).name] = check_parameter(estimator, key, value)
 
 
 def check_parameter(estimator: Estimator, key: str, value: object) -> float | str:

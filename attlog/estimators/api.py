@@ -60,7 +60,8 @@ def parse(text: str) -> EstimatorSpec:
         key, equals, value = pair.partition("=")
         if not equals:
             raise UsageError(f"{text}: {pair} is not NAME=VALUE{cut_by_comma(before, pair.strip())}")
-        params[key.strip()] = estimator.parameter(key.strip()).check(value.strip(), estimator.name)
+        parameter = estimator.parameter(key.strip())
+        params[parameter.name] = parameter.check(value.strip(), estimator.name)
     row = EstimatorSpec(estimator, preset or None, params)
     row.resolved()
     return row

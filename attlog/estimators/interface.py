@@ -226,7 +226,9 @@ class Estimator:
     filter's own parameters that follow from a log (:class:`LogInfo`); a step whose ``uses``
     names aids takes one argument more (:mod:`attlog.estimators.aids`). Filters with one ``equation``
     differ in gains and numerics alone. ``without_gnss``: the built-in filter that runs in its place where the aids hold
-    no GNSS. ``process``: the process that runs its functions, which are then placeholders; None where this one does.
+    no GNSS. ``aliases``: other versions' names of its parameters. ``not_offered``: reasons by the beginning of a
+    firmware parameter's name. ``process``: the process that runs its functions, which are then placeholders; None where
+    this one does.
     """
 
     name: str
@@ -249,6 +251,8 @@ class Estimator:
     from_log: Callable[..., Any] | None = None
     equation: str = ""
     without_gnss: str = ""
+    aliases: Mapping[str, str] = field(default_factory=dict)
+    not_offered: Mapping[str, str] = field(default_factory=dict)
     process: PluginProcess | None = None
 
     @property
@@ -267,10 +271,13 @@ class Estimator:
         return max(4, *(int(s.stop) for s in self.slices.values()), 4)
 
     def parameter(self, name: str) -> Parameter:
-        """Return the parameter of that name. UsageError with a suggestion if there is none."""
+        """Return the parameter of that name or alias. UsageError with the reason or a suggestion if there is none."""
         for p in self.parameters:
-            if p.name == name:
+            if p.name == self.aliases.get(name, name):
                 return p
+        reasons = {begin: why for begin, why in self.not_offered.items() if name.startswith(begin)}
+        if reasons:
+            raise UsageError(f"{self.name} does not offer {name}: {reasons[max(reasons, key=len)]}")
         raise UsageError(f"{self.name} has no parameter {name}{suggestion(name, [p.name for p in self.parameters])}")
 
     def resolve(
@@ -293,7 +300,8 @@ class Estimator:
         values: dict[str, tuple[float | str, str]] = {p.name: (p.default, "default") for p in self.parameters}
         for given, source in ((self.presets[preset] if preset else {}, "preset"), (params or {}, origin)):
             for name, value in given.items():
-                values[name] = (self.parameter(name).check(value, self.name), source)
+                parameter = self.parameter(name)
+                values[parameter.name] = (parameter.check(value, self.name), source)
         if log is not None:
             left = {name for name, (_, source) in values.items() if source == "default"}
             own = self.values_of(replace(log, given={}), left) if log.given else None

@@ -229,6 +229,8 @@ def from_module(module: Any, name: str, origin: str = "attlog") -> Estimator:
         hold_mag=bool(getattr(module, "HOLD_MAG", True)),
         vectors_at=vectors_at,
         from_log=from_log,
+        aliases=getattr(module, "ALIASES", {}),
+        not_offered=getattr(module, "NOT_OFFERED", {}),
         equation=str(getattr(module, "EQUATION", "")),
         without_gnss=str(getattr(module, "WITHOUT_GNSS", "")) if origin == "attlog" else "",
     )

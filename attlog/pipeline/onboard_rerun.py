@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from attlog import estimators, reference
 from attlog.core import rotation
 from attlog.core.errors import UsageError
-from attlog.estimators.ekf2.parameters import PREFIX
+from attlog.estimators.ekf2 import parameters as ekf2
+from attlog.estimators.ekf3 import parameters as ekf3
 from attlog.estimators.interface import Estimate
 from attlog.estimators.registry import FLOWN
 from attlog.estimators.rerun import Rerun
@@ -74,6 +75,18 @@ def inputs_of(case: Case, unit: str) -> Any:
 def flown_inputs(case: Case, imu: Imu) -> Any:
     """Return the inputs of the filter that flew on an IMU."""
     return inputs_of(case, str(imu.index) if case.log.firmware.name == "ArduPilot" else "")
+
+
+def check_changes(name: str, changes: Iterable[str], version: tuple[int, int]) -> None:
+    """UsageError for parameters (full names) of a flown filter that a firmware version does not have."""
+    table = ekf2 if name == "px4_ekf2" else ekf3
+    table.check_changes([n.removeprefix(table.PREFIX) for n in changes], version)
+
+
+def start_parameters(name: str) -> set[str]:
+    """Return the full names of a flown filter's parameters that act on a cold start alone."""
+    table = ekf2 if name == "px4_ekf2" else ekf3
+    return {table.PREFIX + short for short, p in table.TABLE.items() if p.start}
 
 
 @per_case
@@ -157,7 +170,6 @@ def run_again(
         field = inputs.mag["x"] - field_error_ut * 1e-6 * GAUSS_PER_TESLA
         inputs = replace(inputs, mag={**inputs.mag, "x": field})
     if name == "ap_ekf3":
-        from attlog.estimators.ekf3 import parameters as ekf3
         from attlog.estimators.ekf3.run import rerun as rerun_ekf3
         from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs
 
@@ -169,7 +181,7 @@ def run_again(
 
     if not isinstance(inputs, Ekf2Inputs):
         raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
-    short = {key.removeprefix(PREFIX): value for key, value in changes.items()}
+    short = {key.removeprefix(ekf2.PREFIX): value for key, value in changes.items()}
     return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""))
 
 

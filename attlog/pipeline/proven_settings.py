@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.core import rotation
 from attlog.core.errors import UsageError
-from attlog.estimators.ekf2 import parameters as ekf2
 from attlog.estimators.ekf3 import parameters as ekf3
 from attlog.estimators.interface import Estimator
 from attlog.estimators.rerun import innovations
@@ -44,8 +43,6 @@ MIN_CHANGE = 0.02
 MAX_SHOWN = 3
 MIN_BLOCKS = 3
 FILTER_TITLES = {"px4_ekf2": "EKF2", "ap_ekf3": "EKF3"}
-# Parameter names of other firmware versions.
-ALIASES = {"px4_ekf2": ekf2.ALIASES, "ap_ekf3": ekf3.ALIASES}
 # Compass that an action selects.
 USED_INSTEAD = re.compile(r"\b[Uu]se (\S+?)(?: instead|\.$)")
 
@@ -114,8 +111,7 @@ def _is_concerned(check: Check, estimator: Estimator) -> bool:
 def _changes(check: Check, estimator: Estimator) -> dict[str, float]:
     """Return a check's settings by the filter's names, empty unless all are known."""
     known = {p.name for p in estimator.parameters}
-    aliases = {name: p for name, short in ALIASES[estimator.name].items() for p in known if p.endswith(short)}
-    wanted = {aliases.get(s.name, s.name): s.new for s in check.settings}
+    wanted = {estimator.aliases.get(s.name, s.name): s.new for s in check.settings}
     return wanted if set(wanted) <= known else {}
 
 

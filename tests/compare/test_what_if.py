@@ -128,7 +128,7 @@ def test_a_rerun_that_does_not_follow_is_not_studied(case: Case, monkeypatch: py
 
 
 def test_a_parameter_of_another_version_is_refused_by_the_log(case: Case) -> None:
-    with pytest.raises(UsageError, match=r"PX4 1\.18\.0 alpha has no EKF2_AID_MASK"):
+    with pytest.raises(UsageError, match=r"PX4 1\.18\.0 alphaEKF2_AID_MASK exists"):
         FilterInput.of(case, parse_configuration("EKF2_AID_MASK=0")).rows([{}])
 
 

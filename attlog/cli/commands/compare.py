@@ -173,6 +173,8 @@ def _print_comparison(result: Comparison, page: Path, options: ComparisonOptions
         text_to_stdout(export.comparison_text(result, options.form))
     if not common.quiet:
         out = console(stderr=options.for_a_program)
+        if not result.used:  # the reasons were printed log by log
+            return
         say(comparison_lines(result, out.width, common.verbose > 0), out)
         say([f"page: {page}"], out)
 

@@ -17,7 +17,8 @@ from collections.abc import Mapping
 from typing import Any, NoReturn
 
 from attlog.core.errors import UsageError
-from attlog.estimators.ekf2.parameters import ALIASES, PREFIX, TABLE
+from attlog.estimators.ekf2 import parameters as ekf2
+from attlog.estimators.ekf2.parameters import PREFIX, TABLE
 from attlog.estimators.interface import LogInfo, Parameter
 
 SOURCE = "PX4 src/modules/ekf2 and PX4-ECL EKF (1.8 to 1.18), facts and equations"
@@ -30,9 +31,13 @@ PARAMETERS = tuple(
 )
 
 
+ALIASES = {name: PREFIX + short for name, short in ekf2.ALIASES.items()}
+NOT_OFFERED = ekf2.NOT_OFFERED
+
+
 def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float]:
     """Return the parameters that the vehicle flew with, where they lie in the documented range."""
-    known = {PREFIX + short: params[name] for name, short in ALIASES.items() if name in params}
+    known = {own: params[name] for name, own in ALIASES.items() if name in params}
     known |= {PREFIX + name: params[PREFIX + name] for name in TABLE if PREFIX + name in params}
     ranges = {p.name: (p.low, p.high) for p in PARAMETERS}
     return {name: float(v) for name, v in known.items() if ranges[name][0] <= v <= ranges[name][1]}
