@@ -9,7 +9,7 @@ import pytest
 
 import attlog
 from attlog.compare.comparison import Comparison
-from attlog.compare.filter_input import FilterInput, change_remarks, require_reproduction
+from attlog.compare.filter_input import FilterInput, change_remarks, flown_changes, require_reproduction
 from attlog.compare.grid import parse_free_parameters, search_request
 from attlog.compare.run import compare
 from attlog.compare.search import flown_questions
@@ -128,15 +128,26 @@ def test_a_rerun_that_does_not_follow_is_not_studied(case: Case, monkeypatch: py
 
 
 def test_a_parameter_of_another_version_is_refused_by_the_log(case: Case) -> None:
-    with pytest.raises(UsageError, match=r"PX4 1\.18\.0 alphaEKF2_AID_MASK exists"):
+    with pytest.raises(UsageError, match=r"EKF2_AID_MASK exists from 1.8 to 1.13; this log is of version 1.18"):
         FilterInput.of(case, parse_configuration("EKF2_AID_MASK=0")).rows([{}])
 
 
-def test_a_parameter_of_the_start_is_remarked_in_a_warm_run(case: Case) -> None:
-    at_start = parse_configuration("EKF2_ANGERR_INIT=0.3")
+def test_parameters_of_the_start_are_remarked_in_a_warm_run_and_refused_alone(case: Case) -> None:
+    at_start = parse_configuration("EKF2_ANGERR_INIT=0.3,EKF2_MAG_NOISE=0.1")
     assert "cold start alone" in "".join(change_remarks(case, at_start, "warm"))
     assert change_remarks(case, at_start, "cold") == []
     assert change_remarks(case, parse_configuration(LATE), "warm") == []
+    with pytest.raises(UsageError, match="cold start alone"):
+        change_remarks(case, parse_configuration("EKF2_ANGERR_INIT=0.3"), "warm")
+
+
+def test_names_of_a_file_that_are_not_taken_get_a_line_each(case: Case, tmp_path: Path) -> None:
+    file = tmp_path / "new.params"
+    file.write_text("1 1 EKF2_RNG_NOISE 1 9\n1 1 EKF2_AID_MASK 3 6\n1 1 EKF2_FOO 3 6\n1 1 SENS_GPS0_DELAY 250 9\n")
+    changes = flown_changes(case, with_params_file([], file)[1])
+    assert changes.parameters == {"EKF2_GPS_DELAY": 250.0}
+    for said in ("the range finder is not modelled", "exists from 1.8 to 1.13", "has no parameter EKF2_FOO"):
+        assert sum(said in remark and "not applied" in remark for remark in changes.remarks) == 1
 
 
 def test_a_log_of_another_firmware_is_refused() -> None:
