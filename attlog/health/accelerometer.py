@@ -139,8 +139,7 @@ def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -
     if unsure * FORCE_SIGMAS > FORCE_FAR_M_S2:
         why = f"The flight shows the offset to {1.96 * unsure:.2f} m/s^2 only (95 %)."
         return unknown("accelerometer_offset", why, FORCE_LIMIT)
-    off = abs(size) > max(FORCE_OFF_M_S2, FORCE_SIGMAS * unsure)
-    verdict: Verdict = "ok" if not off else "warning" if abs(size) <= FORCE_FAR_M_S2 else "fault"
+    verdict = graded(abs(size), max(FORCE_OFF_M_S2, FORCE_SIGMAS * unsure), FORCE_FAR_M_S2)
     text = f"{source} reads {size:+.2f} m/s^2 too much in {'xy'[worst]} ({interval_text(size, unsure, 2)}, 95 %) by "
     text += f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s, turned by {reference.source}."
     return Check("accelerometer_offset", verdict, text, round(size, 3), "m/s^2", FORCE_LIMIT, sensor=source)
@@ -149,7 +148,7 @@ def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -
 @cached_per_log
 def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> ForceFit | None:
     """Fit axes and offset over all flights; None with too little flight with GNSS."""
-    imu, gnss = log.replay_imu, _best_receiver(log)
+    imu, gnss = log.replay_imu, max(log.gnss, key=lambda g: np.count_nonzero(_has_velocity(g)), default=None)
     spans = [(a + EDGE_S, min(b - EDGE_S, reference.scoring.end)) for a, b in segments.spans("airborne")]
     spans = _first_spans([(a, b) for a, b in spans if b - a > 2.0 * VELOCITY_SPAN_S], MAX_FLIGHT_S)
     if imu is None or gnss is None or sum(b - a for a, b in spans) < MIN_FLIGHT_S:
@@ -158,23 +157,20 @@ def fit_force(log: FlightLog, segments: Segments, reference: Reference) -> Force
     turned = _turned_force(imu, reference, spans)
     if turned is None or len(start) < MIN_FLIGHT_S / VELOCITY_SPAN_S:
         return None
-    best: ForceFit | None = None
+    tilt, best = TILT_M_S2[reference.kind], None
+    if reference.fit is not None:
+        tilt = max(tilt, STANDARD_GRAVITY * math.radians(reference.fit.sigma_tilt_deg))
+    prior = np.array([np.inf] * 6 + [tilt] * 2)
     for late in GNSS_DELAYS_S:
         means, known = turned.means(start - late, end - late)
         t, y = end[known], change[known] - means[known][:, :, 8]
         if len(t) < MIN_FLIGHT_S / VELOCITY_SPAN_S:
             continue
         columns = means[known][:, :, :8]
-        prior = np.array([np.inf] * 6 + [_tilt_prior_m_s2(reference)] * 2)
         solution = robust_fit(t, columns, y, prior)
         if solution is not None and (best is None or solution.scatter < best.solution.scatter):
             best = ForceFit(solution, columns, y, t, float(np.sum(np.minimum(np.diff(t), VELOCITY_SPAN_S))))
     return best
-
-
-def _tilt_prior_m_s2(reference: Reference) -> float:
-    usual = TILT_M_S2[reference.kind]
-    return usual if reference.fit is None else max(usual, STANDARD_GRAVITY * math.radians(reference.fit.sigma_tilt_deg))
 
 
 def _first_spans(spans: list[Span], seconds: float) -> list[Span]:
@@ -185,11 +181,6 @@ def _first_spans(spans: list[Span], seconds: float) -> list[Span]:
         if left > 0.0:
             kept.append((a, min(b, a + left)))
     return kept
-
-
-def _best_receiver(log: FlightLog) -> Gnss | None:
-    """Return the receiver with the most velocities at a 3D fix."""
-    return max(log.gnss, key=lambda g: np.count_nonzero(_has_velocity(g)), default=None)
 
 
 def _has_velocity(gnss: Gnss) -> Array:

@@ -59,15 +59,10 @@ def attitude_checks(case: HealthCase) -> list[Check]:
     if case.rates is not None and case.rates.faults.gyro:
         why = as_sentence(case.rates.faults.gyro)
         against = Check("gyro_against_attitude", "fault", why, threshold=against.threshold)
-    return [coverage_check(imu, onboard, log.onboard or ""), against, *trim_check(log, onboard)]
-
-
-def coverage_check(imu: Imu, onboard: Attitude, name: str) -> Check:
-    """Check the share of IMU data that the onboard attitude covers."""
     share = round(100.0 * float(np.mean(onboard.covers(imu.gyro.t))), 1)
-    verdict: Verdict = "ok" if share >= MIN_COVERED_PCT else "warning" if share >= FEW_COVERED_PCT else "fault"
-    text = f"{name} at {onboard.rate:.1f} Hz covers {share:.1f} % of the inertial data."
-    return Check("coverage", verdict, text, share, "%", COVERAGE_LIMIT)
+    text = f"{log.onboard} at {onboard.rate:.1f} Hz covers {share:.1f} % of the inertial data."
+    verdict = graded(-share, -MIN_COVERED_PCT, -FEW_COVERED_PCT)
+    return [Check("coverage", verdict, text, share, "%", COVERAGE_LIMIT), against, *trim_check(log, onboard)]
 
 
 def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments: Segments) -> Check:
@@ -202,7 +197,9 @@ def smoother_checks(case: HealthCase) -> list[Check]:
     whom = REFERENCE_NAMES[reference.kind]
     if not found.errors:
         return [Check(name, "ok", _agreement_text(log, found, whom), threshold=limit)]
-    failed = {check.question for check in case.trouble() if _misleads(check)}
+    # A smoother corrects a small constant gyro bias.
+    misleading = [c for c in case.trouble() if c.verdict == "fault" or c.question != "gyro_bias" or c.t is not None]
+    failed = {check.question for check in misleading}
     failures = {error.angle: _failed_sensors(error, reference, failed) for error in found.errors}
     errors = [error for error in found.errors if not failures[error.angle]]
     if not errors:
@@ -231,17 +228,12 @@ def _agreement_text(log: FlightLog, found: OnboardComparison, whom: str) -> str:
         return f"{log.onboard} agrees with gravity where it stands, better than {whom}."
     if found.supported:
         return f"{log.onboard} agrees with gravity and GNSS acceleration, better than {whom}."
-    usual = ", ".join(
-        _usual_difference(angle, size[found.counted], found.sigmas[angle][found.counted])
-        for angle, size in found.sizes.items()
-    )
-    return f"{log.onboard} differs from {whom} by {usual}."
-
-
-def _misleads(check: Check) -> bool:
-    """Return whether a failed check spoils a smoother; it corrects a small constant gyro bias."""
-    constant = check.question == "gyro_bias" and check.t is None
-    return check.verdict == "fault" or not constant
+    usual = []
+    for angle, sizes in found.sizes.items():
+        size, sigma = sizes[found.counted], found.sigmas[angle][found.counted]
+        text = f"{angle} {float(np.sqrt(np.mean(size**2))):.1f} deg"
+        usual.append(f"{text} ({np.sqrt(np.mean((size / sigma) ** 2)):.1f} sigma)" if sigma.all() else text)
+    return f"{log.onboard} differs from {whom} by {', '.join(usual)}."
 
 
 def _failed_sensors(error: OnboardError, reference: Reference, failed: set[str]) -> str:
@@ -265,12 +257,6 @@ def is_mounted_turned(onboard: Array, own: Array) -> bool:
     turn = rotation.nearest_rotation(b.T @ a)
     left, whole = (float(np.median(np.sum((b - x) ** 2, axis=1))) for x in (a @ turn.T, a))
     return left < MAX_MOUNTING_LEFT**2 * whole
-
-
-def _usual_difference(angle: str, size: Array, sigma: Array) -> str:
-    """Return ``tilt 0.6 deg (2.1 sigma)``: RMS difference, and RMS of difference over sigma."""
-    text = f"{angle} {float(np.sqrt(np.mean(size**2))):.1f} deg"
-    return f"{text} ({float(np.sqrt(np.mean((size / sigma) ** 2))):.1f} sigma)" if sigma.all() else text
 
 
 # Angle of the onboard attitude that is wrong in flight.
@@ -331,7 +317,8 @@ def jump_checks(case: HealthCase) -> list[Check]:
     order = np.argsort(-size, kind="stable")
     shown = ", ".join(f"{size[k]:.1f} deg at {t[k]:.1f} s" for k in sorted(order[:MAX_SHOWN_JUMPS].tolist()))
     more = f" and {len(t) - MAX_SHOWN_JUMPS} smaller ones" if len(t) > MAX_SHOWN_JUMPS else ""
-    heading = bool((yaw_share(attitude.q, index) > YAW_SHARE).all())
+    step = rotation.to_rotvec(rotation.multiply(attitude.q[index], rotation.conjugate(attitude.q[index - 1])))
+    heading = bool((np.abs(step[:, 2]) > YAW_SHARE * rotation.length(step)).all())
     times = "once" if len(t) == 1 else f"{len(t)} times"
     text = f"The onboard {'heading' if heading else 'attitude'} jumped {times}: {shown}{more}."
     serious = bool((size[segments.mask(t, "airborne")] > LARGE_JUMP_DEG).any())
@@ -377,14 +364,6 @@ def jumps_in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_
         return later | segments.mask(t, "airborne")
     used: NDArray[np.bool_] = segments.mask(t, "armed") | segments.mask(t, "airborne")
     return used
-
-
-def yaw_share(q: Array, index: NDArray[np.int64]) -> Array:
-    """Return the share (k,) of each attitude step about the vertical, 0 to 1."""
-    step = rotation.to_rotvec(rotation.multiply(q[index], rotation.conjugate(q[index - 1])))
-    size = np.sqrt(np.sum(step**2, axis=1))
-    share: Array = np.divide(np.abs(step[:, 2]), size, out=np.zeros(len(size)), where=size > 0)
-    return share
 
 
 # Loss of control and impact.

@@ -70,9 +70,12 @@ def field_checks(case: HealthCase) -> list[Check]:
     log, segments = case.log, case.segments
     if not log.mags:
         return [unknown("field", "There is no magnetometer data in this log.", "15 to 90 uT")]
+    # A compass may share an IMU's record (MAVLink RAW_IMU).
+    shared = {imu.gyro.source for imu in log.imus}
+    names = [f"The compass of {s}" if s in shared else s for s in (mag.field.source for mag in log.mags)]
     dead = [
-        Check("compass_dead", "fault", f"{_compass_name(log, m)}: {reason}.", threshold="must follow the field")
-        for m in log.mags
+        Check("compass_dead", "fault", f"{name}: {reason}.", threshold="must follow the field")
+        for m, name in zip(log.mags, names, strict=True)
         if (reason := compass.dead_reason(m, log.replay_imu))
     ]
     if log.mag is None:
@@ -110,12 +113,6 @@ def field_strength(log: FlightLog, segments: Segments) -> Check:
         text += "; uncalibrated"
     verdict: Verdict = "fault" if outside else "warning" if off else "ok"
     return Check("field", verdict, text + ".", round(value, 2), "uT", STRENGTH_LIMIT)
-
-
-def _compass_name(log: FlightLog, mag: Mag) -> str:
-    """Return the compass's name, marked where it shares an IMU's record (MAVLink RAW_IMU)."""
-    source = mag.field.source
-    return f"The compass of {source}" if any(imu.gyro.source == source for imu in log.imus) else source
 
 
 def field_direction(log: FlightLog, segments: Segments) -> list[Check]:
@@ -233,7 +230,10 @@ def motor_check(case: HealthCase, study: CompassStudy) -> Check:
     check.measure(size, size_sigma, 1, least=0.0).measure_axes(added, sigma, 2)
     if study.ground_differs:
         check.why_no_setting = motors_refusal(study)
-        if not reason_unsound(study) and turns_heading(study):
+        # A horizontal field turns the heading, unless its removal makes it worse.
+        proof = study.motor_proof
+        turns = study.ground_differs_along[:2].any() and (proof is None or proof.after < proof.before)
+        if not reason_unsound(study) and turns:
             check.action = MOVE_ADVICE
         if found is not None and not check.why_no_setting:
             offer = parameters.compass_proposal(
@@ -244,12 +244,6 @@ def motor_check(case: HealthCase, study: CompassStudy) -> Check:
                 promised = _promised_error(samples.source, study.motor_proof)
                 check.action = f"{offer.refused} Run attlog health again: {promised}"
     return check
-
-
-def turns_heading(study: CompassStudy) -> bool:
-    """Return whether the motor field has a horizontal part whose removal helps or is untested."""
-    proof = study.motor_proof
-    return bool(study.ground_differs_along[:2].any()) and (proof is None or proof.after < proof.before)
 
 
 def _promised_error(source: str, proof: HeadingProof) -> str:
@@ -456,28 +450,16 @@ def _field_size(mag: Mag, spans: list[Span]) -> tuple[float, float]:
     return size, float(np.std(norm)) / max(size, 1e-9)
 
 
-def was_calibrated(mag: Mag) -> bool:
-    """Return whether a compass was ever calibrated.
-
-    A firmware that applies offsets of zero refuses to arm with it.
-    """
-    return mag.calibrated and (mag.offsets is None or len(mag.offsets.x) == 0 or bool(mag.offsets.x.any()))
-
-
-def switch_parameters(log: FlightLog, other: Mag, used: Mag) -> dict[str, float]:
-    """Return the parameters that select another compass; empty where one is not logged."""
-    wanted = compass_switches(log.settings.values, other.index, used.index)
-    return {name: value for name, value in wanted.items() if log.param(name) != value}
-
-
 def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
     """Add the parameters that switch compasses to a check, else advice in words."""
     check.action = f"Use {other.field.source} instead of {used.field.source}."
-    if not was_calibrated(other):
+    # The firmware refuses to arm with a compass whose offsets are zero.
+    if not other.calibrated or (other.offsets is not None and len(other.offsets.x) and not other.offsets.x.any()):
         check.why_no_setting = f"{other.field.source} was never calibrated: calibrate it first."
         check.action = f"Calibrate {other.field.source} and use it instead of {used.field.source}."
         return
-    check.settings = [Setting(name, log.param(name), new) for name, new in switch_parameters(log, other, used).items()]
+    wanted = compass_switches(log.settings.values, other.index, used.index)
+    check.settings = [Setting(n, log.param(n), value) for n, value in wanted.items() if log.param(n) != value]
     if not check.settings:
         first = FIRST_COMPASS in log.settings.values
         how = f"set {FIRST_COMPASS} to {other.index}" if first else "give that one a higher priority"
@@ -505,7 +487,10 @@ def compass_checks(case: HealthCase) -> list[Check]:
     checks += [soft_iron_check(study) for study in enabled]
     if not studies:
         checks = [unknown("compass_offset", why, OFFSET_LIMIT, sensor=used, source=OFFSET_SOURCE)]
-    checks = without_repeats([check if check.sensor == used else not_in_use(check) for check in checks])
+    for check in checks:
+        if check.verdict == "fault" and check.sensor != used:
+            check.verdict = "warning"
+    checks = without_repeats(checks)
     coarse = turn_checks(case)
     if log.mag is not None:
         coarse.append(interference_check(log, case.segments, log.mags[log.mag]))
@@ -516,11 +501,6 @@ def compass_checks(case: HealthCase) -> list[Check]:
         elif own[0].verdict == "unknown" and check.verdict != "unknown":
             checks[checks.index(own[0])] = check
     return checks + choice_checks(case, studies)
-
-
-def not_in_use(check: Check) -> Check:
-    """Reduce a fault to a warning, for a compass not in use."""
-    return replace(check, verdict="warning") if check.verdict == "fault" else check
 
 
 def without_repeats(checks: list[Check]) -> list[Check]:

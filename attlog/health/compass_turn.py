@@ -14,7 +14,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.flight.model import Array, FlightLog
-from attlog.health.check import Check, HealthCase, Verdict, unknown
+from attlog.health.check import Check, HealthCase, graded, unknown
 from attlog.health.regression import robust_fit
 from attlog.reference import alignment
 from attlog.reference.model import Reference
@@ -61,10 +61,6 @@ class TurnFit:
     steady: bool = True
     one_fault: bool = True
 
-    def by(self, reference: Reference) -> str:
-        """Return samples, time and attitude source of the fit as text."""
-        return f"{self.samples} samples in {self.seconds:.0f} s, turned by {reference.source}"
-
     def reason_unsure(self, reference: Reference) -> str:
         """Return why the fit is not reliable; empty where it is."""
         if not self.one_fault and reference.kind != "truth":
@@ -89,7 +85,7 @@ def turn_checks(case: HealthCase) -> list[Check]:
     if reference is None or found is None:
         checks = [unknown("compass_offset", why, OFFSET_LIMIT), unknown("compass_turn", why, TURN_LIMIT)]
     else:
-        checks = [offset_check(source, found, reference), turn_check(source, found, reference)]
+        checks = fit_checks(source, found, reference)
     for check in checks:
         check.sensor, check.about = source, "attitude"
     return checks
@@ -102,35 +98,29 @@ def heading_reference(case: HealthCase) -> Reference | None:
     return found if found is None or found.heading.by == "own" else None
 
 
-def offset_check(source: str, found: TurnFit, reference: Reference) -> Check:
-    """Check the horizontal offset of a compass."""
+def fit_checks(source: str, found: TurnFit, reference: Reference) -> list[Check]:
+    """Check the horizontal offset of a compass, and its turn about the vertical."""
     level, unsure = float(np.hypot(*found.offset[:2])), float(found.offset_sigma[:2].max())
-    off = level > max(OFFSET_OFF_UT, SIGMAS * unsure)
-    if not off and SIGMAS * unsure > OFFSET_FAR_UT:
-        why = f"The flight turns too little: the offset is known to {unsure:.0f} uT only."
-        return unknown("compass_offset", why, OFFSET_LIMIT)
-    if off and (why := found.reason_unsure(reference)):
-        return unknown("compass_offset", why, OFFSET_LIMIT)
-    verdict: Verdict = "ok" if not off else "warning" if level <= OFFSET_FAR_UT else "fault"
     sizes = ", ".join(f"{v:.0f} ± {1.96 * s:.0f}" for v, s in zip(found.offset, found.offset_sigma, strict=True))
-    text = f"{source} is off by {sizes} uT in x, y, z (95 %), {found.by(reference)}."
-    return Check("compass_offset", verdict, text, round(float(np.linalg.norm(found.offset)), 1), "uT", OFFSET_LIMIT)
+    text = f"{source} is off by {sizes} uT in x, y, z (95 %)"
+    made = Check("compass_offset", "ok", text, round(float(np.linalg.norm(found.offset)), 1), "uT", OFFSET_LIMIT)
+    offset = _graded_fit(made, "offset", level, unsure, (OFFSET_OFF_UT, OFFSET_FAR_UT), found, reference)
+    size, way = abs(found.turn_deg), "clockwise" if found.turn_deg > 0 else "anticlockwise"
+    text = f"{source} points {size:.0f} ± {1.96 * found.turn_sigma:.0f} deg {way} of the attitude's heading (95 %)"
+    made = Check("compass_turn", "ok", text, round(found.turn_deg, 1), "deg", TURN_LIMIT)
+    return [offset, _graded_fit(made, "turn", size, found.turn_sigma, (TURN_OFF_DEG, TURN_FAR_DEG), found, reference)]
 
 
-def turn_check(source: str, found: TurnFit, reference: Reference) -> Check:
-    """Check the turn of a compass about the vertical."""
-    size = abs(found.turn_deg)
-    off = size > max(TURN_OFF_DEG, SIGMAS * found.turn_sigma)
-    if not off and SIGMAS * found.turn_sigma > TURN_FAR_DEG:
-        why = f"The flight turns too little: the turn is known to {found.turn_sigma:.0f} deg only."
-        return unknown("compass_turn", why, TURN_LIMIT)
-    if off and (why := found.reason_unsure(reference)):
-        return unknown("compass_turn", why, TURN_LIMIT)
-    verdict: Verdict = "ok" if not off else "warning" if size <= TURN_FAR_DEG else "fault"
-    way = "clockwise" if found.turn_deg > 0 else "anticlockwise"
-    text = f"{source} points {size:.0f} ± {1.96 * found.turn_sigma:.0f} deg {way} of the attitude's heading (95 %), "
-    text += f"{found.by(reference)}."
-    return Check("compass_turn", verdict, text, round(found.turn_deg, 1), "deg", TURN_LIMIT)
+def _graded_fit(
+    made: Check, what: str, size: float, sigma: float, limits: tuple[float, float], found: TurnFit, reference: Reference
+) -> Check:
+    """Return a check with its verdict, ``unknown`` for a size that the flight does not show reliably."""
+    made.verdict = graded(size, max(limits[0], SIGMAS * sigma), limits[1])
+    made.text = f"{made.text}, {found.samples} samples in {found.seconds:.0f} s, turned by {reference.source}."
+    why = found.reason_unsure(reference) if made.is_trouble else ""
+    if not made.is_trouble and SIGMAS * sigma > limits[1]:
+        why = f"The flight turns too little: the {what} is known to {sigma:.0f} {made.unit} only."
+    return unknown(made.question, why, made.threshold) if why else made
 
 
 def fit_turn(log: FlightLog, segments: Segments, reference: Reference) -> TurnFit | None:
@@ -156,16 +146,13 @@ def fit_turn(log: FlightLog, segments: Segments, reference: Reference) -> TurnFi
 def _halves_agree(found: TurnFit, one: TurnFit | None, two: TurnFit | None) -> bool:
     if one is None or two is None:
         return False
-    apart, unsure = float(np.hypot(*(one.offset - two.offset)[:2])), _joint(one.offset_sigma[:2], two.offset_sigma[:2])
+    apart = float(np.hypot(*(one.offset - two.offset)[:2]))
+    unsure = math.hypot(one.offset_sigma[:2].max(), two.offset_sigma[:2].max())
     turned = abs((one.turn_deg - two.turn_deg + 180.0) % 360.0 - 180.0)
     turn_unsure = math.hypot(one.turn_sigma, two.turn_sigma)
     same_turn = turned <= max(HALVES_SHARE * abs(found.turn_deg), HALVES_SIGMAS * turn_unsure)
     level = float(np.hypot(*found.offset[:2]))
     return same_turn and apart <= max(HALVES_SHARE * level, HALVES_SIGMAS * unsure)
-
-
-def _joint(one: Array, two: Array) -> float:
-    return float(np.hypot(one.max(), two.max()))
 
 
 def fit_simplest(t: Array, u: Array, m: Array, seconds: float) -> TurnFit | None:

@@ -395,21 +395,14 @@ def _smoother_delays(case: HealthCase, receiver: Gnss) -> list[float]:
 
     The time from receipt to the log record is subtracted. Empty for a receiver that the smoother does not use.
     """
-    used = next((g for g in case.log.gnss if (g.fix >= FIX_3D).sum() > 1), None)
+    if receiver is not next((g for g in case.log.gnss if (g.fix >= FIX_3D).sum() > 1), None):
+        return []
     qualities = [] if case.motion is None else [case.motion.quality]
     if case.reference is not None and case.reference.kind == "smoother":
         qualities.append(case.reference.quality)
     found = [quality.get("gnss_delay_ms") for quality in qualities]
-    between = 1e3 * _write_delay_s(receiver)
-    return [late - between for late in found if isinstance(late, float)] if used is receiver else []
-
-
-def _write_delay_s(receiver: Gnss) -> float:
-    """Return the median time in s from receipt to the log record."""
-    if receiver.received is None or len(receiver.t) == 0:
-        return 0.0
-    between = sorted((receiver.t - receiver.received).tolist())
-    return float(between[len(between) // 2])
+    between = np.zeros(1) if receiver.received is None else np.sort(receiver.t - receiver.received)
+    return [late - 1e3 * float(between[len(between) // 2]) for late in found if isinstance(late, float)]
 
 
 def gnss_reason_unsure(found: DelayFit, smoothed: list[float]) -> str:

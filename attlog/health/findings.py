@@ -94,7 +94,9 @@ def findings(
     ``others``: problems found by the analysis. Parameters proposed by checks become the action of their findings.
     Checks of sensors not in use are notes.
     """
-    events, checks = list(events), without_refused_imu(list(checks), log)
+    events, checks = list(events), list(checks)
+    if any(problem.code == IMU_REFUSED for problem in log.problems):
+        checks = [check for check in checks if check.question not in IMU_CHECKS]
     reports = [problem_finding(problem) for problem in [*log.problems, *others]]
     happened = event_signs(events, reports, log)
     named = {"crash", "clipping"} & {name for sign in happened for name in (sign.kind, sign.about)}
@@ -105,7 +107,9 @@ def findings(
     signs = [*signs, *reports]
     for rule in RULES:
         signs = rule(signs, context)
-    signs += spare_signs(checks, log, {sign.kind for sign in signs})
+    known = {sign.kind for sign in signs}
+    spare = [check_sign(c, log, "note") for c in _settings_first(checks) if not c.in_use]
+    signs += [sign for sign in spare if sign.kind not in known]
     signs += [Finding(BUG, "serious", check.text) for check in checks if check.about == BUG]
     signs += [*_unchecked(checks), *_open(list(unanswered))]
     found = merge_causes(signs)
@@ -186,12 +190,6 @@ def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> 
     )
 
 
-def spare_signs(checks: Sequence[Check], log: FlightLog, known: set[str]) -> Signs:
-    """Return notes for warnings and faults of spare sensors, except kinds in ``known``."""
-    signs = [check_sign(c, log, "note") for c in _settings_first(checks) if not c.in_use]
-    return [sign for sign in signs if sign.kind not in known]
-
-
 def settings_text(check: Check) -> str:
     """Return the check's action if it names each parameter, else a sentence of settings."""
     named = check.action and all(setting.name in check.action for setting in check.settings)
@@ -214,12 +212,6 @@ IMU_CHECKS = (
     *("vibration_level", "imu_instances", "accelerometer_offset", "gyro_bias"),
 )
 IMU_REFUSED = "imu_mostly_refused"
-
-
-def without_refused_imu(checks: list[Check], log: FlightLog) -> list[Check]:
-    """Drop checks of IMU data where most of that data was rejected."""
-    refused = any(problem.code == IMU_REFUSED for problem in log.problems)
-    return [check for check in checks if check.question not in IMU_CHECKS] if refused else checks
 
 
 def _unchecked(checks: list[Check]) -> Signs:
@@ -517,20 +509,14 @@ def _joined(same: Signs) -> Finding:
 
 def drop_zero_compass(signs: Signs, context: Context) -> Signs:
     """Drop the dead-compass sign of a compass whose logged values were only its offsets."""
-    dead = {_source(sign): sign for sign in signs if sign.kind == "mag_dead"}
-    left_out = {_source(sign) for sign in signs if sign.kind == ONLY_OFFSETS}
+    sources = [(sign, sign.text.partition(":")[0]) for sign in signs]
+    dead = {source: sign for sign, source in sources if sign.kind == "mag_dead"}
+    left_out = {source for sign, source in sources if sign.kind == ONLY_OFFSETS}
+    kept = [pair for pair in sources if not (pair[0].kind == "mag_dead" and pair[1] in left_out)]
     return [
-        replace(sign, cause=dead[_source(sign)].cause, action=dead[_source(sign)].action)
-        if sign.kind == ONLY_OFFSETS and _source(sign) in dead
-        else sign
-        for sign in signs
-        if not (sign.kind == "mag_dead" and _source(sign) in left_out)
+        replace(s, cause=dead[name].cause, action=dead[name].action) if s.kind == ONLY_OFFSETS and name in dead else s
+        for s, name in kept
     ]
-
-
-def _source(sign: Finding) -> str:
-    """Return the sensor name at the start of a sign's text."""
-    return sign.text.partition(":")[0]
 
 
 def gather_wrong_heading(signs: Signs, context: Context) -> Signs:
@@ -541,7 +527,7 @@ def gather_wrong_heading(signs: Signs, context: Context) -> Signs:
     gnss = [sign for sign in signs if sign.about == "heading_by_gnss" and sign.is_trouble]
     if not gnss:
         return signs
-    if any(sign.kind in MISSING_COMPASS and sign.is_trouble for sign in signs):
+    if any(map(_is_missing_compass, signs)):
         return [
             replace(sign, kind="attitude", about="heading", cause=LOST_HEADING, action="") if sign in gnss else sign
             for sign in signs
@@ -550,32 +536,6 @@ def gather_wrong_heading(signs: Signs, context: Context) -> Signs:
     if others:
         signs = [replace(sign, cause="", action="") if sign in gnss else sign for sign in signs]
     return [_as_kind("compass", s) if s.kind in HEADING_KINDS and s.about == "heading" else s for s in signs]
-
-
-def drop_missing_compass(signs: Signs, context: Context) -> Signs:
-    """Drop checks of a missing or dead compass."""
-    missing = any(sign.kind in MISSING_COMPASS and sign.is_trouble for sign in signs)
-    return [sign for sign in signs if sign.kind != "compass"] if missing else signs
-
-
-def doubt_heading(signs: Signs, context: Context) -> Signs:
-    """Reduce a serious heading error to a warning where the field is wrong.
-
-    The reference of the heading uses the same field.
-    """
-    wrong = any(sign.kind == "compass" and sign.about in FIELD_CHECKS and sign.is_trouble for sign in signs)
-    return [
-        replace(s, severity="warning")
-        if wrong and s.kind == "attitude" and s.about == "heading" and s.severity == "serious"
-        else s
-        for s in signs
-    ]
-
-
-def drop_field_by_wrong_attitude(signs: Signs, context: Context) -> Signs:
-    """Drop compass checks that depend on a wrong onboard attitude."""
-    wrong = any(sign.kind == "attitude" and sign.severity == "serious" for sign in signs)
-    return [s for s in signs if not (wrong and s.kind == "compass" and s.about in FIELD_BY_ATTITUDE)]
 
 
 def gather_heading(signs: Signs, context: Context) -> Signs:
@@ -598,14 +558,6 @@ def _compass_place(sign: Finding) -> int:
     return COMPASS_LEADS.index(sign.about) if sign.about in COMPASS_LEADS else len(COMPASS_LEADS)
 
 
-def note_small_jumps(signs: Signs, context: Context) -> Signs:
-    """Reduce resets below 10 deg to notes."""
-    return [
-        replace(s, severity="note") if s.kind == "reset" and s.value is not None and s.value < SMALL_JUMP_DEG else s
-        for s in signs
-    ]
-
-
 def explain_small_tilts(signs: Signs, context: Context) -> Signs:
     """Attribute a small angle to gravity to the accelerometer; mounting errors are larger."""
     action = context.log.remedy("accelerometer")
@@ -623,21 +575,6 @@ def explain_by_gyro(signs: Signs, context: Context) -> Signs:
     return [_as_kind(gyro, s) if gyro and s.kind in ("attitude", "mounting") else s for s in signs]
 
 
-def explain_by_attitude(signs: Signs, context: Context) -> Signs:
-    """Attribute consequences of a wrong attitude to it."""
-    wrong = any(sign.kind == "attitude" and sign.severity == "serious" for sign in signs)
-    return [
-        _as_kind("attitude", s) if wrong and s.about in REPEATS_WRONG_ATTITUDE and s.kind != "vibration" else s
-        for s in signs
-    ]
-
-
-def drop_force_in_wrong_frame(signs: Signs, context: Context) -> Signs:
-    """Drop checks of the attitude against the force where the accelerometer's axes are wrong."""
-    wrong = any(sign.about == "accelerometer_axes" for sign in signs)
-    return [sign for sign in signs if not (wrong and sign.about in ATTITUDE_AGAINST_FORCE)]
-
-
 def explain_simulator(signs: Signs, context: Context) -> Signs:
     """Attribute a mounting error of a simulated vehicle to the simulator's frames."""
     return [
@@ -646,11 +583,6 @@ def explain_simulator(signs: Signs, context: Context) -> Signs:
         else s
         for s in signs
     ]
-
-
-def explain_stopped_logger(signs: Signs, context: Context) -> Signs:
-    """Attribute a gap of seconds to a stopped logger."""
-    return [replace(s, cause=LOGGER_STOPPED, action="") if s.about == "stopped" else s for s in signs]
 
 
 def explain_by_vibration(signs: Signs, context: Context) -> Signs:
@@ -699,21 +631,60 @@ def note_minor_records(signs: Signs, context: Context) -> Signs:
     return [noted(sign) if sign.is_trouble else sign for sign in signs]
 
 
+@dataclass(frozen=True, slots=True)
+class Change:
+    """Rule that replaces ``fields`` of the signs ``of`` a kind, or drops them without fields.
+
+    It applies where any sign meets ``where``, by default always.
+    """
+
+    of: Callable[[Finding], bool]
+    where: Callable[[Finding], bool] = lambda _: True
+    fields: Mapping[str, str] = field(default_factory=dict)
+
+    def __call__(self, signs: Signs, context: Context) -> Signs:
+        """Apply the rule."""
+        if not any(map(self.where, signs)):
+            return signs
+        changed = ((s, self.of(s)) for s in signs)
+        return [replace(s, **self.fields) if mine else s for s, mine in changed if self.fields or not mine]  # type: ignore[arg-type]
+
+
+def _is_missing_compass(sign: Finding) -> bool:
+    return sign.kind in MISSING_COMPASS and sign.is_trouble
+
+
+def _is_wrong_attitude(sign: Finding) -> bool:
+    return sign.kind == "attitude" and sign.severity == "serious"
+
+
 RULES: tuple[Rule, ...] = (
     join_repeated,
     drop_zero_compass,
     gather_wrong_heading,
-    drop_missing_compass,
-    doubt_heading,
-    drop_field_by_wrong_attitude,
+    Change(lambda s: s.kind == "compass", _is_missing_compass),
+    # The reference of the heading uses the same field.
+    Change(
+        lambda s: _is_wrong_attitude(s) and s.about == "heading",
+        lambda s: s.kind == "compass" and s.about in FIELD_CHECKS and s.is_trouble,
+        {"severity": "warning"},
+    ),
+    # These compass checks depend on the onboard attitude.
+    Change(lambda s: s.kind == "compass" and s.about in FIELD_BY_ATTITUDE, _is_wrong_attitude),
     gather_heading,
-    note_small_jumps,
+    Change(
+        lambda s: s.kind == "reset" and s.value is not None and s.value < SMALL_JUMP_DEG, fields={"severity": "note"}
+    ),
     explain_small_tilts,
     explain_by_gyro,
-    explain_by_attitude,
-    drop_force_in_wrong_frame,
+    Change(
+        lambda s: s.about in REPEATS_WRONG_ATTITUDE and s.kind != "vibration",
+        _is_wrong_attitude,
+        {"kind": "attitude", "cause": "", "action": ""},
+    ),
+    Change(lambda s: s.about in ATTITUDE_AGAINST_FORCE, lambda s: s.about == "accelerometer_axes"),
     explain_simulator,
-    explain_stopped_logger,
+    Change(lambda s: s.about == "stopped", fields={"cause": LOGGER_STOPPED, "action": ""}),
     explain_by_vibration,
     note_minor_records,
 )
@@ -727,20 +698,17 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
     kinds: dict[tuple[str, str], Signs] = {}
     for sign in signs:
         kinds.setdefault((sign.kind, sign.text if sign.kind in SEPARATE_KINDS else ""), []).append(sign)
-    return [_merged(same) for same in kinds.values()]
-
-
-def _merged(same: Signs) -> Finding:
-    lead = min(same, key=_lead_rank)
-    others = [sign for sign in same if sign is not lead]
-    texts = [*lead.evidence, *(text for sign in others for text in (sign.text, *sign.evidence))]
-    return replace(
-        lead,
-        count=sum(sign.count for sign in same if sign.text == lead.text),
-        evidence=[text for text in dict.fromkeys(texts) if text != lead.text],
-        cause=next((sign.cause for sign in (lead, *others) if sign.cause), ""),
-        action=next((sign.action for sign in (lead, *others) if sign.action), ""),
-    )
+    merged = []
+    for same in kinds.values():
+        lead = min(same, key=_lead_rank)
+        others = [sign for sign in same if sign is not lead]
+        texts = [*lead.evidence, *(text for sign in others for text in (sign.text, *sign.evidence))]
+        evidence = [text for text in dict.fromkeys(texts) if text != lead.text]
+        count = sum(sign.count for sign in same if sign.text == lead.text)
+        cause = next((sign.cause for sign in (lead, *others) if sign.cause), "")
+        action = next((sign.action for sign in (lead, *others) if sign.action), "")
+        merged.append(replace(lead, count=count, evidence=evidence, cause=cause, action=action))
+    return merged
 
 
 def _lead_rank(sign: Finding) -> tuple[int, float]:

@@ -157,14 +157,9 @@ def mean_force_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[
     seconds = len(t) / imu.acc.rate
     if seconds < MIN_FLOWN_S:
         return None
-    return np.average(force, axis=0, weights=_sample_weights(t)), seconds
-
-
-def _sample_weights(t: Array) -> Array:
-    """Return half of the time (n,) s from each sample to both of its neighbours."""
     step = np.diff(t)
     half = 0.5 * np.minimum(step, MAX_SAMPLE_STEPS * float(np.median(step)))
-    return np.append(half, 0.0) + np.insert(half, 0, 0.0)
+    return np.average(force, axis=0, weights=np.append(half, 0.0) + np.insert(half, 0, 0.0)), seconds
 
 
 def gravity_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> Check:

@@ -19,7 +19,7 @@ from attlog.core.kinematics import body_rates
 from attlog.flight.model import Array, FlightLog, Imu
 from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
 from attlog.health.flown import before_crashes, flight_spans, still_spans
-from attlog.health.imu import Blocks, SensorBias, axes_text, dead_reason, smoothed_gyro_bias, stream_blocks, usable_imus
+from attlog.health.imu import SensorBias, axes_text, dead_reason, smoothed_gyro_bias, stream_blocks, usable_imus
 from attlog.health.imu_pairs import difference_in_flight
 from attlog.health.regression import BLOCK_S, RobustFit, interval_text, robust_fit
 from attlog.health.timing import frozen_gyro_reason
@@ -170,9 +170,9 @@ def _step_check(
     when = _step_time(t, left[:, axis], float(numbers[at]) * BLOCK_S)
     text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
     text += f"({interval_text(size, sigma, 2)}, 95 %) at {when:.0f} s against {reference.source}."
-    verdict: Verdict = "fault" if abs(size) > STEP_FAR_DPS else "warning"
-    check = Check("gyro_bias_step", verdict, text, unit="deg/s", threshold=STEP_LIMIT, t=round(when, 1))
-    check.n, check.seconds = len(t), round(len(t) * INTERVAL_S, 1)
+    n, verdict = len(t), graded(abs(size), STEP_DPS, STEP_FAR_DPS)
+    check = Check("gyro_bias_step", verdict, text, unit="deg/s", threshold=STEP_LIMIT, t=round(when, 1), n=n)
+    check.seconds = round(n * INTERVAL_S, 1)
     return check.measure(size, sigma, 2)
 
 
@@ -183,19 +183,13 @@ def largest_step(bias: Array) -> tuple[float, float, int, int]:
     differences, which one step hardly changes.
     """
     scatter = 1.4826 * np.median(np.abs(np.diff(bias, axis=0)), axis=0) / math.sqrt(2.0)
-    found = [_step_at(bias[:, axis], float(scatter[axis])) for axis in range(bias.shape[1])]
-    axis = int(np.argmax([abs(size) / sigma for size, sigma, _ in found]))
-    size, sigma, at = found[axis]
-    return size, sigma, axis, at
-
-
-def _step_at(bias: Array, scatter: float) -> tuple[float, float, int]:
-    """Return size, error and index of the least-squares step of one axis (n,)."""
-    parts = range(STEP_BLOCKS, len(bias) - STEP_BLOCKS + 1)
-    at = min(parts, key=lambda k: float(np.var(bias[:k]) * k + np.var(bias[k:]) * (len(bias) - k)))
-    size = float(np.median(bias[at:]) - np.median(bias[:at]))
-    sigma = 1.25 * scatter * math.sqrt(1.0 / at + 1.0 / (len(bias) - at))
-    return size, math.hypot(sigma, STEP_FLOOR_DPS), at
+    n, found = len(bias), []
+    for axis, x in enumerate(bias.T):
+        parts = range(STEP_BLOCKS, n - STEP_BLOCKS + 1)
+        at = min(parts, key=lambda k, x=x: float(np.var(x[:k]) * k + np.var(x[k:]) * (n - k)))  # type: ignore[misc]
+        sigma = math.hypot(1.25 * float(scatter[axis]) * math.sqrt(1.0 / at + 1.0 / (n - at)), STEP_FLOOR_DPS)
+        found.append((float(np.median(x[at:]) - np.median(x[:at])), sigma, axis, at))
+    return max(found, key=lambda one: abs(one[0]) / one[1])
 
 
 def _step_time(t: Array, left: Array, near: float) -> float:
@@ -343,7 +337,11 @@ def _bias_check(case: HealthCase, imu: Imu) -> Check | None:
     else:
         return None
     largest = int(np.argmax(np.abs(mean)))
-    change = _bias_change_dps(rest, air)
+    change = 0.0
+    if rest is not None and air is not None:
+        moved = np.abs(air.mean - np.degrees(rest.middle))
+        sure = moved > CHANGE_SIGMAS * np.hypot(air.sigma, np.degrees(rest.sigma(0.0)))
+        change = float(np.max(np.where(sure, moved, 0.0)))
     verdict = graded(max(float(np.abs(mean).max()), change), *BIAS_DPS)
     text = f"{imu.gyro.source} reads {axes_text(mean)} deg/s {where} (± {1.96 * float(sigma.max()):.2f}, 95 %)."
     check = Check("gyro_bias", verdict, text, unit="deg/s", threshold=BIAS_LIMIT, sensor=imu.gyro.source)
@@ -375,12 +373,3 @@ def _bias_in_flight(case: HealthCase, imu: Imu) -> SensorBias | None:
     if 1.96 * float(sigma.max()) > BIAS_DPS[0]:
         return None
     return SensorBias(found.mean + np.degrees(more.middle), sigma, found.known, found.n, found.seconds, found.by)
-
-
-def _bias_change_dps(rest: Blocks | None, air: SensorBias | None) -> float:
-    """Return the significant change of the bias from rest to flight; 0 where one is unknown."""
-    if rest is None or air is None:
-        return 0.0
-    change = np.abs(air.mean - np.degrees(rest.middle))
-    sigma = np.hypot(air.sigma, np.degrees(rest.sigma(0.0)))
-    return float(np.max(np.where(change > CHANGE_SIGMAS * sigma, change, 0.0)))

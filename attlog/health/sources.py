@@ -109,7 +109,8 @@ def source_difference(flew: Attitude, other: Attitude, segments: Segments) -> So
     down = np.array([0.0, 0.0, 1.0])
     one, two = rotation.rotate_inverse(own, down), rotation.rotate_inverse(q, down)
     tilt = np.degrees(np.arccos(np.clip(np.sum(one * two, axis=1), -1.0, 1.0)))
-    heading = np.abs(np.degrees(heading_between(own, q)))
+    turn = rotation.multiply(q, rotation.conjugate(own))
+    heading = np.asarray(np.abs(np.degrees(rotation.wrap(2.0 * np.arctan2(turn[:, 3], turn[:, 0])))))
     heading[np.degrees(rotation.tilt_angle(own)) > MAX_HEADING_TILT_DEG] = 0.0
     off = (tilt > TILT_DEG[0]) | (heading > HEADING_DEG[0])
     if off.mean() < OFF_SHARE:
@@ -121,12 +122,6 @@ def source_difference(flew: Attitude, other: Attitude, segments: Segments) -> So
     share = float(np.mean(off[first : last + 1]))
     sizes = float(np.median(tilt[off])), float(np.median(heading[off]))
     return SourceDifference(*sizes, float(t[first]), float(t[last]), share, share > LASTING_SHARE)
-
-
-def heading_between(a: Array, b: Array) -> Array:
-    """Return the rotation (n,) in rad about the vertical between attitudes (n, 4)."""
-    step = rotation.multiply(b, rotation.conjugate(a))
-    return np.asarray(rotation.wrap(2.0 * np.arctan2(step[:, 3], step[:, 0])), np.float64)
 
 
 def errors_of_both(

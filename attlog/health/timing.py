@@ -87,22 +87,16 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
     verdict: Verdict = "ok" if few else "fault" if share > MANY_GAPS_PCT else "warning"
     check = made(verdict, f"{text}.", value=round(total, 2), t=float(begin[~paused][0]), count=len(lost))
     check.evidence = [rest] if paused.any() else []
-    others = count_logged_gaps(log, begin[~paused], end[~paused])
+    onboard, others = log.onboard_attitude, 0
+    if onboard is not None and onboard.rate > 0:  # gaps in which it is logged do not come from the logger
+        there = np.searchsorted(onboard.t, end[~paused]) - np.searchsorted(onboard.t, begin[~paused])
+        others = int(np.count_nonzero(there >= np.maximum(2.0, 0.5 * onboard.rate * lost)))
     if others:
         check.evidence.append(f"{log.onboard} goes on in {others} of them.")
         check.cause = "The IMU, its driver or the rate of its messages: others go on in the gaps."
     elif float(lost.max()) > LONG_PAUSE_S:
         check.about = "stopped"
     return check
-
-
-def count_logged_gaps(log: FlightLog, start: Array, end: Array) -> int:
-    """Count gaps in which the onboard attitude is logged, so that the logger is not the cause."""
-    onboard = log.onboard_attitude
-    if onboard is None or onboard.rate <= 0:
-        return 0
-    there = np.searchsorted(onboard.t, end) - np.searchsorted(onboard.t, start)
-    return int(np.count_nonzero(there >= np.maximum(2.0, 0.5 * onboard.rate * (end - start))))
 
 
 def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
@@ -205,11 +199,8 @@ def frozen_compass(log: FlightLog) -> list[Span]:
     imu = log.replay_imu
     if log.mag is None or imu is None:
         return []
-    return [
-        s
-        for s in frozen_spans(log.mags[log.mag].field, FROZEN_MAG_S)
-        if turned_deg(imu.gyro, *s) > compass.MIN_TURN_DEG
-    ]
+    frozen = frozen_spans(log.mags[log.mag].field, FROZEN_MAG_S)
+    return [s for s in frozen if turned_deg(imu.gyro, *s) > compass.MIN_TURN_DEG]
 
 
 def _frozen_barometer(log: FlightLog, segments: Segments) -> list[Span]:

@@ -12,7 +12,7 @@ from attlog.core.kinematics import known_earth_force
 from attlog.core.spans import Span, inside
 from attlog.flight.model import VIBRATION_LIMITS, Array, Burst, FlightLog, Imu, OnboardVibration, Stream
 from attlog.flight.notches import advise_vibration_level, measures_differences
-from attlog.health.check import Check, HealthCase, Verdict, unknown
+from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
 from attlog.health.flown import sound_spans
 from attlog.health.gravity import imu_attitude
 from attlog.segments.airborne import height_stream
@@ -50,11 +50,9 @@ def vibration_checks(case: HealthCase) -> list[Check]:
     log, within = case.log, sound_flight(case.segments, case.log)
     levels = [_level_check(log, one, within) for one in imu_vibrations(log)]
     if all(check.verdict == "unknown" for check in levels):
-        logged = (
-            None if log.replay_imu is None else logged_vibration(log, log.replay_imu, case.segments.spans("airborne"))
-        )
-        why = levels[0].text if levels else advise_vibration_level(log)
-        levels = [unknown("vibration_level", why) if logged is None or logged.verdict == "unknown" else logged]
+        imu, why = log.replay_imu, levels[0].text if levels else advise_vibration_level(log)
+        levels = [] if imu is None else [logged_vibration(log, imu, case.segments.spans("airborne"))]
+        levels = [check for check in levels if check.verdict != "unknown"] or [unknown("vibration_level", why)]
     return [*levels, *clipping_checks(log, within)]
 
 
@@ -132,7 +130,7 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
         return unknown("vibration_level", why, threshold, sensor=sensor, source=limits.source)
     half, most, judged = (float(np.quantile(level, q)) for q in (0.5, 0.8, limits.share))
     worst = int(np.argmax(level))
-    verdict: Verdict = "fault" if judged > limits.fault else "warning" if judged > limits.warning else "ok"
+    verdict = graded(judged, limits.warning, limits.fault)
     text = (
         f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
         f"in the worst second {level[worst]:.1f}."
@@ -205,15 +203,14 @@ def logged_vibration(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     if since is None:
         axis = int(np.argmax(np.median(x, axis=0)))
         text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
-        verdict: Verdict = "fault" if typical > VERY_STRONG_M_S2 else "warning" if typical > STRONG_M_S2 else "ok"
-        return made(verdict, text, value=round(typical, 2))
+        return made(graded(typical, STRONG_M_S2, VERY_STRONG_M_S2), text, value=round(typical, 2))
     axis = int(np.argmax(np.median(x[since:], axis=0)))
     before, after = float(np.median(x[:since, axis])), float(np.median(x[since:, axis]))
     text = f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 instead of "
     text += f"{before:.1f}."
     peak = np.quantile(x[since:, axis], 0.95)
     seen = [f"95 % of the seconds from then on stay below {peak:.1f} m/s^2."]
-    verdict = "fault" if after > STRONG_M_S2 else "warning"
+    verdict: Verdict = "fault" if after > STRONG_M_S2 else "warning"
     return made(verdict, text, value=round(after, 2), t=float(t[since]), evidence=seen)
 
 
@@ -282,7 +279,7 @@ def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     unexplained = force - by_height - (force[0] - by_height[0])
     worst = int(np.argmax(np.abs(unexplained)))
     size = float(abs(unexplained[worst]))
-    verdict: Verdict = "ok" if size <= CHANGED_M_S2 else "warning" if size <= WRONG_M_S2 else "fault"
+    verdict = graded(size, CHANGED_M_S2, WRONG_M_S2)
     stays = f"stays within {size:.2f} m/s^2 of what the height explains"
     text = f"The mean vertical force over {FORCE_WINDOW_S:.0f} s {stays}."
     if verdict == "ok":

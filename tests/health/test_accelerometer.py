@@ -9,9 +9,7 @@ from attlog.flight.model import FlightLog, Imu, TimeLine
 from attlog.health import accelerometer
 from attlog.health.accelerometer import accelerometer_offsets
 from attlog.health.check import Check, Setting
-from attlog.health.imu import smoothed_acc_bias
 from attlog.health.settings import Proposal
-from attlog.reference.model import Reference
 from attlog.segments import Segment, Segments
 from tests.health.imu_cases import case, log_of, phases, told, unit
 
@@ -30,11 +28,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> Asked:
 
     monkeypatch.setattr(accelerometer, "accelerometer_proposal", proposal)
     return calls
-
-
-def smoother(quality: dict[str, float | str]) -> Reference:
-    none = np.zeros(0, np.int64)
-    return Reference("smoother", "smoother", np.zeros(0), np.zeros((0, 4)), none, none, quality=quality)
 
 
 def test_an_offset_is_offered_along_the_axes_that_are_off_only(asked: Asked) -> None:
@@ -56,15 +49,6 @@ def test_another_unit_has_the_bias_of_the_first_and_what_it_reads_more(asked: As
     assert second.vector == pytest.approx([more, 0.0, 0.0], abs=0.03)
     assert [name for name, _ in asked] == (["IMU:1"] if more > 0.5 else [])
     assert bool(second.why_no_setting) == (more < 0.5)
-
-
-@pytest.mark.parametrize(("on_ground", "offered"), [(0.5, True), (0.0, False), (-0.5, False)])
-def test_along_z_the_ground_must_confirm_it(asked: Asked, on_ground: float, offered: bool) -> None:
-    """The smoother finds 0.5 in flight; at rest the force is 0.5 less than gravity, or vibration made it."""
-    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, (0.0, 0.0, on_ground), NONE)), told((0.0, 0.0, 0.5))))
-    assert found.verdict == "warning"
-    assert "offset or scale" in found.text
-    assert bool(found.settings) == offered == (not found.why_no_setting) == bool(asked)
 
 
 def test_without_a_rest_on_the_ground_nothing_is_offered_along_z(asked: Asked) -> None:
@@ -103,12 +87,6 @@ def test_a_stream_that_follows_the_unit_in_use_has_no_offset_of_its_own_after_a_
     assert "changed" in found.why_no_setting
 
 
-@pytest.mark.parametrize("size", [0.0, 0.12, -0.16])
-def test_a_sound_accelerometer_is_ok(asked: Asked, size: float) -> None:
-    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, NONE, NONE)), told((size, 0.0, 0.0))))
-    assert (found.verdict, asked) == ("ok", [])
-
-
 def test_an_offset_below_four_of_its_sigmas_is_none(asked: Asked) -> None:
     """0.19 m/s^2 where 1.5 times 0.028 and 0.03 make 0.052."""
     (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, NONE, NONE)), told((0.19, 0.0, 0.0), sigma=0.028)))
@@ -121,20 +99,6 @@ def test_a_flight_that_hardly_turns_tells_nothing_of_the_horizontal_axes(asked: 
     (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, NONE, NONE)), told((-0.8, 0.0, 0.0), sigma)))
     assert (found.verdict, asked) == ("unknown", [])
     assert found.action
-
-
-def test_runs_with_and_without_the_compass_must_agree(asked: Asked) -> None:
-    log = log_of(unit(0, 100.0, NONE, NONE))
-    alone = told((-0.01, -0.22, 0.0), 0.037)
-    agreeing, other = smoother(told((-0.02, -0.2, 0.0), 0.031)), smoother(told((0.42, -0.03, 0.0), 0.031))
-    together = smoothed_acc_bias(case(log, alone, reference=agreeing))
-    assert together is not None
-    assert together.sure
-    apart = smoothed_acc_bias(case(log, alone, reference=other))
-    assert apart is not None
-    assert apart.known == (False, False, True)
-    assert [a.verdict for a in accelerometer_offsets(case(log, alone, reference=other))] == ["unknown"]
-    assert not asked
 
 
 def test_no_flight_no_gnss_and_damaged_words_are_unknown_with_the_reason() -> None:

@@ -12,15 +12,7 @@ import pytest
 import attlog
 from attlog.core.plain import to_plain
 from attlog.health import compass_turn, registry
-from attlog.health.check import (
-    HealthCase,
-    Setting,
-    agreed_settings,
-    as_sentence,
-    graded,
-    number_text,
-    settings_sentence,
-)
+from attlog.health.check import HealthCase, Setting, agreed_settings, as_sentence, graded, number_text
 from attlog.health.registry import CHECKS, run_checks
 from attlog.pipeline.evaluation import health as evaluation_health
 from attlog.pipeline.inspection import inspect
@@ -49,17 +41,6 @@ def test_a_number_as_text_is_the_same_number_in_32_bits(value: float) -> None:
     text = number_text(value)
     assert np.float32(text) == pytest.approx(np.float32(value), rel=1e-6)
     assert not text.startswith("-0") or value
-
-
-def test_what_to_set_as_a_sentence() -> None:
-    assert settings_sentence(agreed_settings(MADE)) == "Set COMPASS_OFS_X 145, COMPASS_OFS_Y -20.25."
-    assert settings_sentence([]) == ""
-
-
-def test_every_check_has_a_title_of_its_own_and_a_kind_of_finding() -> None:
-    assert all(row.title and row.kind for row in CHECKS.values())
-    titles = [row.title for row in CHECKS.values()]
-    assert len(set(titles)) == len(titles)
 
 
 # A size at its limit is still within it; and whose heading judges a compass.

@@ -95,12 +95,6 @@ def test_without_switches_the_choice_is_words() -> None:
     assert "priority" in found.why_no_setting
 
 
-def test_one_compass_leaves_no_choice() -> None:
-    case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    case.log.mags = case.log.mags[:1]
-    assert compass.choice_checks(case, studies[:1]) == []
-
-
 def test_without_an_attitude_the_size_of_the_field_decides() -> None:
     case, _ = two((0.0, 0.0, 40.0), (0.0, 0.0, 0.0))
     assert compass.choice_checks(case, []) == []  # no place, so no field of the earth
@@ -252,13 +246,6 @@ def test_a_compensation_needs_the_ground_on_both_ends() -> None:
     made.measured[made.after] += [4.0, 0.0, 0.0]
     _, two = answers(made)
     assert "differ" in two.why_no_setting
-    assert not ASKED
-
-
-def test_without_power_the_motors_get_words() -> None:
-    one, two = answers(samples(motor=(0.5, 0.0, 0.0), power=False))
-    assert "neither" not in one.text
-    assert "no current and no throttle" in two.why_no_setting
     assert not ASKED
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog import flight, reference, segments
-from attlog.health import compass, compass_offset, figures
+from attlog.health import compass, figures
 from attlog.health.check import Check, HealthCase, MotionAttitude, unknown
 from attlog.health.registry import run_checks
 from attlog.metrics.metric import Case
@@ -77,20 +77,6 @@ def test_figures_hold_what_flew_in_few_points() -> None:
     assert bent.key == "current"
     assert abs(np.median(bent.columns["residual"])) < 2.0
     assert 10.0 < np.median(bent.t) < 50.0
-
-
-@pytest.mark.slow
-def test_noise_of_gnss_is_no_acceleration() -> None:
-    """A vehicle that feels nothing but gravity shows no heading, however its GNSS velocity jumps."""
-    asked = case(FLIGHTS[0])
-    phases, found = flown(FLIGHTS[0])
-    imu = asked.log.replay_imu
-    assert imu is not None
-    level = replace(found, q=np.tile([1.0, 0.0, 0.0, 0.0], (len(found.t), 1)))
-    imu.acc.x[:] = [0.0, 0.0, -9.81]
-    assert compass_offset.horizontal_acceleration(asked.log, level, phases.spans("airborne")) == pytest.approx(
-        0.0, abs=1e-6
-    )
 
 
 def test_what_is_unknown_of_every_compass_is_said_once() -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +20,6 @@ from attlog.health.compass_offset import (
     fit_offset,
     heading_error,
     rms_deg,
-    study_samples,
     total_sigma,
 )
 from attlog.health.compass_power import motor_drive, power_at
@@ -43,12 +40,6 @@ class Model:
 
 def flown(*more: Segment) -> Segments:
     return Segments([Segment("airborne", 30.0, 60.0), Segment("airborne", 80.0, 100.0), *more])
-
-
-def test_flight_ends_a_second_early_and_at_the_first_crash() -> None:
-    assert flight_before_crash(flown()) == [(31.0, 59.0), (81.0, 99.0)]
-    assert flight_before_crash(flown(Segment("impact", 90.0, 101.0))) == [(31.0, 59.0), (81.0, 89.0)]
-    assert flight_before_crash(flown(Segment("loss_of_control", 50.0, 55.0))) == [(31.0, 49.0)]
 
 
 def test_the_ground_is_20_s_before_and_after_and_never_a_wreck() -> None:
@@ -114,46 +105,6 @@ def test_an_unsure_heading_and_a_vehicle_on_its_back_give_no_samples() -> None:
 
 # Why no attitude judges a compass: each reason in its turn, and the acceleration that shows a heading.
 
-T = np.arange(0.0, 100.0, 0.1)
-
-
-@pytest.fixture
-def judged(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A case in which everything speaks for an attitude by motion."""
-    monkeypatch.setattr(compass_offset, "flight_before_crash", lambda segments: segments.flown)
-    monkeypatch.setattr(compass_offset.alignment, "earth_field", lambda log: log.model)
-    monkeypatch.setattr(compass_offset, "horizontal_acceleration", lambda log, motion, flown: log.moved)
-    told = SimpleNamespace(t=T, sigma_heading=np.full(len(T), 0.05), quality={})
-    return SimpleNamespace(
-        segments=SimpleNamespace(flown=[(20.0, 80.0)]),
-        log=SimpleNamespace(model=1, moved=9.9, replay_imu=1),
-        motion=told,
-    )
-
-
-def test_each_reason_is_told_in_its_turn(judged: Any) -> None:
-    assert compass_offset.reason_no_heading(judged) == ""
-    judged.log.moved = 0.99 * compass_offset.MIN_ACCELERATION_M_S2
-    assert "shows no heading" in compass_offset.reason_no_heading(judged)
-    judged.log.moved = 1.01 * compass_offset.MIN_ACCELERATION_M_S2
-    assert compass_offset.reason_no_heading(judged) == ""
-    judged.motion.sigma_heading[:] = np.pi
-    judged.motion.quality["heading_why"] = "GNSS jumps"
-    assert compass_offset.reason_no_heading(judged) == "Motion shows no heading that can be trusted: GNSS jumps."
-    judged.motion.sigma_heading[:] = np.nan
-    judged.motion.sigma_heading[T < 19.0] = 0.05
-    assert compass_offset.reason_no_heading(judged) == "No attitude by motion covers the flight."
-    judged.motion.t = T + 200.0
-    assert compass_offset.reason_no_heading(judged) == "No attitude by motion covers the flight."
-    judged.motion = None
-    assert "Without GNSS velocity" in compass_offset.reason_no_heading(judged)
-    judged.log.model = None
-    assert "no position" in compass_offset.reason_no_heading(judged)
-    judged.segments.flown = []
-    assert "no flight" in compass_offset.reason_no_heading(judged)
-    judged.log.replay_imu = None
-    assert "No inertial unit" in compass_offset.reason_no_heading(judged)
-
 
 def test_the_acceleration_is_its_rms_over_the_flight_whichever_of_gnss_and_force_shows_less() -> None:
     """Sines of 3.6 and 1.59 m/s^2 north and east, without the mean of each half minute."""
@@ -171,16 +122,6 @@ def test_the_acceleration_is_its_rms_over_the_flight_whichever_of_gnss_and_force
 
 
 # The offset of a compass against planted ones, closed forms and MAGFit's formula.
-
-
-def test_a_planted_offset_comes_back() -> None:
-    made = samples((-12.0, 5.0, 3.0))
-    found = fit_offset(made, made.air)
-    assert found is not None
-    assert found.offset == pytest.approx([-12.0, 5.0, 3.0], abs=0.05)
-    assert found.counts
-    assert found.size == pytest.approx(math.sqrt(178.0), abs=0.05)
-    assert 0.0 < found.size_sigma < 1.0
 
 
 def test_a_tenth_of_wild_samples_moves_it_by_little() -> None:
@@ -205,11 +146,6 @@ def test_an_offset_with_an_unsure_heading_does_not_count() -> None:
     assert sure is not None
     assert unsure is not None
     assert (sure.counts, unsure.counts) == (True, False)
-
-
-def test_nothing_is_found_in_one_sample() -> None:
-    made = samples()
-    assert fit_offset(made, np.arange(len(made.t)) == 5) is None
 
 
 def test_on_the_same_numbers_it_is_that_of_magfit() -> None:
@@ -262,14 +198,6 @@ def test_each_half_is_corrected_by_what_was_fitted_in_the_other() -> None:
     assert proof.before == pytest.approx(rms_deg(heading_error(made.q, made.measured, EARTH)[made.air]))
     assert proof.after == pytest.approx(0.0, abs=0.01)
     assert cross_validate(made, (first, second), (nothing, right)).after > proof.before
-
-
-def test_a_study_proves_an_offset_on_both_halves() -> None:
-    study = study_samples(samples((8.0, 0.0, 0.0)))
-    assert study is not None
-    assert study.steady
-    assert study.proof.before > 10.0
-    assert study.proof.after < 1.0
 
 
 @pytest.mark.parametrize(

@@ -42,11 +42,6 @@ def against(log: FlightLog) -> Check:
     return magnetometer.field_direction(log, Segments([], {}))[0]
 
 
-def test_a_sound_compass_stands_still_in_earth_axes():
-    check = against(turning(20.0))
-    assert (check.verdict, check.value) == ("ok", pytest.approx(0.0, abs=0.1))
-
-
 def test_an_attitude_that_is_still_finding_its_heading_accuses_no_compass():
     t = np.arange(0.0, SECONDS, 0.05)
     assert against(turning(20.0, np.where(t < 4.9, 92.0, 0.0))).verdict == "ok"
@@ -108,13 +103,6 @@ def test_an_attitude_that_turns_away_in_flight_is_told_with_its_spread() -> None
     turn(log, attitude.t > 0.5 * (a + b), 40.0)
     assert direction(log).verdict == "warning"
     assert direction(log).value > 12.0
-
-
-def test_a_few_samples_elsewhere_do_not_spread_the_field() -> None:
-    angle = np.radians(np.concatenate([np.linspace(9.0, 11.0, 96), [100.0, 120.0, -90.0, -100.0]]))
-    mean, spread = magnetometer.circular_mean(angle)
-    assert mean == pytest.approx(10.0, abs=3.0)
-    assert spread < 2.0
 
 
 def test_the_spread_of_a_normal_distribution_is_its_standard_deviation() -> None:

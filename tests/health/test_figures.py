@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Clipping, Gnss, Mag, OnboardVibration, Stream
-from attlog.health import notch
 from attlog.health.check import Check, Setting
 from attlog.health.figures import (
     M_PER_DEG,
@@ -19,7 +16,6 @@ from attlog.health.figures import (
     field_traces,
     interference_traces,
     level_traces,
-    notch_traces,
     off_course,
     ratio_traces,
     rotor_traces,
@@ -52,12 +48,6 @@ def test_without_a_sure_heading_by_motion_the_reference_turns_the_field(sigma):
     (trace,) = field_traces(case(log(), sigma), [])
     assert trace.values == {"by_motion": 0.0}
     assert np.nanmax(np.abs(trace.columns["x"] - trace.columns["expected_x"])) > 20
-
-
-def test_a_vehicle_that_stands_in_the_air_has_no_heading_by_motion():
-    made = log()
-    made.gnss[0].vel_ned[:, 0] *= 0.01
-    assert field_traces(case(made), [])[0].values == {"by_motion": 0.0}
 
 
 def test_a_heading_that_nobody_knows_turns_no_field():
@@ -214,14 +204,6 @@ def test_angles_about_the_south_have_a_median_there():
     assert off_course(t[:5], 0 * t[:5], np.ones(5, bool)) == {}
 
 
-def test_a_receiver_without_a_fix_or_place_gives_nothing():
-    made = circling()
-    made.gnss[0].fix[:] = 1
-    assert track_traces(case(made)) == []
-    made.gnss = []
-    assert track_traces(case(made)) == []
-
-
 # The figure of the vibration: the worst second of flight alone, clipping as counted, rotors as they turned.
 
 
@@ -240,26 +222,6 @@ def test_percentiles_are_those_of_the_seconds_of_flight_of_every_unit():
     assert first.values == {"p50": 4.0, "p80": 4.0, "worst": 50.0, "limit": 30.0, "fault": 60.0}
     assert AIR[0] < first.t[0] < first.t[-1] < AIR[1]
     assert level_traces(case(made, crash=25.0))[0].values["worst"] == 4.0
-
-
-def test_a_measure_with_one_limit_has_no_second_one():
-    made = log()
-    made.vibration.levels = [replace(shaken(), measure="difference")]
-    assert "fault" not in level_traces(case(made))[0].values
-
-
-def test_two_flights_are_no_line():
-    made = log()
-    made.vibration.levels = [shaken(t=np.where(T > 50, T + 10.0, T))]
-    assert np.isnan(level_traces(case(made))[0].columns["level"]).sum() == 1
-
-
-def test_notches_that_are_set_and_proposed_have_their_edges(monkeypatch):
-    bands = {"set": [(80.0, 40.0), (60.0, 20.0)], "proposed": [(120.0, 10.0)]}
-    monkeypatch.setattr(notch, "notch_bands", lambda asked: bands)
-    on, proposed = notch_traces(case(log()))
-    assert (on.key, on.t.tolist(), proposed.key, proposed.t.tolist()) == ("set", [60.0, 80.0], "proposed", [120.0])
-    assert (on.columns["low"].tolist(), on.columns["high"].tolist()) == ([50.0, 60.0], [70.0, 100.0])
 
 
 def test_of_the_counters_that_with_most_clipped_samples_in_flight_is_drawn():
@@ -286,17 +248,3 @@ def test_rotors_in_flight_give_the_fundamental_and_its_harmonics():
     trace = rotor_traces(case(made))[0]
     assert trace.t.tolist() == [100.0, 200.0, 300.0]
     assert trace.columns["low"].tolist() == trace.columns["high"].tolist() == [100.0, 200.0, 300.0]
-
-
-def test_what_was_not_logged_is_not_drawn():
-    made = log()
-    assert (
-        level_traces(case(made))
-        == clipping_traces(case(made))
-        == rotor_traces(case(made))
-        == notch_traces(case(made))
-        == []
-    )
-    made.vibration.levels = [replace(shaken(), level=np.full(len(T), np.nan))]
-    made.power.rpm = Stream(T, np.zeros((len(T), 4)), "rpm", "", "ESC")
-    assert level_traces(case(made)) == rotor_traces(case(made)) == []

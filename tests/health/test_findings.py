@@ -24,7 +24,6 @@ from attlog.health.findings import (
     crash_signs,
     findings,
     join_repeated,
-    nothing_wrong,
 )
 from attlog.health.gravity import MEAN_GRAVITY
 from attlog.health.registry import CHECKS
@@ -247,11 +246,6 @@ def test_what_costs_the_reader_and_changes_nothing_is_a_note(log: FlightLog) -> 
     assert [f.severity for f in findings(log, [], [many])] == ["warning"]
 
 
-def test_findings_about_the_record_are_none_about_the_flight() -> None:
-    assert nothing_wrong([Finding("rate", "warning", ""), Finding("compass", "note", "")])
-    assert not nothing_wrong([Finding("vibration", "warning", "")])
-
-
 def test_open_questions_are_one_entry(log: FlightLog) -> None:
     asked = [OpenQuestion("Lag", "Fly steps."), OpenQuestion("Yaw drift", "Fly steps.")]
     (one,) = findings(log, [], [], asked)
@@ -281,14 +275,6 @@ def test_a_wrong_attitude_explains_no_vibration(log: FlightLog) -> None:
     refused = Problem("reference_contradicted", "error", "ATT is wrong.")
     found = findings(log, [check("vertical_force"), check("gravity_in_flight")], [refused])
     assert {f.kind: f.evidence for f in found} == {"attitude": ["gravity_in_flight is off."], "vibration": []}
-
-
-def test_reports_of_a_wreck_are_notes_until_it_lifts_off_again(log: FlightLog) -> None:
-    events = [Event("impact", 10.0, "serious", "Hit the ground.")]
-    events += [Event("liftoff", t, "info", "Lifted off.") for t in (2.0, 20.0, 40.0)]
-    reports = [Finding("ekf_check", "warning", "EKF check.", t=t) for t in (5.0, 15.0, 30.0)]
-    noted = rules.note_harmless_reports(reports, Context(log, events))
-    assert [r.severity for r in noted] == ["warning", "note", "warning"]
 
 
 def test_a_compass_that_is_its_offsets_is_told_once_with_what_to_check(log: FlightLog) -> None:
@@ -366,16 +352,6 @@ def test_a_broken_gyro_explains_a_wrong_attitude_and_mounting(gyro: str) -> None
     assert [f.kind for f in of(wrong, turned, sign(gyro))] == ["attitude", "mounting", gyro]
 
 
-def test_a_wrong_attitude_explains_what_gravity_contradicts_but_no_vibration() -> None:
-    wrong = sign("attitude", "serious")
-    gravity = sign("mounting", "serious", "gravity_in_flight")
-    shaken = sign("vibration", "warning", "gravity_in_flight")
-    trimmed = sign("trim", "note", "trim")
-    kinds = [f.kind for f in of(wrong, gravity, shaken, trimmed)]
-    assert kinds == ["attitude", "attitude", "vibration", "trim"]
-    assert of(sign("attitude"), gravity)[1].kind == "mounting"
-
-
 def test_axes_of_the_force_that_are_wrong_leave_out_what_the_force_says_of_the_attitude() -> None:
     frame = sign("accelerometer_axes", about="accelerometer_axes")
     kept = of(frame, sign("mounting", "serious", "gravity_in_flight"), sign("trim", "note", "trim"), sign("gps"))
@@ -387,14 +363,6 @@ def test_a_simulator_whose_frames_differ_has_no_mounting() -> None:
     (found,) = of(sign("mounting", "serious"), log=simulated)
     assert (found.kind, found.cause, found.action) == ("simulator", rules.FRAMES_CAUSE, "")
     assert of(sign("mounting", "note"), log=simulated)[0].kind == "mounting"
-
-
-def test_a_mean_force_of_a_flight_is_no_level_calibration_and_vibration_explains_it() -> None:
-    """Of a flight whose accelerometer was rectified by 10 m/s^2 a level calibration was asked for."""
-    mean = sign("mounting", "warning", MEAN_GRAVITY)
-    shaken = sign("vibration", "warning", "clipping", t=3.0)
-    assert {f.kind for f in of(mean, shaken)} == {"vibration"}
-    assert [f.kind for f in of(mean, sign("attitude", "serious"))] == ["attitude", "attitude"]
 
 
 # What is to be done after a crash, where the log shows it.

@@ -83,17 +83,6 @@ def test_a_receiver_that_is_late_spoils_no_offset() -> None:
     assert one.solution.x[0] == pytest.approx(1.0, abs=0.03)
 
 
-def test_the_receiver_with_most_velocities_of_a_3d_fix_counts() -> None:
-    log = flight()
-    worse = flight(seed=1).gnss[0]
-    worse.vel_ned = worse.vel_ned * 3.0
-    worse.fix[: len(worse.fix) // 2] = 2
-    log.gnss.insert(0, worse)
-    assert accelerometer._best_receiver(log) is log.gnss[1]
-    log.gnss[1].vel_ned[: 3 * len(worse.fix) // 4, 1] = np.nan
-    assert accelerometer._best_receiver(log) is log.gnss[0]
-
-
 def made_fit(x: float, y: float, sigma: float) -> ForceFit:
     covariance = np.zeros((8, 8))
     covariance[4, 4] = covariance[5, 5] = sigma**2
@@ -181,7 +170,7 @@ def known(turn: float = 0.0, turn_sigma: float = 0.5, offset: tuple[float, float
     ],
 )
 def test_a_turn_is_told_beyond_ten_degrees_and_four_sigmas(turn: float, sigma: float, verdict: str) -> None:
-    check = compass_turn.turn_check("MAG:0", known(turn, sigma), reference())
+    check = compass_turn.fit_checks("MAG:0", known(turn, sigma), reference())[1]
     assert check.verdict == verdict
     if verdict != "unknown":
         assert f" {'clockwise' if turn > 0 else 'anticlockwise'} " in check.text
@@ -201,12 +190,16 @@ def test_a_turn_is_told_beyond_ten_degrees_and_four_sigmas(turn: float, sigma: f
     ],
 )
 def test_an_offset_is_told_by_its_horizontal_size(offset: tuple[float, float], sigma: float, verdict: str) -> None:
-    assert compass_turn.offset_check("MAG:0", known(offset=offset, sigma=sigma), reference()).verdict == verdict
+    found = compass_turn.fit_checks("MAG:0", known(offset=offset, sigma=sigma), reference())[0]
+    assert found.verdict == verdict
 
 
 def test_what_no_single_fault_explains_is_told_against_truth_alone_and_what_changes_not_at_all() -> None:
-    both = known(30.0, 1.0, one_fault=False)
-    assert compass_turn.turn_check("MAG:0", both, reference()).verdict == "fault"
-    assert compass_turn.turn_check("MAG:0", both, reference("onboard")).verdict == "unknown"
-    assert compass_turn.turn_check("MAG:0", known(30.0, 1.0, steady=False), reference()).verdict == "unknown"
-    assert compass_turn.turn_check("MAG:0", known(30.0, 1.0), reference("onboard")).verdict == "fault"
+    both, moving, turned = known(30.0, 1.0, one_fault=False), known(30.0, 1.0, steady=False), known(30.0, 1.0)
+    for fit, by, verdict in (
+        (both, "truth", "fault"),
+        (both, "onboard", "unknown"),
+        (moving, "truth", "unknown"),
+        (turned, "onboard", "fault"),
+    ):
+        assert compass_turn.fit_checks("MAG:0", fit, reference(by))[1].verdict == verdict

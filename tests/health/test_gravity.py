@@ -15,7 +15,6 @@ from attlog.flight.model import Attitude, FlightLog, Stream
 from attlog.health import gravity, gyro, vibration
 from attlog.health.check import HealthCase
 from attlog.health.gravity import gravity_at_rest
-from attlog.health.imu import dead_reason
 from attlog.segments import Segment, Segments
 from tests.health.imu_cases import G as imu_cases_G
 from tests.health.imu_cases import case, log_of, unit
@@ -201,16 +200,6 @@ def test_samples_at_a_known_range_are_at_its_end_where_three_stay_there(rates: l
     assert gyro.count_at_limit(np.array(rates)) == count
 
 
-def test_a_sensor_of_zeros_or_with_a_constant_axis_is_dead() -> None:
-    x = np.random.default_rng(0).normal(size=(20, 3))
-    assert dead_reason(x, "IMU:0", "gyro") == ""
-    x[:, 1] = 0.3
-    assert dead_reason(x, "IMU:0", "gyro") == "IMU:0: gyro axis y is constant."
-    assert dead_reason(x[:19], "IMU:0", "gyro") == ""
-    assert dead_reason(0.0 * x[:5], "IMU:0", "gyro") == "IMU:0: all values of the gyro are zero."
-    assert dead_reason(0.0 * x + 1.0, "IMU:0", "gyro") == "IMU:0: all axes of the gyro are constant."
-
-
 def force_log(after: float, climb: float = 0.0) -> FlightLog:
     """The upward force rises by ``after`` m/s^2 from 32 s on, the height by an acceleration of ``climb``."""
     log = made([0.0, 0.0, -G], tilted(0.0))
@@ -305,11 +294,3 @@ def test_without_rest_or_with_shaking_motors_nothing_is_said_but_that() -> None:
     ]
     log.imus[0].acc.x += 5.0 * np.random.default_rng(1).normal(size=(len(log.imus[0].acc.t), 3)).cumsum(axis=0) / 10
     assert [a.verdict for a in gravity_at_rest(case(log))] == ["unknown"]
-
-
-def test_dead_and_empty_units_are_left_out() -> None:
-    log = log_of(unit(0, 100.0, NONE, NONE), unit(1, 100.0, NONE, NONE))
-    log.imus[1].acc.x = np.zeros_like(log.imus[1].acc.x)
-    assert [a.sensor for a in gravity_at_rest(case(log))] == ["IMU:0"]
-    log.imus = []
-    assert gravity_at_rest(case(log)) == []

@@ -82,14 +82,6 @@ def test_the_clearest_step_has_its_axis_sign_size_and_first_block(axis: int, siz
     assert sigma == pytest.approx(np.hypot(1.25 * scatter * np.sqrt(1.0 / at + 1.0 / (12 - at)), 0.03))
 
 
-@pytest.mark.parametrize("at", [41.3, 46.0, 53.7])
-def test_the_time_of_a_step_is_that_of_the_residuals_and_not_of_the_block(at: float) -> None:
-    t = np.arange(0.0, 100.0, 0.3)
-    left = np.where(t < at, -0.4, 1.1)
-    assert turns._step_time(t, left, 48.0) == pytest.approx(at, abs=0.31)
-    assert turns._step_time(t, left, 300.0) == 300.0
-
-
 def scale(found: list[tuple[float, float] | None], moving: tuple[float, float, float] = (30.0, 30.0, 30.0)) -> Check:
     """The check of slopes with standard errors; ``moving``: standard deviation of each axis, deg/s."""
     t = 0.3 * np.arange(100.0)
@@ -202,14 +194,6 @@ def test_without_rest_the_smoother_tells_and_a_second_unit_by_its_difference() -
     assert (first.verdict, second.verdict) == ("ok", "warning")
     assert second.vector == pytest.approx([0.3, 0.0, 1.5], abs=0.1)
     assert [a.verdict for a in gyro_bias_checks(case(log, segments=air))] == ["unknown"]
-
-
-def test_damaged_streams_do_no_harm() -> None:
-    log = log_of(imu_cases_unit(0, 100.0, NO_ACC_BIAS, NO_ACC_BIAS))
-    log.imus[0].gyro.x[::2] = np.nan
-    assert gyro_bias_checks(case(log))[0].verdict == "ok"
-    log.imus[0].gyro.x[:] = np.nan
-    assert [a.verdict for a in gyro_bias_checks(case(log))] == ["unknown"]
 
 
 # The gyro's scale with its interval: a planted size, and the words of the check.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from copy import deepcopy
 from functools import cache
@@ -16,7 +15,6 @@ from attlog.core.errors import AttlogError
 from attlog.flight.model import FlightLog, Mag
 from attlog.health import answerable, run_checks, timing
 from attlog.health.check import Check, HealthCase
-from attlog.metrics import step_turning as steps
 from attlog.metrics.metric import Case
 from attlog.segments.model import Segment, Segments
 from tests.conftest import SAMPLES, corpus_logs, corpus_root
@@ -102,16 +100,6 @@ def test_a_wrong_accelerometer_scale_is_seen_and_said(factor: float, verdict: st
     assert check.verdict == verdict
     if factor == 0.35:
         assert "Scale 0.3" in check.why_no_setting
-
-
-def test_a_sensor_mounted_upside_down_is_named() -> None:
-    def turn(log: FlightLog) -> None:
-        for stream in (log.imus[0].gyro, log.imus[0].acc):
-            stream.x = stream.x * [1, -1, -1]
-
-    check = with_fault(turn)["gravity_direction"]
-    assert check.verdict == "fault"
-    assert "roll 180 deg" in check.evidence[0]
 
 
 def test_zero_and_stuck_sensors_are_named() -> None:
@@ -247,14 +235,6 @@ def test_a_rest_counts_only_when_filters_have_settled() -> None:
         found = {a.question: a for a in answerable(log, prepared(log, one))}
         assert found["yaw_drift"].can == can
         assert found["noise"].can
-
-
-def test_movements_are_counted_where_filters_are_judged_by_them() -> None:
-    log = good("px4_steps.ulg")
-    chosen = reference.choose(log, segments.build(log))
-    late = {a.question: a for a in answerable(log, prepared(log))}["lag"]
-    assert late.can
-    assert int(re.findall(r"\d+", late.reason)[0]) == len(steps.scored_steps(chosen))
 
 
 # --- false alarms on simulated flights --------------------------------------------------------------------------

@@ -7,12 +7,12 @@ import pytest
 
 from attlog.flight.model import Stream
 from attlog.health import gyro, imu, temperature
-from attlog.health.imu import Blocks, blocks, stream_blocks
-from attlog.health.imu_pairs import ImuDifference, imu_differences
+from attlog.health.imu import blocks, stream_blocks
+from attlog.health.imu_pairs import imu_differences
 from attlog.health.temperature import ACC, GYRO, SlopeLimits, TemperatureSlope
 from attlog.reference.model import Reference
 from attlog.segments import Segment, Segments
-from tests.health.imu_cases import case, log_of, motion, told, unit
+from tests.health.imu_cases import case, log_of, told, unit
 from tests.segments.flights import imu_log
 
 NO_SMOOTHER_BIAS = (0.0, 0.0, 0.0)
@@ -86,21 +86,6 @@ def test_the_gyros_bias_has_its_own_limits_for_each_axis() -> None:
     np.testing.assert_allclose(found.sigma, np.hypot(1.5 * np.array([0.02, 0.29, 0.31]), 0.05))
 
 
-def test_the_longest_segment_tells() -> None:
-    one = motion(told(NO_SMOOTHER_BIAS))
-    one.segment[:] = np.searchsorted([20.0, 90.0], one.t, side="right")
-    read = imu._longest_segment(one)
-    assert read is not None
-    assert (read[0][0], read[0][-1]) == (pytest.approx(20.0), pytest.approx(89.99))
-
-
-def test_a_number_that_is_missing_or_none_leaves_nothing() -> None:
-    quality = told((0.1, 0.2, 0.3))
-    assert imu._smoother_values(quality, "acc_bias_{}_m_s2", "acc_bias_{}_sigma_m_s2") is not None
-    quality["acc_bias_y_m_s2"] = float("nan")
-    assert imu.smoothed_acc_bias(case(LOG, quality)) is None
-
-
 # Where a signal stands, and how surely: against the scatter of many repetitions, on sound and on damaged streams.
 
 
@@ -119,24 +104,6 @@ def test_errors_that_last_for_seconds_are_covered_by_the_sigma_in_nineteen_of_tw
         assert len(found.x) == 12
         missed += abs(found.middle[0]) > 1.96 * found.sigma(0.0)[0]
     assert missed <= 4
-
-
-def test_a_short_rest_is_cut_into_blocks_of_a_second() -> None:
-    t = np.arange(0.0, 10.0, 0.01)
-    noise = np.random.default_rng(1).normal(size=(len(t), 3))
-    found = blocks(t, noise, [(2.0, 9.0)])
-    assert found is not None
-    assert len(found.x) == 7
-    assert found.seconds == pytest.approx(7.0, abs=0.05)
-    assert found.sigma(0.0).max() < 0.15  # 0.05 of seven medians of a hundred samples, and what few blocks add
-
-
-def test_slow_streams_have_longer_blocks_and_less_than_two_seconds_tell_nothing() -> None:
-    t = np.arange(0.0, 60.0, 0.5)
-    slow = blocks(t, np.ones((len(t), 3)), [(0.0, 10.0)])
-    assert slow is not None
-    assert len(slow.x) == 4
-    assert blocks(np.arange(0.0, 60.0, 0.01), np.ones((6000, 3)), [(0.0, 1.5)]) is None
 
 
 @pytest.mark.parametrize("n", [0, 1, 3])
@@ -229,27 +196,9 @@ def test_a_slope_is_the_line_through_medians_of_bins_of_a_kelvin() -> None:
     assert found.span == pytest.approx(middles[-1] - middles[0])
 
 
-def apart(size: float, sigma: float, phase: str) -> ImuDifference:
-    """A difference along y of a size with one sigma."""
-    made = Blocks(np.zeros(4), np.zeros((4, 3)), 100, 50.0, np.zeros(3))
-    return ImuDifference(np.array([0.0, size, 0.0]), np.array([9.0, sigma, 9.0]), made, phase)
-
-
 # Differences of units and blocks of a signal: closed forms with another number in every axis.
 
 NO_SIZE_BIAS = (0.0, 0.0, 0.0)
-
-
-def test_the_interval_of_a_size_follows_from_those_of_its_axes() -> None:
-    log = log_of(unit(0, 100.0, NO_SIZE_BIAS, NO_SIZE_BIAS), unit(1, 50.0, (0.4, -0.2, 0.9), (0.7, 0.0, 1.8)))
-    for found in imu_differences(case(log)):
-        vector, half = np.array(found.vector), np.array(found.vector_ci95)
-        size = np.linalg.norm(vector)
-        along = np.sqrt(np.sum((vector * half) ** 2)) / size
-        assert found.value == pytest.approx(size, abs=2e-3)
-        assert found.ci95 == pytest.approx((size - along, size + along), abs=4e-3)
-        floor = 1.96 * 0.02
-        assert (half >= floor - 1e-3).all()
 
 
 @pytest.mark.parametrize(

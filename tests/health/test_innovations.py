@@ -52,36 +52,6 @@ def test_time_above_the_gate_is_told_with_its_longest_stretch(above: tuple[float
     assert summary.longest_s == pytest.approx(above[1] - above[0], abs=0.11)
 
 
-def test_a_ratio_that_stays_high_in_a_sound_flight_suggests_its_noise_by_the_gate() -> None:
-    """A median of 0.6 of a gate of 3 is 1.8 standard deviations: 0.05 becomes 0.09."""
-    one = told(ratios(0.6))
-    (setting,) = one.settings
-    assert (setting.name, setting.old, setting.new) == ("EK3_MAG_M_NSE", 0.05, 0.09)
-    assert "0.05" in one.action
-    assert "0.09" in one.action
-
-
-def test_no_noise_is_suggested_where_something_else_is_wrong() -> None:
-    asked = ratios(0.6)
-    asked.found = [Check("compass_offset", "warning", "The compass is off.")]
-    one = told(asked)
-    assert (one.verdict, one.settings) == ("warning", [])
-    assert "compass offset" in one.why_no_setting
-
-
-@pytest.mark.parametrize("level", [0.01, 0.1, 0.4])
-def test_low_ratios_suggest_nothing(level: float) -> None:
-    assert told(ratios(level)).settings == []
-
-
-def test_rejected_velocities_are_the_headings_fault_where_gnss_acceleration_says_so() -> None:
-    asked = ratios(0.2, (40.0, 50.0), aid="velocity")
-    asked.found = [Check("heading_by_gnss", "fault", "The onboard heading is 28 deg off.")]
-    one = told(asked)
-    assert "heading is wrong, not GNSS" in one.why_no_setting
-    assert "The onboard heading is 28 deg off." in one.evidence
-
-
 def test_an_aid_of_zeros_is_not_used_and_none_at_all_is_unknown() -> None:
     asked = ratios(0.0)
     assert [one.verdict for one in innovations.innovation_checks(asked)] == ["unknown"]

@@ -70,11 +70,6 @@ def test_thin_evidence_is_refused_with_what_to_log(why: str, log: object) -> Non
     assert "INS_LOG_BAT_MASK to 1" in found.action
 
 
-def test_a_small_peak_needs_no_notch() -> None:
-    found = asked(shaken(1000.0, with_throttle(90.0), rms_dps=1.0, lines=params(**OFF)))
-    assert (found.verdict, found.settings) == ("ok", [])
-
-
 def test_a_peak_of_one_of_two_sensors_is_not_the_vehicles() -> None:
     log = shaken(1000.0, with_throttle(90.0), units=2, lines=params(**OFF))
     log.imus[1].gyro.x[:] = np.random.default_rng(5).standard_normal(log.imus[1].gyro.x.shape) * np.radians(0.3)
@@ -155,13 +150,6 @@ def test_a_slow_log_says_once_that_it_is_slow() -> None:
     assert notch_filter(case(log)) == []
 
 
-def test_planes_and_unknown_firmware_are_not_asked() -> None:
-    plane = shaken(200.0, 60.0)
-    plane.vehicle = "fixed wing"
-    assert notch_filter(case(plane)) == []
-    assert notch_filter(case(shaken(200.0, 60.0, firmware="other"))) == []
-
-
 def test_a_folded_peak_says_what_it_may_be_and_a_fast_one_what_it_is() -> None:
     (slow,) = gyro_spectrum(case(shaken(200.0, 130.0, lines=params(**OFF))))
     assert slow.verdict == "unknown"
@@ -170,13 +158,6 @@ def test_a_folded_peak_says_what_it_may_be_and_a_fast_one_what_it_is() -> None:
     assert (fast.verdict, fast.value) == ("ok", pytest.approx(130.0, abs=0.6))
     (silent,) = gyro_spectrum(case(shaken(1000.0, 130.0, rms_dps=0.0)))
     assert "no peak" in silent.text
-
-
-def test_a_log_without_flight_is_asked_for_no_spectrum() -> None:
-    ground = case(shaken(1000.0, 90.0, lines=params(**OFF)))
-    assert ground.segments is not None
-    ground.segments.segments = ground.segments.of("continuous")
-    assert gyro_spectrum(ground) == notch_filter(ground) == []
 
 
 @pytest.mark.parametrize("n", [0, 1, 3])

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.flight.model import Reception, Stream, TimeLine
-from attlog.health import baro, delays, innovations, sources
+from attlog.flight.model import Reception, TimeLine
+from attlog.health import delays, innovations, sources
 from attlog.health import gnss as gnss_quality
 from attlog.health.check import Check, unknown
 from attlog.health.innovations import RatioSummary
 from attlog.reference.model import Reference
-from tests.health.made_flight import SECONDS, case, flight
+from tests.health.made_flight import case, flight
 
 PARAMS = {"EK3_MAG_M_NSE": 0.05, "EK3_MAG_I_GATE": 300.0}
 
@@ -24,31 +24,6 @@ def summary(median: float = 0.3, above: float = 0.0, longest: float = 0.0, **mor
     stretch = (40.0, 40.0 + longest) if longest else None
     one = RatioSummary("compass", "XKF4:0.SM", median, (median, median), 0.9, above, stretch, 1000, 100.0)
     return replace(one, **more)
-
-
-@pytest.mark.parametrize(
-    ("above", "longest", "verdict"),
-    [
-        (0.99, 0.99, "ok"),
-        (1.0, 1.0, "warning"),
-        (1.9, 0.9, "ok"),
-        (2.1, 0.9, "warning"),
-        (9.9, 0.9, "warning"),
-        (10.1, 0.9, "fault"),
-        (9.9, 9.9, "warning"),
-        (10.0, 10.0, "fault"),
-    ],
-)
-def test_ratios_above_one_are_told_by_their_share_and_their_longest_stretch(
-    above: float, longest: float, verdict: str
-) -> None:
-    found = innovations._ratio_check(
-        case(flight(firmware="ArduPilot", params=PARAMS)), summary(0.3, above, longest), None
-    )
-    assert found.verdict == verdict
-    assert (found.t, found.value) == (40.0, 0.3)
-    assert f"{above:.1f} s ({above:.1f} %)" in found.evidence[-1]
-    assert bool(found.cause) is (verdict != "ok")
 
 
 @pytest.mark.parametrize("aid", ["velocity", "position", "height", "airspeed"])
@@ -162,15 +137,3 @@ def test_reception_is_poor_beyond_what_px4_asks(name: str, good: float, poor: fl
         setattr(gnss.reception if name in usual else gnss, name, np.full(n, value))
         (found,) = (a for a in gnss_quality.gnss_checks(case(log)) if a.question == "gnss_quality")
         assert found.verdict == verdict
-
-
-@pytest.mark.parametrize(("noise_m", "verdict"), [(0.97, "ok"), (1.03, "warning")])
-def test_a_barometer_without_a_parameter_may_scatter_by_a_metre(noise_m: float, verdict: str) -> None:
-    """Values that alternate by a have second differences of four times a."""
-    log = flight()
-    t = np.arange(10.0, SECONDS - 10.0, 0.1)
-    a = noise_m * 0.6745 * np.sqrt(6.0) / 4.0
-    log.baro = [Stream(t, (5.0 * t + a * (-1.0) ** np.arange(len(t)))[:, None], "m", "", "BARO:0")]
-    (found,) = baro.barometer_noise(case(log))
-    assert found.value == pytest.approx(noise_m, abs=1e-3)
-    assert found.verdict == verdict

@@ -57,18 +57,6 @@ def test_vibration_that_begins_in_flight_is_told_with_its_size_and_onset() -> No
     assert found.value == pytest.approx(5.0, rel=0.06)
 
 
-def test_more_vibration_with_more_throttle_is_no_onset() -> None:
-    log, phases = flown()
-    imu = log.replay_imu
-    assert imu is not None
-    a, b = max(phases.spans("airborne"), key=lambda s: s[1] - s[0])
-    t = imu.acc.t
-    later = t >= 0.5 * (a + b)
-    imu.acc.x[later, 2] += 2.5 * np.random.default_rng(1).normal(size=later.sum())
-    log.power.throttle = Stream(t, np.where(later, 0.8, 0.4)[:, None], "1", "", "throttle")
-    assert vibration.logged_vibration(log, imu, phases.spans("airborne")).t is None
-
-
 def test_a_force_that_vibration_takes_away_is_told_by_the_barometer() -> None:
     log, phases = flown()
     imu = log.replay_imu
@@ -101,18 +89,6 @@ def test_of_current_and_throttle_the_one_that_bends_the_field_counts() -> None:
     )
     assert found.verdict == "fault"
     assert "with the throttle" in found.text
-
-
-def test_a_field_that_does_not_follow_the_throttle_is_good_however_it_varies() -> None:
-    t = np.arange(0.0, 60.0, 0.1)
-    seen = compass_power.follow_drive(
-        Stream(t, np.column_stack([40e-6 * (1 + 0.3 * np.cos(1.7 * t)), 0 * t, 0 * t]), "T", "FRD", "mag"),
-        Stream(t, (0.5 + 0.3 * np.sin(0.3 * t))[:, None], "1", "", "throttle"),
-        np.ones(len(t), bool),
-        0.1,
-    )
-    assert seen is not None
-    assert abs(seen[0]) < compass_power.MIN_CORRELATION
 
 
 def test_a_realignment_in_flight_is_told_with_size_and_time_and_one_before_arming_is_not() -> None:

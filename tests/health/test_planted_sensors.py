@@ -17,7 +17,7 @@ import attlog
 from attlog import flight, segments
 from attlog.core import rotation
 from attlog.flight.model import FlightLog
-from attlog.health import accelerometer, compass_turn
+from attlog.health import compass_turn
 from attlog.health.check import Check, HealthCase
 from attlog.health.findings import findings
 from attlog.health.registry import run_checks
@@ -127,17 +127,6 @@ def test_a_step_about_z_that_no_onboard_heading_shows_is_told_by_the_smoother_wi
     assert (found.t, found.value) == (check.t, check.value)
 
 
-def test_where_the_smoother_finds_no_step_none_is_told() -> None:
-    log = deepcopy(read(COPTER))
-    log.truth = None
-    case = attlog.prepare(log)
-    (check,) = (
-        c for c in run_checks(HealthCase(case.log, case.segments, case.reference)) if c.question == "gyro_bias_step"
-    )
-    assert check.verdict == "ok"
-    assert case.reference.gyro_jumps == ()
-
-
 @pytest.mark.parametrize("path", [QUAD, COPTER], ids=lambda p: p.name)
 @pytest.mark.parametrize(
     ("order", "words"),
@@ -231,21 +220,6 @@ def test_what_a_flight_cannot_tell_is_unknown_with_its_reason() -> None:
     found = checked(QUAD, blind)
     assert found["force_axes"].verdict == found["accelerometer_offset"].verdict == "unknown"
     assert "GNSS velocity" in found["force_axes"].text
-
-
-def test_a_receiver_that_is_late_fits_as_well_as_one_that_is_not() -> None:
-    """What it shows at a time was the velocity 0.3 s before."""
-    found = []
-    for late_s in (0.0, 0.3):
-        log = deepcopy(read(QUAD))
-        for gnss in log.gnss:
-            gnss.t = gnss.t + late_s
-        phases = segments.build(read(QUAD))
-        fit = accelerometer.fit_force(log, phases, choose(log, phases))
-        assert fit is not None
-        assert fit.solution.x[:4] == pytest.approx([1.0, 0.0, 0.0, 1.0], abs=0.1)
-        found.append(fit.solution.scatter)
-    assert found[1] == pytest.approx(found[0], rel=0.2)
 
 
 @pytest.mark.parametrize(("since", "steady"), [(0.0, True), (0.5, False)])

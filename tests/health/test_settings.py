@@ -9,7 +9,6 @@ import pytest
 from pymavlink.mavparm import MAVParmDict
 from scipy.spatial.transform import Rotation
 
-from attlog.flight import limits
 from attlog.flight.model import TimeLine
 from attlog.flight.parameters import read_parameter_file
 from attlog.health import settings
@@ -87,16 +86,6 @@ def test_the_error_vanishes_with_the_proposed_parameters(slot: str) -> None:
     after = ardupilot_field(raw, values | new_values(found), slot, power)
     np.testing.assert_allclose(before - after, ERROR + MOTOR * power[:, None], atol=0.5 * MG)
     assert next(s for s in found.settings if s.name == f"COMPASS_MOT{slot}_X").unit == "mG/A"
-
-
-def test_a_simulator_s_planted_offset_is_found_again_with_its_sign() -> None:
-    """SIM_MAG1_OFS rose from 5 to 150 mG: the compass reads 145 mG too little, and COMPASS_OFS_X must follow."""
-    log = ardupilot(
-        {n: v for n, v in OLD.items() if "DIA" not in n and "ODI" not in n}
-        | {"COMPASS_OFS_X": 5.0, "COMPASS_SCALE": 1.0}
-    )
-    found = settings.compass_proposal(log, log.mags[0], np.array([-145.0, 0.0, 0.0]) * MG)
-    assert [(s.name, s.old, s.new, s.unit) for s in found.settings] == [("COMPASS_OFS_X", 5.0, 150.0, "mG")]
 
 
 def test_motor_values_add_to_those_that_flew() -> None:
@@ -227,27 +216,9 @@ def test_a_parameter_that_the_log_does_not_hold_itself_is_not_set() -> None:
     assert "No range of COMPASS_DEV_ID" in settings.range_refusal(log, [Setting("COMPASS_DEV_ID", None, 1.0)])
 
 
-def test_one_that_cannot_be_set_takes_the_others_with_it() -> None:
-    log = ardupilot(OLD)
-    good, far = Setting("COMPASS_OFS_X", 12.4, 50.0), Setting("COMPASS_OFS_Y", -80.6, 500.0)
-    assert settings.changing(log, [good]) == [good]
-    assert settings.changing(log, [good, far]) == []
-    assert settings.changing(log, [good, Setting("COMPASS_OFS_Y", -80.6, float("nan"))]) == []
-
-
 def test_what_is_set_already_at_the_end_of_the_log_is_not_set_again() -> None:
     log = ardupilot(OLD)
     same, new = Setting("COMPASS_OFS_X", 12.4, float(np.float32(12.4))), Setting("COMPASS_OFS_Y", -80.6, -80.5)
     assert settings.changing(log, [same, new]) == [new]
     log.parameters.lines["COMPASS_OFS_Y"] = TimeLine(np.array([0.0, 55.0]), [-80.6, -80.5], "PARM")
     assert settings.changing(log, [same, new]) == []
-
-
-def test_ranges_are_by_the_whole_name() -> None:
-    assert limits.documented_range("COMPASS_OFS2_Z") == (-400.0, 400.0)
-    assert limits.documented_range("INS4_ACCOFFS_X") == limits.documented_range("INS_ACC3OFFS_X") == (-3.5, 3.5)
-    assert limits.documented_range("XCOMPASS_OFS_X") is None
-    assert limits.documented_range("COMPASS_OFS_XX") is None
-    assert all(low < high for _, low, high in limits.DOCUMENTED_RANGES)
-    assert limits.is_integer("CAL_MAG_COMP_TYP")
-    assert not limits.is_integer("CAL_MAG0_XOFF")

@@ -18,23 +18,6 @@ from tests.health.made_flight import SECONDS, case, flight
 from tests.health.made_flight import attitude as made_flight_attitude
 from tests.reference.flights import grouped
 
-SOURCE_T = np.arange(0.0, 60.0, 0.1)
-
-
-def swaying(size_deg: float, heading_deg: float = 0.0) -> Attitude:
-    """An attitude that rolls by ``size_deg`` every 7 s."""
-    roll = np.radians(size_deg) * np.sin(2.0 * np.pi * SOURCE_T / 7.0)
-    heading = np.full(len(SOURCE_T), np.radians(heading_deg))
-    return Attitude(SOURCE_T, rotation.from_euler(roll, np.zeros(len(SOURCE_T)), heading), "ATTITUDE")
-
-
-@pytest.mark.parametrize("size_deg", [20.0, 0.5])
-def test_a_source_with_another_heading_differs_by_it(size_deg: float) -> None:
-    found = sources.source_difference(swaying(size_deg), swaying(size_deg, 55.0), Segments())
-    assert found is not None
-    assert found.heading == pytest.approx(55.0, abs=0.5)
-
-
 # Two onboard attitudes beside each other: limits of tilt and heading, times, and who is told to be wrong.
 
 T = np.arange(0.0, 100.0, 0.1)
@@ -232,7 +215,3 @@ def test_without_truth_or_smoother_nobody_judges_but_the_difference_is_told() ->
     one = told(flew(8.0, 1.0, judged=False))
     assert one.verdict == "unknown"
     assert "7.0 deg" in one.text
-
-
-def test_one_lane_is_no_question() -> None:
-    assert sources.lane_errors(flew(8.0)) == []

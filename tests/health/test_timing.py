@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.flight.model import FlightLog, Gnss, Mag, Problem, Stream, TimeLine
+from attlog.flight.model import FlightLog, Gnss, Problem, Stream, TimeLine
 from attlog.health import timing
 from attlog.health.check import Check, HealthCase
 from attlog.health.timing import frozen_gyro_reason, timing_checks
@@ -103,14 +103,6 @@ def test_an_accelerometer_and_a_compass_that_stop_are_told_together() -> None:
     assert "accelerometer" in check.text
     assert "compass" in check.text
     assert frozen_gyro_reason(log) == ""
-
-
-def test_values_without_a_number_are_no_value_that_stays() -> None:
-    log = moving()
-    assert log.mag is not None
-    x = np.full_like(log.mags[log.mag].field.x, np.nan)
-    log.mags[log.mag] = Mag(0, Stream(log.mags[log.mag].field.t, x, "T", "FRD", "MAG"))
-    assert found(log)["frozen_sensors"].verdict == "ok"
 
 
 @pytest.mark.parametrize(("climbs", "verdict"), [((0.0, 20.0), "ok"), ((30.0, 60.0), "warning")])

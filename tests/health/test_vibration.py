@@ -70,14 +70,6 @@ def test_each_measure_has_its_own_limits(size: float, measure: VibrationMeasure,
     assert found.settings == []
 
 
-def test_every_unit_has_its_own_level() -> None:
-    log = shaken(50.0, 60.0, levels=[told(np.array(20.0)), told(np.array(40.0), 1)])
-    assert [(a.sensor, a.verdict) for a in vibration.vibration_checks(case(log))] == [
-        ("IMU.0", "ok"),
-        ("IMU.1", "warning"),
-    ]
-
-
 def test_vibration_that_grows_in_flight_is_a_warning_with_its_time() -> None:
     log = shaken(50.0, 60.0, levels=[told(np.where(T < 40.0, 2.0, 9.0))], throttle=None)
     (found,) = vibration.vibration_checks(case(log))
@@ -93,16 +85,6 @@ def test_a_short_flight_is_unknown_once_for_all_units() -> None:
     (found,) = vibration.vibration_checks(short)
     assert found.verdict == "unknown"
     assert "0 s" in found.text
-
-
-def test_without_any_level_the_reason_is_told() -> None:
-    log = shaken(50.0, 60.0)
-    (logged,) = vibration.vibration_checks(case(log))
-    assert (logged.verdict, "accelerometer vibrates by" in logged.text) == ("ok", True)
-    log.imu = None
-    (found,) = vibration.vibration_checks(case(log))
-    assert found.verdict == "unknown"
-    assert "VIBE" in found.text
 
 
 def test_the_level_of_bursts_is_the_rms_of_a_tone_above_5_hz() -> None:
