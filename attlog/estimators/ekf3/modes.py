@@ -116,6 +116,8 @@ FINAL_RESET_M, ANOMALY_CLIMB_M = 2.5, 0.5
 ANOMALY_YAW_RAD, MAX_ANOMALIES = 0.25, 2.0
 # Largest rotation between two compass samples at which a heading may be reset, rad.
 MAX_RESET_TURN_RAD = 0.1745
+# Without so much field to the north a declination is not fused.
+MIN_NORTH_GAUSS = 1e-3
 # Time limits in s: position without and with other aids, any aid at all, height without and with velocity.
 POSITION_S, POSITION_AIDED_S, AID_S, HEIGHT_S, HEIGHT_AIDED_S = 7.0, 10.0, 15.0, 5.0, 10.0
 # Seconds for which a bad IMU is remembered.
@@ -268,7 +270,7 @@ def use_compass(
     declination = known.declination if t_now >= known.t_fix else known.stored_declination
     if c[DECLINATION_DUE] > 0.0 and P[MI, MI] > 0.0:
         c[DECLINATION_DUE] = 0.0
-        due[OBS_DECLINATION] = 1.0
+        due[OBS_DECLINATION] = 1.0 if x[16] > MIN_NORTH_GAUSS else 0.0
         w.z[OBS_DECLINATION], w.noise[OBS_DECLINATION] = declination, FIRST_DECLINATION_SIGMA**2
     predicted = present_heading(f)
     turning = math.sqrt(f.rate[0] ** 2 + f.rate[1] ** 2 + f.rate[2] ** 2)
@@ -349,7 +351,7 @@ def use_compass(
     for i in range(3):
         due[i] = 1.0
         w.z[i], w.noise[i] = m[i], noise
-    if x[16] > 1e-3 and (c[GNSS_ON] == 0.0 or known.has_table > 0.0):
+    if x[16] > MIN_NORTH_GAUSS and (c[GNSS_ON] == 0.0 or known.has_table > 0.0):
         due[OBS_DECLINATION] = 1.0
         w.z[OBS_DECLINATION], w.noise[OBS_DECLINATION] = declination, DECLINATION_SIGMA**2
 
