@@ -66,22 +66,6 @@ def test_intervals_cover_the_value_of_a_first_order_process_whatever_its_time_co
     assert hits >= 92
 
 
-def wandering(rng, n, dt):
-    """Noise (n,) whose size wanders on every scale from 2 to 200 s alike, by 0.5 each in its logarithm."""
-    scales = (2.0, 6.0, 20.0, 60.0, 200.0)
-    return rng.standard_normal(n) * np.exp(sum(flights.coloured(rng, n, dt, 0.5, scale) for scale in scales) / 2.0)
-
-
-@pytest.mark.parametrize("seconds", [20.0, 200.0])
-def test_halves_of_an_error_that_wanders_on_every_scale_agree(seconds):
-    rng, agree = np.random.default_rng(6), 0
-    for _ in range(100):
-        x = np.abs(wandering(rng, 800, seconds / 800))
-        (v1, c1), (v2, c2) = sorted(statistics.ErrorSize(half, seconds / 2).of("rmse") for half in (x[:400], x[400:]))
-        agree += v2 - v1 <= np.hypot(c1[1] - v1, v2 - c2[0])
-    assert 90 <= agree
-
-
 @pytest.mark.parametrize("shared", [0.0, 1.0], ids=["independent", "shared"])
 def test_an_error_against_a_reference_that_is_wrong_covers_the_true_one(shared):
     """A row with an error of its own, and one that has all of the reference's error beside a small one of its own."""
@@ -119,13 +103,6 @@ def test_without_a_reference_there_is_a_code():
     case = flights.case([row], SEGMENTS, (T, LEVEL), "onboard")
     row.is_reference = True
     assert flights.ask(accuracy.METRIC_GROUPS, case, row, "all")["total_rmse_deg"].code == "not_applicable"
-
-
-def test_float32_quaternions_are_not_read_as_error():
-    q = rotation.from_euler(0.3 * np.sin(T), 0.2 * np.cos(T), 0.05 * T)
-    row = flights.row(T, rotation.normalize(q.astype(np.float32)))
-    case = flights.case([row], SEGMENTS, (T[::5], q[::5]))
-    assert flights.ask(accuracy.METRIC_GROUPS, case, row, "all")["total_rmse_deg"].value < 1e-4
 
 
 def drifting_rows(tilts_deg, seconds=90.0, kind="truth"):

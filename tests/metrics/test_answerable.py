@@ -6,25 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from attlog import pipeline, reference, segments
+from attlog import pipeline, reference
 from attlog.core.errors import AttlogError
-from attlog.flight import read
-from attlog.metrics import answerable
-from attlog.metrics.metric import Case, missing
-from attlog.metrics.ranking import TOO_UNCERTAIN
-from attlog.pipeline import inspection
 from attlog.pipeline.inspection import inspect
 from tests.conftest import corpus_logs, corpus_root
-
-SAMPLES = Path(__file__).parents[3] / "sample_logs"
-
-
-def case_of(name: str) -> Case:
-    log = read(SAMPLES / name)
-    case = inspection._compared(log, segments.build(log))[1]
-    assert case is not None
-    return case
-
 
 # The stand-in is the gyro alone, and what is possible with it is what filters are judged by.
 
@@ -82,11 +67,3 @@ def test_of_a_flight_too_short_for_any_small_drift_only_large_ones_are_told(monk
 
 def inspect_answers(path: Path) -> dict[str, bool]:
     return {a["question"]: a["can"] for a in inspect(path)["answerable"]}
-
-
-def test_a_refusal_says_why_and_of_an_uncertain_number_also_who_is_told_of_one() -> None:
-    assert answerable.refused(missing("no_rest", "no rest of 20 s", "deg", "rest")) == answerable.Availability(
-        (), ("no rest of 20 s",), ("no_rest",)
-    )
-    (why,) = answerable.refused(missing(TOO_UNCERTAIN, "too noisy", "deg", "rest")).why
-    assert why.startswith("too noisy; only a larger error would be significant")

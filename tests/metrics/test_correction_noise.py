@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.metrics import compute, correction_noise, noise, rank, statistics
+from attlog.metrics import compute, correction_noise, noise, rank
 from attlog.metrics.windows import detrended, deviations
 from tests.metrics.test_corpus import row_of, trial_of
 
@@ -134,32 +134,3 @@ def test_rows_told_apart_by_noise_stand_in_the_order_of_their_truth(corpus, name
             assert typical[0] < typical[1]
             seen += 1
     assert seen or name != FLIGHTS[0]
-
-
-RESTS = (
-    "px4/px4_static.ulg",
-    "px4/px4_hover.ulg",
-    "px4/px4_long.ulg",
-    "ardupilot/copter_static_hop.bin",
-    "ardupilot/copter_hover_rest.bin",
-    "ardupilot/copter_long.bin",
-)
-
-
-@pytest.mark.slow
-def test_two_windows_of_a_rest_tell_the_others_and_not_by_being_wide(corpus):
-    """Share of chunks of 10 s whose interval, and whose interval of half the width, holds the others: 94 and 81 %."""
-    whole, half = [], []
-    for name in RESTS:
-        case = trial_of(corpus / "sitl" / name, ",".join(FILTERS))
-        for row in (r for r in case.rows if r.kind == "replay"):
-            told = noise.phase_variances(case, row, "rest", "rest")
-            for v in np.log(told.variances[:, :3]).T if told and len(told.t0) >= 5 else ():
-                for first in range(0, len(v) - 1, 2):
-                    low, high = statistics.moderated_interval(v[first : first + 2], noise.PRIORS["rest"])
-                    away = np.abs(np.delete(v, [first, first + 1]).mean() - 0.5 * (low + high)) / (high - low)
-                    whole.append(away <= 0.5)
-                    half.append(away <= 0.25)
-    assert len(whole) >= 100
-    assert np.mean(whole) >= 0.88
-    assert np.mean(half) <= 0.9

@@ -34,9 +34,3 @@ def test_a_filter_that_cannot_be_run_again_has_the_cost_of_its_one_replay():
     mine = row("mine", ns=123.0)
     answer = cost.COST.ask(flights.case([mine], []), mine, "all")["cost_ns"]
     assert (answer.value, answer.ci95) == (123.0, None)
-
-
-def test_what_flew_on_board_has_no_cost():
-    onboard = row("onboard", ns=None)
-    onboard.kind = "onboard"
-    assert cost.COST.ask(flights.case([onboard], []), onboard, "all")["cost_ns"].code == "not_applicable"

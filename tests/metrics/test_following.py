@@ -99,13 +99,6 @@ def test_every_filter_but_the_gyro_is_corrected_by_gravity(name, hz):
     assert following.why_uncorrected(case, row) is None
 
 
-def test_a_row_that_looks_ahead_is_not_put_to_a_test_of_its_last_sample():
-    case, row = case_with("smoother")
-    row.causal = False
-    assert following.tilt_left(case, row) is None
-    assert following.why_uncorrected(case, row) is None
-
-
 @pytest.mark.parametrize("hz", [25.0, 100.0, 1000.0])
 def test_integrated_gyro_keeps_the_whole_tilt(hz):
     case, row = case_with("gyro", hz=hz)

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from attlog.core import rotation
 from attlog.flight.model import Attitude
 from attlog.metrics import drift as drift_rest
 from attlog.metrics import gyro_bias
@@ -16,9 +15,8 @@ from attlog.metrics import step_error as step_curves
 from attlog.metrics import step_fit as step_fits
 from attlog.metrics import step_products as step_groups
 from attlog.metrics import step_turning as steps
-from attlog.reference import alignment, scoring
+from attlog.reference import alignment
 from attlog.segments.model import Segment
-from tests.conftest import few
 from tests.metrics import flights
 from tests.metrics.flights import motion, sampled
 
@@ -69,34 +67,10 @@ def curves(seconds: float) -> Callable[[], object]:
     return anew
 
 
-def unscored(seconds: float) -> Callable[[], object]:
-    t = np.arange(0.0, seconds, 1.0 / HZ)
-    reference = flights.case([], [], (t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)))).reference
-    reference.scoring.unscored, few = SPANS * 20, SPANS[:1]
-    many = cost(lambda: scoring.scored_mask(reference, t))
-    reference.scoring.unscored = few
-    one = cost(lambda: scoring.scored_mask(reference, t))
-    assert many < 8 * one + 0.005
-    return lambda: None
-
-
-@pytest.mark.parametrize("of_log", few([turned, curves, unscored], 2), ids=lambda f: f.__name__)
+@pytest.mark.parametrize("of_log", [turned, curves], ids=lambda f: f.__name__)
 def test_short_spans_cost_the_same_in_a_log_a_hundred_times_as_long(of_log):
     """A mask over the whole log for each span would cost a hundred times as much."""
     assert cost(of_log(LONG_S)) < 8 * cost(of_log(SHORT_S)) + 0.005
-
-
-@pytest.mark.slow
-def test_events_of_a_log_in_eight_times_as_many_segments_cost_in_proportion():
-    """Looking for each segment's samples in the whole log would cost 64 times as much."""
-
-    def of(count: int) -> Callable[[], object]:
-        t = np.arange(0.0, 3.0 * count, 0.05)
-        q = rotation.from_euler(0.1 * np.sin(t), 0 * t, 0 * t)
-        segment = (t // 3.0).astype(np.int64)
-        return lambda: steps.find_steps(t, q, segment)
-
-    assert cost(of(400)) < 24 * cost(of(50))
 
 
 def test_leaving_out_each_event_solves_once_and_not_event_by_event(monkeypatch):
@@ -129,16 +103,3 @@ def test_segments_of_an_onboard_row_are_found_once_and_not_for_each_rest(monkeyp
     for span in SPANS[::2]:
         drift_rest.rest_blocks(case, row, (span,))
     assert len(found) == 1
-
-
-def test_rows_share_what_they_need_not_copy():
-    """A row that is compared at its own times, or at the reference's, keeps no second copy of them."""
-    from attlog.reference import scoring
-
-    t = np.arange(0.0, 100.0, 1.0 / HZ)
-    q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
-    reference = flights.case([], [], (t, q)).reference
-    reference.rate = HZ
-    found = scoring.errors_against(t, q, np.zeros(len(t), np.int64), reference)
-    assert found.t is t
-    assert found.q_est is q

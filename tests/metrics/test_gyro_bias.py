@@ -123,26 +123,6 @@ def test_samples_changed_before_a_filter_get_the_bias_that_they_have_then(sample
 
 
 @pytest.mark.slow
-def test_terminal_page_json_and_info_say_it(attlog, samples, tmp_path):
-    import json
-
-    said = "−0.358, +0.549, +0.894°/s about x, y, z"
-    run = attlog("analyze", samples / "px4_hover.ulg", "-o", tmp_path, "--estimators", "gyro", "--json", "-v")
-    assert run.code == 0
-    (bias,) = json.loads(run.out)["gyro_bias"]
-    assert bias["dps"] == pytest.approx([-0.358, 0.549, 0.894], abs=0.001)
-    assert bias["asked"] == bias["taken"] == "rest"
-    assert said in " ".join(run.err.split())
-    assert said in (tmp_path / "px4_hover.ulg.html").read_text(encoding="utf-8")
-    assert "-0.358, +0.549, +0.894" in attlog("info", samples / "px4_hover.ulg").out
-    run = attlog(
-        "analyze", samples / "px4_hover.ulg", "-o", tmp_path, "--estimators", "gyro", "--gyro-bias", "none", "-v"
-    )
-    assert "No gyro bias was subtracted" in run.out
-    assert attlog("analyze", samples / "px4_hover.ulg", "-o", tmp_path, "--gyro-bias", "some").code == 2
-
-
-@pytest.mark.slow
 def test_extracted_attitudes_are_those_of_the_analysis(attlog, samples, tmp_path):
     import json
 

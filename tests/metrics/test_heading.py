@@ -69,13 +69,6 @@ def test_without_gnss_there_is_a_reason() -> None:
     assert asked(gnss=False).code == "no_gnss"
 
 
-def test_a_row_without_a_north_has_no_heading_error() -> None:
-    flight = flown()
-    row = flights.row(flight.t, flight.q, heading_offset_deg=40.0)
-    row.uses_mag = False
-    assert heading.own_north(row) is None
-
-
 def test_the_north_that_was_taken_out_is_known_of_one_segment_with_a_compass() -> None:
     flight = flown()
     row = flights.row(flight.t, flight.q, heading_offset_deg=40.0)

@@ -9,7 +9,6 @@ from scipy import stats
 from attlog.metrics import statistics
 from attlog.metrics.statistics import VariancePrior
 from attlog.metrics.traces import known_steps
-from tests.conftest import few
 
 DOFS = (0.7, 1.0, 2.0, 3.3, 10.0, 55.5, 300.0, 1e4)
 PROBABILITIES = (0.001, 0.025, 0.05, 0.5, 0.95, 0.975, 0.999)
@@ -35,20 +34,6 @@ def test_tails_of_many_are_those_of_each_and_of_scipy(dof):
     np.testing.assert_allclose(found, 2 * stats.t.sf(t, dof), rtol=1e-6, atol=1e-12)
     assert np.isnan(statistics.students_two_sided(np.array([np.nan]), dof)[0])
     assert len(statistics.students_two_sided(t[:0], dof)) == 0
-
-
-def test_all_far_out_take_no_more_steps_than_one(monkeypatch):
-    """Tails that end at once leave nothing to sum, and no loop runs on for nobody."""
-    steps = []
-    monkeypatch.setattr(statistics, "_nonzeros", lambda x: steps.append(1) or x)
-    statistics.students_two_sided(np.array([0.0, np.inf]), 5.0)
-    assert len(steps) < 20
-
-
-def test_means_of_groups_are_those_of_each_group_wherever_it_lies():
-    x = np.random.default_rng(0).standard_normal(50)
-    groups = [slice(3, 10), slice(10, 11), slice(20, 50)]
-    np.testing.assert_allclose(statistics.group_means(x, groups), [x[g].mean() for g in groups], rtol=1e-13)
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 100])
@@ -80,33 +65,12 @@ def test_neighbours_that_do_not_resemble_each_other_widen_nothing():
     assert statistics.neighbour_interval([2.0, 2.0, 2.0]) == (2.0, 2.0)
 
 
-def test_neighbours_that_resemble_each_other_widen_as_a_first_order_process():
-    x = np.array([1.0, 1.0, -1.0, -1.0] * 10)  # neighbours alike in 20 of 39 cases: r = 1/40, and 1/40 for its bias
-    wider = np.diff(statistics.neighbour_interval(x)) / np.diff(statistics.mean_interval(x))
-    assert wider == pytest.approx(np.sqrt(1.05 / 0.95))
-    slow = np.repeat([1.0, -1.0], 10)
-    assert np.diff(statistics.neighbour_interval(slow)) / np.diff(statistics.mean_interval(slow)) == pytest.approx(2.0)
-
-
 def test_an_error_that_does_not_change_is_known_by_a_factor_of_two():
     """Without changes the variance is 2 * 1.3 / 5 for the difference of two records, half of it for one."""
     low, high = statistics.wandering_interval(3.0, [0.0, 0.0, 0.0])
     factor = np.exp(0.5 * stats.t.ppf(0.975, 5) * np.sqrt(0.5 * 2 * 1.3 / 5))
     assert (low, high) == pytest.approx((3.0 / factor, 3.0 * factor))
     assert factor == pytest.approx(1.93, abs=0.01)
-
-
-def test_a_change_between_halves_counts_as_those_of_both_quarters():
-    of_halves, of_quarters = (
-        statistics.wandering_interval(1.0, [1.5, 0.0, 0.0]),
-        statistics.wandering_interval(1.0, [0.0, 1.5, 1.5]),
-    )
-    assert of_halves == pytest.approx(of_quarters)
-    assert (
-        of_halves[1]
-        > statistics.wandering_interval(1.0, [1.0, 0.0, 0.0])[1]
-        > statistics.wandering_interval(1.0, [0.0] * 3)[1]
-    )
 
 
 @pytest.mark.parametrize(("half", "sigma", "wanted"), [(0.0, 0.1, 0.2), (0.3, 0.2, 0.5), (0.3, 0.0, 0.3)])
@@ -132,28 +96,6 @@ def test_a_jackknife_of_too_few_or_of_values_that_are_none_tells_nothing(left_ou
 
 
 PRIOR = VariancePrior(0.25, 4.0)
-RUNS = 6000
-"""Coverage of 95 % is then known to 0.3 %."""
-
-
-def of_the_model(rng, k, prior):
-    """k values whose scatter differs from log to log as the prior says: variance = s0^2 nu0 / chi2(nu0)."""
-    sigma = np.sqrt(prior.variance * prior.dof / rng.chisquare(prior.dof))
-    return sigma * rng.standard_normal(k)
-
-
-@pytest.mark.parametrize("k", few([1, 2, 4, 12], 2))
-def test_the_interval_covers_95_percent_neither_less_nor_more(k):
-    rng = np.random.default_rng(k)
-    bounds = np.array([statistics.moderated_interval(of_the_model(rng, k, PRIOR), PRIOR) for _ in range(RUNS)])
-    assert np.mean((bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)) == pytest.approx(0.95, abs=0.01)
-
-
-@pytest.mark.slow
-def test_p_values_of_equal_rows_are_uniform():
-    rng = np.random.default_rng(5)
-    p = [statistics.moderated_p_value(of_the_model(rng, 3, PRIOR)[None], PRIOR)[0] for _ in range(RUNS)]
-    assert stats.kstest(p, "uniform").pvalue > 1e-3
 
 
 def test_the_interval_is_smyths():
@@ -164,31 +106,3 @@ def test_the_interval_is_smyths():
     assert statistics.moderated_p_value(x[None], PRIOR)[0] == pytest.approx(
         2 * stats.t.sf(x.mean() / np.sqrt(s2 / 3), 6)
     )
-
-
-def test_factors_of_noise_intervals_at_rest():
-    """At one, two and four windows the interval reaches a factor of 2.0, 1.5 and 1.3 about the typical window."""
-    scatter = np.sqrt(0.25)
-    for k, factor in ((1, 2.0), (2, 1.5), (4, 1.35)):
-        x = stats.norm.ppf((np.arange(k) + 0.5) / k)
-        x = x / np.std(x, ddof=1) * scatter if k > 1 else x
-        assert np.exp(0.5 * statistics.moderated_interval(x, PRIOR)[1]) == pytest.approx(factor, rel=0.08)
-
-
-@pytest.mark.parametrize("k", [3, 5, 12])
-def test_the_jackknife_interval_covers_95_percent_neither_less_nor_more(k):
-    """Of a mean it is exact: without the t factor three events would cover 81 %."""
-    rng = np.random.default_rng(k)
-    hits = 0
-    for _ in range(RUNS):
-        x = rng.standard_normal(k)
-        low, high = statistics.jackknife_interval(x.mean(), (x.sum() - x) / (k - 1))
-        hits += low <= 0 <= high
-    assert hits / RUNS == pytest.approx(0.95, abs=0.01)
-
-
-@pytest.mark.parametrize("k", [2, 6])
-def test_the_t_interval_covers_95_percent_neither_less_nor_more(k):
-    rng = np.random.default_rng(k)
-    bounds = np.array([statistics.mean_interval(rng.standard_normal(k)) for _ in range(RUNS)])
-    assert np.mean((bounds[:, 0] <= 0) & (bounds[:, 1] >= 0)) == pytest.approx(0.95, abs=0.01)

@@ -106,26 +106,6 @@ def test_two_events_are_too_few_and_none_is_none():
     assert answers["lag_roll_ms"].code == "no_events"
 
 
-def test_no_movement_is_said_in_a_pilots_words():
-    t = np.arange(0.0, 40.0, 0.02)
-    still = sampled(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), 25.0)
-    case, row = step_case(still, still)
-    told = lag.LAG.ask(case, row, "airborne")["lag_ms"].reason
-    assert told.startswith("no step in flight from 0 s on; turns of 5 deg")
-    del case.segments.segments[1]
-    told = lag.LAG.ask(case, row, "airborne")["lag_ms"].reason
-    assert told == "the vehicle was never airborne (as far as the log shows)"
-    case.log.vehicle = "boat"
-    assert lag.LAG.ask(case, row, "airborne")["lag_ms"].reason == "a boat does not fly"
-
-
-def test_a_refused_reference_is_not_called_missing():
-    t, q = motion("steps", 20.0)
-    case, row = step_case(sampled(t, q, 200.0), sampled(t, q, 25.0))
-    case.reference.kind, case.reference.faults.reference = "none", "ATT never changes while the gyro turns"
-    assert lag.LAG.ask(case, row, "all")["lag_ms"].reason == case.reference.faults.reference
-
-
 def found_with(**changes):
     case, row = step_case(sampled(*motion("steps", 30.0), 200.0, DELAY), sampled(*motion("steps", 30.0), 25.0))
     found = lag.evidence(case, row, "all").fits["all"]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import json
 import re
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,8 @@ from attlog import metrics
 from attlog.core import rotation
 from attlog.core.plain import to_plain
 from attlog.flight.model import Imu, Stream
-from attlog.metrics import accuracy, metric
+from attlog.metrics import accuracy
 from attlog.metrics import step_turning as steps
-from attlog.metrics.gyro_bias import no_common_bias
 from attlog.metrics.metric import CODES, Answer, Case, per_object, per_row
 from attlog.metrics.rerun import AID_GROUPS
 from attlog.metrics.traces import traces
@@ -83,24 +81,6 @@ def test_what_rows_of_the_same_times_share_is_computed_once_for_each_array(calls
     del equal
     gc.collect()
     assert len(case.of_log) == known - 1  # nothing is kept of an array that is gone
-
-
-def test_the_bias_of_changed_samples_is_their_own_and_that_of_the_logs_units_is_known(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Only where it was asked to be that at rest: a bias that was given stays what it is."""
-    t = np.arange(3.0)
-    stream = Stream(t, np.ones((3, 3)), "rad/s", "FRD", "IMU")
-    unit, changed = Imu(0, stream, stream), Imu(0, stream, stream)
-    case = flights.case([], [])
-    case.log.imus = [unit]
-    assert case.bias_of(unit).taken == "none"
-    monkeypatch.setattr(metric, "common_bias", lambda log, segments, imu, asked: "anew")
-    for asked, of_changed in (("rest", "anew"), ("none", None)):
-        known = replace(no_common_bias(), asked=asked)
-        case.gyro_bias = {0: known}
-        assert case.bias_of(unit) is known
-        assert case.bias_of(changed) == (of_changed or known)
 
 
 # What holds for every metric: names, units, evidence, and that heading has no origin.

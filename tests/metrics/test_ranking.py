@@ -9,7 +9,7 @@ import pytest
 
 import attlog
 from attlog.core import rotation
-from attlog.estimators import DEFAULT, get
+from attlog.estimators import get
 from attlog.metrics import definitions, drift, rank, ranking, statistics
 from attlog.metrics.metric import Answer, missing
 from attlog.metrics.ranking import TOO_UNCERTAIN, DuplicateSearch, withdraw_uncertain
@@ -41,15 +41,6 @@ def test_rows_whose_intervals_lie_apart_are_told_apart():
     assert ranking.family(column, "low").significant == [("a", "b")]
 
 
-def test_differences_below_the_floor_are_ties():
-    column = {"a": answer(0.001, 0.0009, 0.0011, floor=0.005), "b": answer(0.004, 0.0039, 0.0041, floor=0.005)}
-    assert ranking.family(column, "low").best == ["a", "b"]
-    fine = {"a": by_units([0.001] * 20), "b": by_units([0.004] * 20)}
-    assert ranking.family(fine, "low").best == ["a"]
-    coarse = {name: by_units([s] * 20, floor=0.005) for name, s in (("a", 0.001), ("b", 0.004))}
-    assert ranking.family(coarse, "low").best == ["a", "b"]
-
-
 @pytest.mark.parametrize("bound", ["floor", "counts_as_zero_below"])
 @pytest.mark.parametrize("coarse", ["a", "b"])
 def test_the_coarser_of_two_rows_sets_what_is_a_tie(coarse, bound):
@@ -59,16 +50,6 @@ def test_the_coarser_of_two_rows_sets_what_is_a_tie(coarse, bound):
         assert ranking.family(column, "low").best == ["a"]
         setattr(column[coarse], bound, 0.005)
         assert ranking.family(column, "low").best == ["a", "b"]
-
-
-def test_lags_that_differ_by_less_than_half_a_sample_are_ties():
-    column = {
-        "a": answer(0.1, 0.05, 0.15, counts_as_zero_below=2.5),
-        "b": answer(1.9, 1.8, 2.0, counts_as_zero_below=2.5),
-        "c": answer(9.0, 8.9, 9.1, counts_as_zero_below=2.5),
-    }
-    found = ranking.family(column, "zero")
-    assert (found.best, found.worst) == (["a", "b"], ["c"])
 
 
 def test_pairs_share_their_windows_so_a_common_gust_hides_no_difference():
@@ -100,11 +81,6 @@ def test_rows_with_less_than_half_of_the_windows_are_not_compared():
     column = {"a": by_units([1.0] * 10), "b": by_units([2.0] * 9), "short": by_units([0.1] * 4)}
     assert ranking.family(column, "low").rows == ["a", "b"]
     assert column["a"].n == 9
-
-
-def test_rows_without_common_windows_are_not_compared():
-    column = {"a": by_units([1.0] * 5), "b": by_units([2.0] * 5), "later": by_units([0.1] * 5, first=50)}
-    assert len(ranking.family(column, "low").rows) < 3
 
 
 def marks(table, rows):
@@ -224,19 +200,6 @@ def test_an_answer_is_as_far_from_perfect_as_its_kind_says(
     assert ranking.distance(distance_answer(value, ci95), better) == pytest.approx(wanted)
 
 
-def test_the_largest_of_all_floors_counts_and_what_the_gyro_hides() -> None:
-    bare = distance_answer(1.0), distance_answer(2.0)
-    assert ranking.floor(*bare) == 0.0
-    for name in ("floor", "counts_as_zero_below"):
-        for k in range(2):
-            pair = [distance_answer(1.0, floor=0.1), distance_answer(2.0, floor=0.1)]
-            setattr(pair[k], name, 0.3)
-            assert ranking.floor(*pair) == 0.3
-    share = distance_answer(-3.0, gyro_share=4.0), distance_answer(9.0, gyro_share=1.0)
-    assert ranking.floor(*share) == pytest.approx(np.hypot(3.0, 4.0) - 3.0)
-    assert ranking.floor(*share[::-1]) == pytest.approx(2.0)
-
-
 def of_units(ids: list[int], value: float = 1.0) -> Answer:
     found = distance_answer(value)
     found.units = UnitValues("log_variance", make_ids(ids), np.arange(len(ids), dtype=float))
@@ -254,19 +217,6 @@ def test_the_least_covered_row_goes_until_half_of_the_units_of_the_best_are_comm
     assert rows == ["whole", "last"]
     assert common.tolist() == [1000 * k for k in range(3, 10)]
     assert ranking.common_units({"a": distance_answer(1.0)}) == ([], pytest.approx(np.zeros(0)))
-
-
-def test_pairs_are_ordered_by_the_shown_values_and_ties_within_the_floor_fall_out() -> None:
-    answers = {
-        "a": distance_answer(3.0),
-        "b": distance_answer(1.0),
-        "c": distance_answer(1.0),
-        "d": distance_answer(1.2, floor=0.3),
-    }
-    couples = [("a", "b"), ("b", "a"), ("b", "c"), ("b", "d"), ("a", "d")]
-    assert ranking._in_order(couples, answers, "low") == [("b", "a"), ("b", "a"), ("d", "a")]
-    assert ranking._in_order(couples, answers, "low", ordered=True) == [("b", "a")]
-    assert ranking._in_order(couples[:1], answers, "high") == [("a", "b")]
 
 
 # What leaves more open than anybody would assume is no answer.
@@ -438,12 +388,6 @@ def test_page_terminal_and_json_say_it(attlog, samples, tmp_path):
     assert same in " ".join(run.err.split())
     assert "and Mahony share one equation (Mahony2008 32) and differ in kp (0.3, 0.45)" in " ".join(run.err.split())
     assert same in (tmp_path / "copter_yaw_turns.bin.html").read_text(encoding="utf-8")
-
-
-def test_the_default_rows_hold_the_baseline_and_no_filter_twice():
-    assert DEFAULT[-1] == "gyro"
-    assert {"complementary", "mahony", "madgwick", "ekf12", "vqf"} <= set(DEFAULT)
-    assert len(DEFAULT) <= 8, "more than the page shows at first"
 
 
 def test_equal_attitudes_of_two_imus_are_not_one_filter():

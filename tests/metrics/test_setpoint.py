@@ -76,19 +76,6 @@ def test_a_known_plant_comes_back_to_3_ms_and_5_percent(plant_of, noise_deg):
 
 
 @pytest.mark.slow
-def test_a_vehicle_that_follows_at_once_has_no_delay_and_answers_never_come_before_the_command():
-    case, row = flight(noise_deg=0.0)
-    case.log.attitudes["ATT"].q = case.log.setpoints.attitude.q
-    found = setpoint.SETPOINT.ask(case, row, "all")
-    assert found["setpoint_delay_ms"].value == pytest.approx(0.0, abs=6.0)
-    assert found["tracking_rms_deg"].value < 0.01
-    pieces, _ = setpoint.flown_angles(flight()[0], "all")
-    t, response = setpoint.step_response(setpoint.blocks_of(setpoint.angles(pieces)))
-    assert t[0] == 0.0
-    assert abs(response[0]) < 0.02
-
-
-@pytest.mark.slow
 def test_an_attitude_that_ignores_its_set_point_has_no_response():
     case, row = flight()
     case.log.attitudes["ATT"].q = np.roll(case.log.attitudes["ATT"].q, 4000, axis=0)
@@ -179,14 +166,3 @@ def test_what_follows_a_fifth_of_its_set_point_or_less_has_no_response(gain: flo
     _, step = response.step_response(flown(gain))
     assert bool(np.isfinite(step).all()) is known
     assert bool(np.isfinite(response.response_features(T[: len(step)], step)).all()) is known
-
-
-def test_features_of_straight_lines_are_read_between_samples() -> None:
-    t = np.array([0.0, 1.0, 2.0, 3.0, 4.0])
-    half, rise, peak, settled = response.response_features(t, np.array([0.0, 0.4, 1.2, 1.0, 1.0]))
-    assert (half, peak) == (pytest.approx(1.0 + 0.1 / 0.8), 1.2)
-    assert rise == pytest.approx(1.0 + 0.5 / 0.8 - 0.25)
-    assert settled == pytest.approx(2.0 + 0.15 / 0.2)
-    assert response.response_features(t, np.array([0.0, 0.4, 0.7, 0.8, 0.9]))[3] == 4.0
-    assert np.isnan(response.response_features(t, np.array([0.0, 0.1, 0.2, 0.3, 0.4]))[0])
-    assert np.isnan(response.response_features(t, np.full(5, np.nan))).all()

@@ -12,7 +12,7 @@ from attlog.metrics import step_products as step_columns
 from attlog.metrics import step_products as step_groups
 from attlog.metrics import step_sensors
 from attlog.metrics import step_turning as steps
-from attlog.metrics.step_products import MARGIN_S, STRIDE_S, axes_of, axis_of
+from attlog.metrics.step_products import axes_of, axis_of
 from attlog.metrics.step_sensors import RowSensors, samples_of
 from attlog.metrics.step_turning import REACH_AFTER_S, REACH_BEFORE_S, SummedTurning, around, stack_events
 from tests.metrics import flights
@@ -71,29 +71,6 @@ def test_the_products_are_those_of_the_columns_built_pair_by_pair(row_hz, ref_hz
     np.testing.assert_allclose(products, wanted, rtol=1e-9, atol=1e-9 * np.abs(wanted).max())
 
 
-@pytest.mark.parametrize(("row_hz", "ref_hz"), [(200.0, 50.0), (50.0, 200.0)])
-def test_the_coarse_powers_are_those_of_rates_centred_per_event(row_hz, ref_hz):
-    found = columns_of(row_hz, ref_hz)
-    step = max(1, len(found.begin) // (step_columns.COARSE_SAMPLES * len(found.fast.low)))
-    begin, end, of = found.begin[::step], found.end[::step], found.of[::step]
-    for delay in (-0.25, 0.0, 0.004):
-        shift = -delay if found.slow_row else delay
-        a, b = (np.interp(found.slow.t[k] + shift, found.fast.t, found.fast.x[:, 0]) for k in (begin, end))
-        span = found.slow.t[end] - found.slow.t[begin]
-        x, y = (b - a) / span, (found.slow.x[end, 0] - found.slow.x[begin, 0]) / span
-        for v in (x, y):
-            for event in np.unique(of):
-                v[of == event] -= np.mean(v[of == event])
-        xx, yy, xy = found.rate_products(np.array([delay]))[0]
-        np.testing.assert_allclose([xx, yy, xy], [x @ x, y @ y, x @ y], rtol=1e-9)
-
-
-def test_events_lie_so_far_apart_that_none_reaches_into_the_next():
-    found = columns_of(200.0, 50.0)
-    assert (found.fast.high[:-1] + 2 * MARGIN_S < found.fast.low[1:]).all()
-    assert (np.diff(found.fast.low) > 0.9 * STRIDE_S).all()
-
-
 HOLDING = (step_sensors.held_field.function, step_sensors.held_field)
 
 
@@ -148,20 +125,6 @@ def test_events_in_groups_tell_the_same_as_all_at_once(monkeypatch, kept):
     assert [k for own in groups.bounds for k in range(own.start, own.stop)] == list(range(len(groups.events)))
     assert found.delay == pytest.approx(whole.delay, abs=1e-10)
     np.testing.assert_allclose(found.left_out, whole.left_out, rtol=1e-7)
-
-
-def test_columns_are_kept_up_to_a_size_however_many_events_there_are(monkeypatch):
-    monkeypatch.setattr(step_groups, "BATCH_SAMPLES", 2000)
-    held = []
-    for seconds in (60.0, 240.0):
-        groups = step_groups.event_batches(*both(seconds), None)
-        groups._kept.clear()
-        groups._room = 500_000
-        step_fits.fit(groups)
-        held.append(sum(columns.nbytes for columns in groups._kept.values()))
-        assert len(groups.bounds) > len(groups._kept)
-    assert 0 < held[1] <= 500_000
-    assert held[1] == pytest.approx(held[0], rel=0.3)
 
 
 def test_samples_around_an_event_are_those_of_its_segment_and_reach_far_enough():
@@ -233,11 +196,6 @@ def test_a_step_of_fixed_size_is_one_degree_per_second_and_fades_below_a_third_o
         found = rates(level, f, np.zeros((1, 3)))[0, :, 2]
         assert np.linalg.norm(found) == pytest.approx(wanted, rel=1e-3)
         assert found[0] == pytest.approx(np.linalg.norm(found))  # turns down (z) towards +y: about +x
-
-
-def test_a_missing_accelerometer_or_magnetometer_sample_turns_nothing():
-    q, f, m = some(3)
-    assert not rates(q, 0 * f, 0 * m).any()
 
 
 def case_with(t, rate, field, field_at, sampling="interval"):

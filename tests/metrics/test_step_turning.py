@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.metrics import step_turning
 from attlog.metrics import step_turning as steps
 from attlog.metrics.step_turning import (
     StepEvent,
@@ -22,7 +21,7 @@ from attlog.metrics.step_turning import (
     summed_turning,
 )
 from attlog.reference.model import Scoring
-from tests.metrics.flights import motion, sampled, vehicle
+from tests.metrics.flights import motion, sampled
 
 
 def find(track):
@@ -36,32 +35,6 @@ def test_each_commanded_movement_is_one_event_at_any_reference_rate(hz):
     assert len(events) == len(np.arange(3.0, 37.0, 3.0))
     assert {e.axis for e in events} == {2}
     np.testing.assert_allclose(np.diff([e.onset for e in events]), 3.0, atol=0.15)
-
-
-@pytest.mark.parametrize(("seconds", "events_each"), [(0.5, 1), (0.75, 1), (1.4, 2)])
-def test_a_doublet_is_counted_once_unless_its_way_back_comes_0_7_s_later(seconds, events_each):
-    t = np.arange(0.0, 20.0, 0.0025)
-    command = np.zeros(len(t))
-    for at in (4.0, 9.0, 14.0):
-        command[(t >= at) & (t < at + seconds)] = np.radians(20)
-    q = rotation.from_euler(vehicle(command, 15.0), 0 * t, 0 * t)
-    events = find(sampled(t, q, 100.0))
-    assert [e.delta_deg > 0 for e in events] == [True, False][:events_each] * 3
-
-
-def test_small_and_slow_movements_are_no_events():
-    t = np.arange(0.0, 20.0, 0.0025)
-    small = vehicle(np.where((t > 5) & (t < 10), np.radians(4.0), 0.0), 12.0)
-    slow = np.radians(4.0) * t
-    assert find(sampled(t, rotation.from_euler(small, 0 * t, slow), 50.0)) == []
-
-
-def test_no_event_without_half_a_second_of_the_same_piece_before_it():
-    t, q = motion("yaw", 16.0)
-    track = sampled(t, q, 50.0)
-    whole = find(track)
-    track.segment = (track.t > whole[1].onset - 0.3).astype(np.int64)
-    assert [e.onset for e in find(track)] == [e.onset for e in whole if e is not whole[1]]
 
 
 def test_events_count_from_the_scoring_start_and_only_those_that_end_before_the_end():
@@ -244,16 +217,3 @@ def test_turning_about_axes_begins_with_each_event():
         np.testing.assert_allclose(out[own, 0], since @ axis, atol=1e-12)
         np.testing.assert_allclose(out[own, 1:], np.cross(since, axis), atol=1e-12)
         np.testing.assert_array_equal(at[own], t[part] + start)
-
-
-@pytest.mark.parametrize("share", [0.2, 0.98, 1.02, 9.0])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_turn_on_either_side_of_where_the_series_ends_is_its_rotation_vector(share: float, sign: float) -> None:
-    """The series leaves its next term: s^7 / 15 of s = tan^2 of half the angle."""
-    s = share * step_turning.SMALL
-    vector = 2.0 * np.arctan(np.sqrt(s)) * np.array([0.36, -0.48, 0.8])
-    q = np.roll(Rotation.from_rotvec([np.zeros(3), vector]).as_quat(), 1, axis=1)
-    q[1] *= sign
-    out = np.empty((2, 3))
-    summed_turning(out, np.ascontiguousarray(q))
-    np.testing.assert_allclose(out[1], np.degrees(vector), rtol=s**7 / 7.5 + 1e-14)

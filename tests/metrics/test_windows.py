@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.metrics import drift, gyro_bias, windows
+from attlog.metrics import windows
 from attlog.metrics import windows as evidence
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -76,19 +73,6 @@ def test_rest_of_2_to_5_s_is_one_window_and_shorter_flight_is_none():
     assert windows.lay_windows((0.0, 14.97), "hover") == [(0.0, 5.0), (5.0, 10.0), (10.0, 15.0)]
 
 
-def test_why_there_is_nothing_names_what_would_be_needed():
-    case = flights.case([row()], FLIGHT)
-    assert windows.reason_unavailable(case, "rest", "rest")[0] == "rest_too_short"
-    assert "after the filter settled" in windows.reason_unavailable(case, "rest", "rest")[1]
-    bare = flights.case([row()], FLIGHT[:1])
-    assert [windows.reason_unavailable(bare, p, p)[0] for p in windows.PHASES] == [
-        "no_rest",
-        "not_applicable",
-        "not_applicable",
-        "no_rest",
-    ]
-
-
 def test_stretches_end_at_gaps_and_restarts():
     t = np.concatenate([np.arange(0.0, 5.0, 0.01), np.arange(6.0, 9.0, 0.01)])
     run = (t > 7.5).astype(np.int64)
@@ -96,24 +80,6 @@ def test_stretches_end_at_gaps_and_restarts():
     assert [(round(t[s.start], 2), round(t[s.stop - 1], 2)) for s in found] == [(1.0, 4.99), (6.0, 7.5), (7.51, 8.5)]
     assert evidence.within(t, (5.2, 5.8)) == []
     assert evidence.within(np.zeros(0), (0.0, 1.0)) == []
-
-
-@given(st.lists(st.tuples(st.floats(0.005, 0.2), st.booleans()), min_size=1, max_size=200))
-def test_stretches_cover_what_is_inside_once_and_nothing_else(samples):
-    t = np.cumsum([s for s, _ in samples])
-    inside = np.array([b for _, b in samples])
-    found = evidence.unbroken(t, inside)
-    index = np.concatenate([np.arange(s.start, s.stop) for s in found]) if found else np.zeros(0, int)
-    np.testing.assert_array_equal(index, np.flatnonzero(inside))
-
-
-@given(slope=st.floats(-20, 20), offset=st.floats(-1000, 1000), begin=st.floats(0, 1e5), jump=st.floats(-170, 170))
-def test_a_line_has_its_own_slope_wherever_it_starts_and_jumps(slope, offset, begin, jump):
-    t = begin + np.arange(0.0, 60.0, 0.1)
-    segment = (t > begin + 33.0).astype(np.int64)
-    e = (offset + slope / 60.0 * (t - begin) + jump * segment + 180.0) % 360.0 - 180.0
-    found = drift.fit_drift(drift.block_means(t, e, segment))
-    assert abs(found.value - slope) < 1e-5
 
 
 def test_a_heading_that_wanders_is_no_tilt_however_the_vehicle_lies():
@@ -129,32 +95,3 @@ def test_tilt_is_told_about_the_vehicles_own_roll_and_pitch_axis_whatever_its_he
         found = evidence.deviations(q)
         np.testing.assert_allclose(found[:, axis], np.degrees(nod - np.mean(nod)), atol=1e-3)
         np.testing.assert_allclose(found[:, 1 - axis], 0.0, atol=1e-6)
-
-
-T = np.arange(0.0, 60.0, 0.1)
-SPAN = (5.0, 45.0)
-
-
-def seen(rate: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    """A vector of the earth in the axes of a body that turns at a rate (3,) rad/s."""
-    return np.asarray(Rotation.from_rotvec(T[:, None] * rate).inv().apply(vector))
-
-
-RATE = np.radians([0.5, -0.2, 0.4])
-VECTOR = np.array([1.0, 3.0, -9.0])
-
-
-def test_a_part_of_the_turn_is_enough_from_its_share_on() -> None:
-    share = gyro_bias.TURNED_SHARE
-    for factor, follows in ((share + 0.07, True), (share - 0.07, False)):
-        assert gyro_bias._follows(T, seen(factor * RATE, VECTOR), RATE, SPAN) is follows
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_either_vector_tells_a_turn_and_a_span_without_a_gyro_none(which: int) -> None:
-    vectors = [(T, seen(0.0 * RATE, VECTOR)), (T, seen(0.0 * RATE, VECTOR))]
-    gyro = T, np.tile(RATE, (len(T), 1))
-    assert not gyro_bias.turned(gyro, vectors, SPAN)
-    vectors[which] = (T, seen(RATE, VECTOR))
-    assert gyro_bias.turned(gyro, vectors, SPAN)
-    assert not gyro_bias.turned((T + 100.0, gyro[1]), vectors, SPAN)
