@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from attlog import formats
 from attlog.core import files, rotation
 from attlog.core.errors import LogUnusable, OutputError, UsageError
-from attlog.core.files import file_names, staging_folder, write_all_atomic, write_atomic
+from attlog.core.files import file_names, staging_folder, write_all_atomic
 from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
 from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
@@ -231,12 +231,9 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
 
 def _write(table: Extract, target: Path, meta: dict[str, Any], kind: str) -> None:
     """Write one table into one file, CSV with a JSON file beside it."""
-    about = meta | {"table": table.name, "units": table.units, "source": table.note}
-    if kind == "csv":
-        beside = target.with_name(target.name + ".json")
-        write_all_atomic({target: _csv(table), beside: json.dumps(about, indent=1) + "\n"})
-    else:
-        write_atomic(target, _parquet(table, about))
+    content, about = _encoded(table, meta, kind)
+    beside = {target.with_name(target.name + ".json"): about + "\n"} if kind == "csv" else {}
+    write_all_atomic({target: content, **beside})
 
 
 def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, kind: str) -> None:
@@ -244,10 +241,14 @@ def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, ki
     listed = list(tables)
     if len(listed) != 1:
         raise UsageError(f"-o -: standard output takes one table, not {_too_many(listed)}")
-    (table,) = listed
-    about = _about(log) | {"table": table.name, "units": table.units, "source": table.note}
-    stream.write(_csv(table).encode("utf-8", "replace") if kind == "csv" else _parquet(table, about))
+    stream.write(_encoded(listed[0], _about(log), kind)[0])
     stream.flush()
+
+
+def _encoded(table: Extract, meta: dict[str, Any], kind: str) -> tuple[bytes, str]:
+    """Return the content of a file, and the table's metadata as JSON."""
+    about = json.dumps(meta | {"table": table.name, "units": table.units, "source": table.note}, indent=1)
+    return (_csv(table).encode("utf-8", "replace") if kind == "csv" else _parquet(table, about)), about
 
 
 def _too_many(tables: list[Extract]) -> str:
@@ -280,14 +281,14 @@ def _csv(table: Extract) -> str:
     return buffer.getvalue()
 
 
-def _parquet(table: Extract, about: dict[str, Any]) -> bytes:
+def _parquet(table: Extract, about: str) -> bytes:
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
         raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
     arrow = pyarrow.Table.from_pandas(table.frame(), preserve_index=False)
-    arrow = arrow.replace_schema_metadata((arrow.schema.metadata or {}) | {b"attlog": json.dumps(about).encode()})
+    arrow = arrow.replace_schema_metadata((arrow.schema.metadata or {}) | {b"attlog": about.encode()})
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(arrow, buffer)
     return buffer.getvalue()

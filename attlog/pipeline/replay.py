@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -55,13 +55,8 @@ Chosen: TypeAlias = estimators.EstimatorSpec | Runnable | PluginError
 
 def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
     """Run the named estimators and return their aligned attitudes; raise the first failure."""
-    rows = []
-    for suffix, imu in case.imus.items():
-        for spec in chosen(specs, case.log).values():
-            if isinstance(spec, PluginError):
-                raise spec
-            rows.append(_run(case, imu, spec, suffix)[0])
-    return rows
+    rows = chosen(specs, case.log).values()
+    return [_run(case, imu, spec, suffix)[0] for suffix, imu in case.imus.items() for spec in rows]
 
 
 def smoother(
@@ -122,8 +117,6 @@ def replays(
                 return None, EstimatorRow(name, kind, name, "failed", sentence)
 
             try:
-                if isinstance(spec, PluginError):
-                    raise spec
                 yield guarded(name, partial(_run, case, imu, spec, suffix, whole=False), bug)
             except AttlogError as error:
                 if failed is not None:
@@ -136,8 +129,6 @@ def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
     imu, spec, suffix = next(
         (imu, spec, suffix) for suffix, imu in case.imus.items() for n, spec in specs.items() if n + suffix == name
     )
-    if isinstance(spec, PluginError):
-        raise spec
     return _run(case, imu, spec, suffix)[0]
 
 
@@ -186,10 +177,10 @@ def aids_of(case: Case, suffix: str) -> estimators.Aids:
     return inputs.aids_of(case.log, case.segments, case.imus[suffix], alignment.earth_field(case.log))
 
 
-def _run(
-    case: Case, imu: Imu, spec: estimators.EstimatorSpec | Runnable, suffix: str, whole: bool = True
-) -> tuple[Track, EstimatorRow]:
-    """Run one estimator over one IMU; ``whole`` as of :func:`replayed`."""
+def _run(case: Case, imu: Imu, spec: Chosen, suffix: str, whole: bool = True) -> tuple[Track, EstimatorRow]:
+    """Run one estimator over one IMU; ``whole`` as of :func:`replayed`. The error of a plug-in is raised."""
+    if isinstance(spec, PluginError):
+        raise spec
     STAGES.info("running %s", spec.name)
     if not isinstance(spec, estimators.EstimatorSpec):
         return spec.run(case, imu, suffix)
@@ -248,18 +239,8 @@ def replayed(
 
     ``whole`` False drops other outputs (``aux``), which no metric reads and which are as large as the attitude.
     """
-    t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
-    estimate = estimators.estimate(
-        spec,
-        t,
-        case.gyro_of(imu),
-        imu.acc.x,
-        _placed(mag, spec.estimator, t),
-        sampling=imu.gyro.sampling,
-        dt=imu.dt,
-        aids=_with_field(aids, spec.estimator, mag),
-        log=known,
-    )
+    samples, facts = _inputs(case, imu, mag, spec.estimator, known, aids)
+    estimate, t = estimators.estimate(spec, *samples, **facts), samples[0]
     if np.array_equal(estimate.t, t):
         estimate.t = t  # share one time array between rows: copies add up in long logs
     values = spec.resolved(known)
@@ -290,21 +271,9 @@ def batch(
     if "gnss" in estimator.needs and aids.velocity is None:
         raise UsageError(f"{estimator.name} needs gnss, which was not given")
     STAGES.info("running %s with %d parameter sets", spec.name, len(settings))
-    t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
+    samples, facts = _inputs(case, imu, mag, estimator, known, aids)
     sets = [estimators.EstimatorSpec(estimator, spec.preset, {**spec.params, **setting}) for setting in settings]
-    found = estimate_batch(
-        estimator,
-        [one.params for one in sets],
-        t,
-        case.gyro_of(imu),
-        imu.acc.x,
-        _placed(mag, estimator, t),
-        preset=spec.preset,
-        sampling=imu.gyro.sampling,
-        dt=imu.dt,
-        aids=_with_field(aids, estimator, mag),
-        log=known,
-    )
+    found = estimate_batch(estimator, [one.params for one in sets], *samples, preset=spec.preset, **facts)
     return [
         _track(case, imu, mag, one, one.resolved(known), estimate, one.name, whole=False)
         for one, estimate in zip(sets, found, strict=True)
@@ -361,16 +330,25 @@ def wait_for_motion(estimate: Estimate) -> bool:
     return True
 
 
-def _placed(mag: Mag | None, estimator: estimators.Estimator, t: alignment.Array) -> alignment.Array | None:
-    """Place magnetometer samples on IMU times; None for a filter without it."""
-    return estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and "mag" in estimator.uses else None
+def _inputs(
+    case: Case,
+    imu: Imu,
+    mag: Mag | None,
+    estimator: estimators.Estimator,
+    known: estimators.LogFacts,
+    aids: estimators.Aids,
+) -> tuple[tuple[Any, Any, Any, Any], dict[str, Any]]:
+    """Return samples (times, gyro, accelerometer, magnetometer at these times or None) and keywords of a filter.
 
-
-def _with_field(aids: estimators.Aids, estimator: estimators.Estimator, mag: Mag | None) -> estimators.Aids:
-    """Add the magnetometer at its own times to the aids of a whole-run plug-in."""
-    if mag is None or estimator.run is None or estimator.origin == "attlog" or "mag" not in estimator.uses:
-        return aids
-    return replace(aids, mag=inputs.field_of(mag))
+    A plug-in that runs over the whole log gets the magnetometer at its own times too.
+    """
+    t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
+    uses = mag is not None and "mag" in estimator.uses
+    if mag is not None and uses and estimator.run is not None and estimator.origin != "attlog":
+        aids = replace(aids, mag=inputs.field_of(mag))
+    placed = estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and uses else None
+    facts = {"sampling": imu.gyro.sampling, "dt": imu.dt, "aids": aids, "log": known}
+    return (t, case.gyro_of(imu), imu.acc.x, placed), facts
 
 
 def _add_common_bias(row: Track, taken: CommonBias) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import re
+from typing import TypeGuard
 
 MINUS = "\u2212"
 
@@ -119,26 +120,26 @@ def below(value: float, unit: str = "") -> str:
     return quantity(math.ceil(size * scale - 1e-9) / scale, unit, signed=False)
 
 
-def interval(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
+Interval = tuple[float, float] | list[float] | None
+
+
+def _is_known(ci95: Interval) -> TypeGuard[tuple[float, float] | list[float]]:
+    return ci95 is not None and all(x is not None and math.isfinite(x) for x in ci95)
+
+
+def interval(ci95: Interval, unit: str = "") -> str:
     """Format an interval, ``−6.7 to −2.7``; empty without one."""
-    if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
-        return ""
-    low, high = ci95
-    return f"{number(low, unit)} to {number(high, unit)}"
+    return f"{number(ci95[0], unit)} to {number(ci95[1], unit)}" if _is_known(ci95) else ""
 
 
-def bracketed(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
+def bracketed(ci95: Interval, unit: str = "") -> str:
     """Format an interval for a table, ``[−6.7, −2.7]``; empty without one."""
-    if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
-        return ""
-    return f"[{number(ci95[0], unit)}, {number(ci95[1], unit)}]"
+    return f"[{number(ci95[0], unit)}, {number(ci95[1], unit)}]" if _is_known(ci95) else ""
 
 
-def half_width(ci95: tuple[float, float] | list[float] | None, unit: str = "") -> str:
+def half_width(ci95: Interval, unit: str = "") -> str:
     """Format half of an interval, ``±2.0``; empty without one."""
-    if ci95 is None or any(x is None or not math.isfinite(x) for x in ci95):
-        return ""
-    return f"±{number(0.5 * (ci95[1] - ci95[0]), unit, False)}"
+    return f"±{number(0.5 * (ci95[1] - ci95[0]), unit, False)}" if _is_known(ci95) else ""
 
 
 def moment(t: float, places: int = 1) -> str:
