@@ -405,22 +405,6 @@ def test_a_damaged_log_keeps_its_clock_and_its_physics(name: str, seed: int, tmp
         np.testing.assert_allclose(np.linalg.norm(attitude.q, axis=1), 1.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("content", [b"", b"\0" * 5000, b"not a log\n" * 100, bytes(range(256)) * 40])
-def test_what_is_no_log_ends_in_one_line(content: bytes, tmp_path: Path) -> None:
-    path = tmp_path / "x.bin"
-    path.write_bytes(content)
-    with pytest.raises(AttlogError) as caught:
-        flight.read(path)
-    assert "\n" not in str(caught.value)
-    assert "x.bin" in str(caught.value)
-
-
-def test_a_missing_file_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(AttlogError) as caught:
-        flight.read(tmp_path / "nowhere.ulg")
-    assert caught.value.exit_code == 66
-
-
 def test_a_log_in_a_gzip_file_that_ends_early_says_so_first(tmp_path: Path) -> None:
     path = tmp_path / "flight.ulg.gz"
     path.write_bytes(gzip.compress((SAMPLES / "px4_steps.ulg").read_bytes(), 6)[:-200_000])

@@ -14,7 +14,6 @@ from attlog.flight import limits, read
 from attlog.flight import limits as parameter_limits
 from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.builder import LogBuilder
-from attlog.flight.imu import low_pass_delay
 from attlog.flight.limits import documented_range, is_integer
 from attlog.flight.model import FlightLog, Problem
 from attlog.flight.parameters import read_parameter_file
@@ -259,41 +258,6 @@ def test_an_ardupilot_log_is_held_to_the_same_limits() -> None:
         counts = told(ardupilot_log(spoil).problems, words)
         assert sum(counts) in (9, 18), words  # a speed is two components of the velocity
     assert told(ardupilot_log(lambda tables: None).problems, "") == []
-
-
-def test_parameters_that_are_computed_with_have_limits_and_others_have_none() -> None:
-    wrong = {
-        "IMU_GYRO_CUTOFF": 1e-38,
-        "INS_GYRO_FILTER": 1e30,
-        "EKF2_MAG_DECL": 1e39,
-        "COMPASS_DEC": 12.0,
-        "CAL_MAG0_XOFF": 1e9,
-        "CAL_ACC1_ZSCALE": -3e8,
-        "SENS_BOARD_ROT": 1e9,
-        "AHRS_TRIM_X": 40.0,
-    }
-    right = {
-        "IMU_GYRO_CUTOFF": 0.0,
-        "INS_GYRO_FILTER": 20.0,
-        "EKF2_MAG_DECL": -12.0,
-        "COMPASS_DEC": 0.2,
-        "CAL_MAG0_XOFF": 0.3,
-        "CAL_ACC1_ZSCALE": 1.01,
-        "SENS_BOARD_ROT": 4.0,
-        "AHRS_TRIM_X": 0.02,
-        "ANYTHING_ELSE": 1e30,
-    }
-    for name, value in wrong.items():
-        log = messages("ulog", {}, [ParamChange(name, right[name]), ParamChange(name, value)])
-        problems = parameter_limits.drop_impossible(log)
-        assert [(p.code, p.count) for p in problems] == [("values_out_of_range", 1)]
-        assert f"{name}: left out 1 of 2" in problems[0].text
-        assert [p.value for p in log.params] == [right[name]]
-    assert parameter_limits.drop_impossible(messages("ulog", {}, right)) == []
-    assert parameter_limits.broken_limits("INS_GYRO_FILTER", -1.0) is None, "off"
-    assert parameter_limits.broken_limits("INS_GYRO_FILTER", -5.0) is parameter_limits.CUTOFF
-    slowest = low_pass_delay(parameter_limits.CUTOFF.low)
-    assert slowest < 0.25, "no filter's delay is longer than this"
 
 
 def test_many_parameters_of_a_quantity_are_one_problem_with_their_number() -> None:

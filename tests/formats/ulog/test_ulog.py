@@ -138,86 +138,47 @@ def test_a_value_that_is_too_short_for_its_type_stays_bytes(kind: str, raw: byte
 # What may be a record, a name, a time or a number of a ULog: each limit from both sides.
 
 
-def fits(kind: str, payload: bytes) -> bool:
-    return is_record(ord(kind), payload, len(payload))
+def keyed(*keys: tuple[str, int]) -> list[bytes]:
+    """Payloads of a key and as many bytes."""
+    return [with_key(key, bytes(size)) for key, size in keys]
 
 
-LOG_LEVELS = [(0x2F, False), (0x30, True), (0x37, True), (0x38, False)]
+VALID = {
+    "L": [b"0" + bytes(8), b"7" + bytes(8) + b"text"],
+    "C": [b"0" + bytes(10), b"7" + bytes(10) + b"text"],
+    "I": keyed(("uint32_t ver", 4), ("uint8_t[3] id", 3), ("double x", 8), ("char[7] name", 7), ("char name", 1)),
+    "P": keyed(("float A", 4), ("int32_t A", 4), ("float " + "A" * 57, 4)),
+    "F": [b"a:uint64_t timestamp;", b"a/b-c:float[3] x;"],
+    "A": [b"\0\1\0topic", b"\0\1\0" + b"t" * 255],
+    "R": [b"\1\0"],
+    "O": [b"\1\0"],
+    "S": [SYNC],
+}
+INVALID = {
+    "L": [b"/" + bytes(8), b"8" + bytes(8) + b"text", b"0" + bytes(7)],
+    "C": [b"/" + bytes(10), b"8" + bytes(10) + b"text", b"0" + bytes(9)],
+    "I": keyed(("uint32_t ver", 5), ("uint8_t[3] id", 4), ("char[7] name", 6), ("what x", 4), ("uint32_t", 4))
+    + keyed(("uint32_t a b", 4)),
+    "P": keyed(("float A", 5), ("float A", 3), ("double A", 4), ("float ", 4), ("float " + "A" * 58, 4)),
+    "F": [b"a uint64_t", b":float x;"],
+    "A": [b"\0\1\0", b"\0\1\0to pic", b"\0\1\0" + b"t" * 256],
+    "R": [b"\1\0\0"],
+    "O": [b"\1"],
+    "S": [SYNC[:-1] + b"\0"],
+    "Z": [b"\0"],
+}
 
 
-@pytest.mark.parametrize(("level", "is_text"), LOG_LEVELS)
-@pytest.mark.parametrize(("kind", "header"), [("L", 9), ("C", 11)])
-def test_a_logged_text_has_a_level_from_0_to_7_and_its_stamp(level: int, is_text: bool, kind: str, header: int) -> None:
-    head = bytes([level]) + bytes(header - 1)
-    assert fits(kind, head + b"text") is is_text
-    assert fits(kind, head) is is_text
-    assert not fits(kind, head[:-1])
-
-
-@pytest.mark.parametrize(
-    ("key", "size", "is_info"),
-    [
-        ("uint32_t ver", 4, True),
-        ("uint32_t ver", 5, False),
-        ("uint8_t[3] id", 3, True),
-        ("uint8_t[3] id", 4, False),
-        ("double x", 8, True),
-        ("char[7] name", 7, True),
-        ("char[7] name", 6, False),
-        ("char name", 1, True),
-        ("what x", 4, False),
-        ("uint32_t", 4, False),
-        ("uint32_t a b", 4, False),
-    ],
-)
-def test_an_info_has_a_type_a_name_and_as_many_bytes_as_the_type(key: str, size: int, is_info: bool) -> None:
-    assert fits("I", with_key(key, bytes(size))) is is_info
-    for first, more in ((0, True), (1, True), (2, False)):
-        assert fits("M", bytes([first]) + with_key(key, bytes(size))) is (is_info and more)
-
-
-@pytest.mark.parametrize(
-    ("key", "size", "is_parameter"),
-    [
-        ("float A", 4, True),
-        ("float A", 5, False),
-        ("float A", 3, False),
-        ("int32_t A", 4, True),
-        ("double A", 4, False),
-        ("float ", 4, False),
-        ("float " + "A" * 57, 4, True),
-        ("float " + "A" * 58, 4, False),
-    ],
-)
-def test_a_parameter_is_a_named_float_or_int32(key: str, size: int, is_parameter: bool) -> None:
-    assert fits("P", with_key(key, bytes(size))) is is_parameter
-    for first, known in ((0, True), (15, True), (16, False)):
-        assert fits("Q", bytes([first]) + with_key(key, bytes(size))) is (is_parameter and known)
-
-
-@pytest.mark.parametrize(
-    ("kind", "payload", "is_one"),
-    [
-        ("F", b"a:uint64_t timestamp;", True),
-        ("F", b"a/b-c:float[3] x;", True),
-        ("F", b"a uint64_t", False),
-        ("F", b":float x;", False),
-        ("A", b"\0\1\0topic", True),
-        ("A", b"\0\1\0", False),
-        ("A", b"\0\1\0to pic", False),
-        ("A", b"\0\1\0" + b"t" * 255, True),
-        ("A", b"\0\1\0" + b"t" * 256, False),
-        ("R", b"\1\0", True),
-        ("R", b"\1\0\0", False),
-        ("O", b"\1\0", True),
-        ("O", b"\1", False),
-        ("S", SYNC, True),
-        ("S", SYNC[:-1] + b"\0", False),
-        ("Z", b"\0", False),
-    ],
-)
-def test_formats_subscriptions_and_marks_look_as_described(kind: str, payload: bytes, is_one: bool) -> None:
-    assert fits(kind, payload) is is_one
+@pytest.mark.parametrize(("payloads", "valid"), [(VALID, True), (INVALID, False)], ids=["valid", "invalid"])
+def test_a_record_fits_its_type_by_size_key_and_letters(payloads: dict[str, list[bytes]], valid: bool) -> None:
+    """M is an I and Q a P behind a byte: 0 or 1 of a part, up to 15 of the sources of a default."""
+    for kind, every in payloads.items():
+        for payload in every:
+            assert is_record(ord(kind), payload, len(payload)) is valid, (kind, payload)
+            behind, most = {"I": ("M", 1), "P": ("Q", 15)}.get(kind, ("", -2))
+            for first in (0, most, most + 1) if behind else ():
+                whole = bytes([first]) + payload
+                assert is_record(ord(behind), whole, len(whole)) is (valid and first <= most), (behind, whole)
 
 
 @pytest.mark.parametrize(
