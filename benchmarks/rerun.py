@@ -1,84 +1,68 @@
-"""How closely EKF2 and EKF3 run again follow what flew: a table over logs, by version.
+"""How closely EKF2 and EKF3 run again follow what flew, and whether planted faults are found.
 
-``python benchmarks/rerun.py LOG ...`` prints a row a log: differences of tilt and heading to the onboard attitude in
-the air as median / 95 % in deg, medians of re-run over logged variances (of north velocity; of EKF3 also north
-position, x and z gyro bias), CPU per 100 s.
+``python benchmarks/rerun.py LOG ...`` prints a row a log: firmware, logged rates of IMU, field and GNSS, aids, how it
+started, differences of tilt and heading to the onboard attitude in the air as median / 95 % in deg, in which mode a
+parameter is studied, re-run over logged sigmas, CPU per 100 s. Medians of the sigmas' ratios end the table.
+
+``python benchmarks/rerun.py --planted LOG ...`` (simulated PX4 flights with truth) prints a row a flight: RMS error
+against truth, re-run minus onboard; median difference of the gyro bias; the delays, compass offset and noises that the
+innovations give back after they were planted; how the effect of a parameter on a log that is thinned to 2 Hz of field
+and GNSS correlates with that on the full one; the difference to onboard with half the IMU's rate.
 """
 
 from __future__ import annotations
 
 import argparse
 import time
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 import attlog
+from attlog.core import rotation
 from attlog.core.errors import AttlogError
+from attlog.estimators.ekf2.logged import logged_tables
 from attlog.estimators.rerun import Rerun
+from attlog.pipeline import onboard_rerun
 from attlog.pipeline.onboard_rerun import flown_filter, inputs_of, reproduction, run_again
 
 Array = NDArray[np.float64]
 # First seconds after a start, which are not compared.
 SETTLING_S = 20.0
+SIGMAS = ("tilt", "yaw", "v", "bg_xy", "bg_z", "ba")
 
 
-def variance_ratios(found: Rerun, inputs: Any) -> str:
-    """Return medians of re-run over logged variances, empty without logged ones."""
+def sigma_ratios(found: Rerun, inputs: Any) -> Array:
+    """Return medians of re-run over logged sigmas, NaN where none is logged: of :data:`SIGMAS`, of EKF3 all but tilt
+    and yaw, and there of the first accelerometer axis' variance in place of ``ba``."""
+    ratios = np.full(len(SIGMAS), np.nan)
     if inputs.states is None:
-        return ""
+        return ratios
+    var = found.states
     if "era" in found.facts:
-        t = inputs.states.t
-        logged = inputs.states.covariances[:, [4 if found.facts["era"] <= 2 else 3]]
+        late = found.facts["era"] > 2
+        t, first = inputs.states.t, 3 if late else 4
+        logged = inputs.states.covariances[:, first : first + 12].copy()
+        logged[:, 6:] /= 1.0 if late else found.facts["step_s"] ** 2
+        ours = [var["velocity_variance"], var["velocity_variance"], var["gyro_bias_variance"], var["acc_bias_variance"]]
+        columns = ([0, 1], [6, 7], [8], [9, 10, 11])
+        own = ([0, 1], [0, 1], [2], [0, 1, 2])
+        ours[0] = var["velocity_variance"]
+        pairs = [(ours[0], own[0]), (ours[2], own[1]), (ours[2], own[2]), (ours[3], own[3])]
+        names: Sequence[int] = (2, 3, 4, 5)
     else:
-        t, logged = inputs.states.t_variances, inputs.states.variances[:, [4, 7, 10, 12]]
-    k = np.clip(np.searchsorted(found.t_step, t), 0, len(found.t_step) - 1)
-    ours = found.states["velocity_variance"][k, :1]
-    if "step_s" in found.facts:
-        position, bias = found.states["position_variance"][k, :1], found.states["gyro_bias_variance"][k][:, [0, 2]]
-        ours = np.hstack([ours, position, bias * found.facts["step_s"] ** 2])
-    known = found.t_step[np.isfinite(found.states["gnss"])]
-    use = (t > known[0] + SETTLING_S) & (t < known[-1])
-    if not use.any():
-        return ""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return " ".join(f"{ratio:.2f}" for ratio in np.nanmedian(ours[use] / logged[use], axis=0))
-
-
-def row(path: str) -> str:
-    """Return a log's line of the table."""
-    name = path.rpartition("/")[2]
-    try:
-        case = attlog.prepare(path)
-        flown, imu = flown_filter(case.log), case.log.replay_imu
-        if not flown or imu is None:
-            return f"| {name} | no filter flew that is run again | | | | |"
-        run_again(case, imu, flown, {})  # the first use may compile
-        begin = time.process_time()
-        found = run_again(case, imu, flown, {})
-        cost = time.process_time() - begin
-        estimate = found.estimate(case.log.t0_us * 1e-6)
-        same = reproduction(case, estimate, found.start)
-        inputs = inputs_of(case, str(imu.index) if flown == "ap_ekf3" else "")
-    except AttlogError as error:
-        return f"| {name} | {error} | | | | |"
-    if same is None:
-        return f"| {name} | no attitude to compare with | | | | |"
-    version, where = ".".join(map(str, inputs.version)), "" if same.airborne else ", ground"
-    return (
-        f"| {name} | {version}, {found.start}{where} "
-        f"| {same.tilt_median_deg:.2f} / {same.tilt_p95_deg:.2f} "
-        f"| {same.heading_median_deg:.2f} / {same.heading_p95_deg:.2f} "
-        f"| {variance_ratios(found, inputs)} | {100 * cost / float(estimate.t[-1] - estimate.t[0]):.2f} |"
-    )
-
-
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("logs", nargs="+", metavar="LOG")
-    logs = parser.parse_args().logs
-    print("| log | version, start | tilt, deg | heading, deg | variances, ours / logged | CPU s per 100 s |")
-    print("| --- | --- | --- | --- | --- | --- |")
-    for log in logs:
-        print(row(log), flush=True)
+        t, logged = inputs.states.t_variances, inputs.states.variances
+        scaled = var["gyro_bias_variance"] * found.facts["step_s"] ** 2
+        columns, pairs = ([4, 5], [10, 11], [12]), [(var["velocity_variance"], [0, 1]), (scaled, [0, 1]), (scaled, [2])]
+        names = (2, 3, 4)
+    for name, column, (ours_of, axes) in zip(names, columns, pairs, strict=True):
+        ratios[name] = ratio(found, t, ours_of[:, axes].sum(axis=1), logged[:, column].sum(axis=1))
+    if "era" in found.facts:
+        table = logged_tables(inputs)["sigma"]
+        attitude = var["attitude_variance"]
+        ratios[0] = ratio(found, table[:, 0], attitude[:, :2].sum(axis=1), table[:, 1] ** 2)
+        ratios[1] = ratio(found, table[:, 0], attitude[:, 2], table[:, 2] ** 2)
+    return ratios

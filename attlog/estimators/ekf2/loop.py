@@ -109,8 +109,9 @@ def run_filter(
 ) -> None:
     """Run the steps ``first`` to ``last``.
 
-    ``out_q`` (n, 4) takes the output attitude at every IMU sample, ``out_steps`` (k, 16) of each step: variances of
-    theta and velocity, gyro and accelerometer bias, mode of the magnetometer, GNSS, tilt aligned, aligned in flight.
+    ``out_q`` (n, 4) takes the output attitude at every IMU sample, ``out_steps`` (k, 25) of each step: variances of
+    theta and velocity, gyro and accelerometer bias, mode of the magnetometer, GNSS, tilt aligned, aligned in flight,
+    variances of both biases, body field.
     """
     x, P, c, r, rate, force, mask, o = f.x, f.P, f.c, f.r, f.rate, f.force, f.mask, f.output
     length = int(known.length)
@@ -347,6 +348,9 @@ def run_filter(
             out_steps[j, 3 + i] = P[VEL + i, VEL + i]
             out_steps[j, 6 + i] = x[10 + i]
             out_steps[j, 9 + i] = x[13 + i]
+            out_steps[j, 16 + i] = P[BG + i, BG + i]
+            out_steps[j, 19 + i] = P[BA + i, BA + i]
+            out_steps[j, 22 + i] = x[19 + i]
         out_steps[j, 12] = c[MAG_MODE]
         out_steps[j, 13] = c[GNSS_ON]
         out_steps[j, 14] = c[TILT]

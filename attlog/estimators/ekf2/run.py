@@ -95,7 +95,7 @@ def rerun(
             f.x[7:9] = gnss[min(int(np.searchsorted(gnss[:, 1], begin)), len(gnss) - 1), 2:4]
             f.c[s.FALSE_N], f.c[s.FALSE_E] = f.x[7], f.x[8]
     begin_timers(f.c, begin)
-    q, out = np.full((len(inputs.imu.t), 4), np.nan), np.full((len(steps), 16), np.nan)
+    q, out = np.full((len(inputs.imu.t), 4), np.nan), np.full((len(steps), 25), np.nan)
     run_filter(f, par, known, samples, first, len(steps), q, out)
     states = {
         "attitude_variance": out[:, 0:3],
@@ -106,6 +106,9 @@ def rerun(
         "gnss": out[:, 13],
         "tilt_aligned": out[:, 14],
         "aligned_in_flight": out[:, 15],
+        "gyro_bias_variance": out[:, 16:19],
+        "acc_bias_variance": out[:, 19:22],
+        "field_bias": out[:, 22:25],
     }
     innovations = innovation_tables(f.log[: f.kept[0]])
     facts = {"era": float(era), "gnss_hz": gnss_hz}

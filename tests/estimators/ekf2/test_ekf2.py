@@ -206,7 +206,7 @@ def test_a_vehicle_at_rest_reaches_tilt_alignment_and_its_tilt() -> None:
     f.x[0] = 1.0
     tilt = Rotation.from_euler("ZYX", [0, 10, -20], degrees=True)
     data = samples(4.0, 100.0, np.array([0.002, -0.001, 0.003]), tilt.inv().apply([0, 0, -core.G]))
-    out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 16), np.nan)
+    out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 25), np.nan)
     run_filter.function(f, parameters(), KNOWN, data, 0, len(data.steps), out_q, out_steps)
     assert f.c[s.TILT] == 1.0
     assert np.degrees((Rotation.from_quat(out_q[-1], scalar_first=True) * tilt.inv()).magnitude()) < 0.3
@@ -229,7 +229,7 @@ def test_the_output_follows_a_jump_of_the_filter_by_half_within_the_horizon() ->
     data = samples(3.0, 100.0, np.zeros(3), np.array([0.0, 0.0, -core.G]), still=False)
     field = Rotation.from_euler("z", -jump, degrees=True).apply([0.2, 0.0, 0.4])
     data = data._replace(mag=np.array([[1.0, 1.0, *field, 1.0]]))
-    out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 16), np.nan)
+    out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 25), np.nan)
     run_filter.function(f, par, known, data, 0, len(data.steps), out_q, out_steps)
     heading = np.degrees(2 * np.arctan2(out_q[:, 3], out_q[:, 0])) / jump
     at = int(np.flatnonzero(data.steps[:, 0] >= 1.0 - 1e-9)[0]) + length - 1
@@ -293,7 +293,7 @@ def flight(seconds: float, heading_deg: float, **known: float) -> tuple[core.Fil
 
 def fly(f: core.Filter, data: Samples, known: s.Known) -> np.ndarray:
     """Run all steps; return what the loop writes of each."""
-    out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 16), np.nan)
+    out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 25), np.nan)
     run_filter.function(f, parameters(), known, data, 0, len(data.steps), out_q, out_steps)
     return out_steps
 
