@@ -111,7 +111,7 @@ def rerun(
         "field_bias": out[:, 22:25],
     }
     innovations = innovation_tables(f.log[: f.kept[0]])
-    facts = {"era": float(era), "gnss_hz": gnss_hz}
+    facts = {"era": float(era), "gnss_hz": gnss_hz, "step_s": step_s}
     if aligned is None and np.all(steps[:, 13] < 0.0):
         mode = "own"
     return Rerun(inputs.imu.t, q, t_step, states, innovations, "warm" if start else "cold", facts, mode)
