@@ -207,7 +207,7 @@ def test_a_vehicle_at_rest_reaches_tilt_alignment_and_its_tilt() -> None:
     tilt = Rotation.from_euler("ZYX", [0, 10, -20], degrees=True)
     data = samples(4.0, 100.0, np.array([0.002, -0.001, 0.003]), tilt.inv().apply([0, 0, -core.G]))
     out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 25), np.nan)
-    run_filter.function(f, parameters(), KNOWN, data, 0, len(data.steps), out_q, out_steps)
+    run_filter(f, parameters(), KNOWN, data, 0, len(data.steps), out_q, out_steps)
     assert f.c[s.TILT] == 1.0
     assert np.degrees((Rotation.from_quat(out_q[-1], scalar_first=True) * tilt.inv()).magnitude()) < 0.3
     assert f.x[10:13] == pytest.approx([0.002, -0.001, 0.003], abs=5e-4)
@@ -230,7 +230,7 @@ def test_the_output_follows_a_jump_of_the_filter_by_half_within_the_horizon() ->
     field = Rotation.from_euler("z", -jump, degrees=True).apply([0.2, 0.0, 0.4])
     data = data._replace(mag=np.array([[1.0, 1.0, *field, 1.0]]))
     out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 25), np.nan)
-    run_filter.function(f, par, known, data, 0, len(data.steps), out_q, out_steps)
+    run_filter(f, par, known, data, 0, len(data.steps), out_q, out_steps)
     heading = np.degrees(2 * np.arctan2(out_q[:, 3], out_q[:, 0])) / jump
     at = int(np.flatnonzero(data.steps[:, 0] >= 1.0 - 1e-9)[0]) + length - 1
     assert np.degrees(core.heading_of(f.x)) == pytest.approx(jump, abs=0.1)
@@ -294,7 +294,7 @@ def flight(seconds: float, heading_deg: float, **known: float) -> tuple[core.Fil
 def fly(f: core.Filter, data: Samples, known: s.Known) -> np.ndarray:
     """Run all steps; return what the loop writes of each."""
     out_q, out_steps = np.full((len(data.imu), 4), np.nan), np.full((len(data.steps), 25), np.nan)
-    run_filter.function(f, parameters(), known, data, 0, len(data.steps), out_q, out_steps)
+    run_filter(f, parameters(), known, data, 0, len(data.steps), out_q, out_steps)
     return out_steps
 
 
@@ -326,3 +326,38 @@ def test_logged_use_of_gnss_goes_before_the_filters_own_checks() -> None:
     data.steps[:, 13] = (data.steps[:, 0] < 2.0) | (data.steps[:, 0] > 4.0)
     on = fly(f, data, known)[:, 13]
     assert data.steps[1:, 0][np.diff(np.nan_to_num(on, nan=1.0)) != 0] == pytest.approx([2.0, 4.0], abs=0.21)
+
+
+def test_a_turning_vehicle_is_that_of_exact_integration() -> None:
+    """Turning in place on the turning earth for a minute, with biases known and nothing to learn."""
+    f, data, known = flight(60.0, 0.0)
+    f.P[:] = np.eye(23) * 1e-12
+    data = data._replace(gnss=np.zeros((0, 13)))
+    data.steps[:, 13] = -1.0
+    f.c[s.T_GNSS] = f.c[s.T_HEADING] = f.c[s.T_FALSE] = 1e9
+    spin, dt = np.array([0.3, -0.2, 0.5]), 0.01
+    earth = core.EARTH_RATE * np.array([math.cos(known.latitude), 0.0, -math.sin(known.latitude)])
+    turn = Rotation.identity()
+    for k in range(len(data.steps)):
+        data.steps[k, 1:4] = spin + turn.inv().apply(earth)
+        data.imu[k, 1:4] = data.steps[k, 1:4]
+        turn = turn * Rotation.from_rotvec(spin * dt)
+        data.steps[k, 4:7] = turn.inv().apply([0.0, 0.0, -core.G])
+    fly(f, data, known)
+    exact = Rotation.from_rotvec(spin * dt * (len(data.steps) - int(known.length) + 1))
+    error = Rotation.from_quat(f.x[:4], scalar_first=True) * exact.inv()
+    assert np.degrees(error.magnitude()) < 0.01
+    assert np.linalg.norm(f.x[4:7]) < 0.05
+
+
+@pytest.mark.parametrize("era", [s.ERA_A, s.ERA_B, s.ERA_C, s.ERA_D])
+def test_the_covariance_stays_symmetric_and_positive_over_an_hour(era: int) -> None:
+    for seconds in (60.0, 600.0, 3600.0):
+        f, data, known = flight(seconds, 2.0, era=era)
+        at = np.arange(0.1, seconds, 0.1)
+        field = np.tile([0.2, 0.02, 0.4], (len(at), 1)) + 0.01 * RNG.normal(size=(len(at), 3))
+        data = data._replace(mag=np.column_stack([at, at, field, np.ones(len(at))]))
+        fly(f, data, known)
+        assert np.array_equal(f.P, f.P.T)
+        assert np.linalg.eigvalsh(f.P / np.sqrt(np.outer(np.diag(f.P) + 1e-12, np.diag(f.P) + 1e-12))).min() > -1e-9
+        assert np.abs(np.degrees(core.heading_of(f.x))) < 10.0
