@@ -47,7 +47,8 @@ class Check:
     ``t`` to ``t_end`` s: begin and end, None for the whole log; ``count``: number of events. ``about``: angle (tilt,
     heading) or case; ``kind``: kind of finding, empty for
     that of the row. ``threshold`` with its ``source``. ``settings``: parameters to set; ``why_no_setting``: reason
-    for none and what to log or fly. ``cause``: cause found in this log, empty for the usual one of the row.
+    for none and what to log or fly. ``other_compass``: name of the compass that the action selects.
+    ``cause``: cause found in this log, empty for the usual one of the row.
     """
 
     question: str
@@ -74,6 +75,7 @@ class Check:
     settings: list[Setting] = field(default_factory=list)
     why_no_setting: str = ""
     action: str = ""
+    other_compass: str = ""
 
     @property
     def is_trouble(self) -> bool:

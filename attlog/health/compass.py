@@ -262,7 +262,9 @@ def motor_advice(checks: Sequence[Check], studies: Sequence[CompassStudy]) -> li
     if best.settings:
         first = f"Set the values of {best.sensor}: {_promised_error(best.sensor, study.motor_proof)}"
     return [
-        replace(c, action=f"{first} Then use {best.sensor}.") if c.action and motors_refusal(s) else c
+        replace(c, action=f"{first} Then use {best.sensor}.", other_compass=best.sensor)
+        if c.action and motors_refusal(s)
+        else c
         for c, s in zip(checks, studies, strict=True)
     ]
 
@@ -452,12 +454,13 @@ def _field_size(mag: Mag, spans: list[Span]) -> tuple[float, float]:
 
 def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
     """Add the parameters that switch compasses to a check, else advice in words."""
-    check.action = f"Use {other.field.source} instead of {used.field.source}."
+    name, flown = other.field.source, used.field.source
     # The firmware refuses to arm with a compass whose offsets are zero.
     if not other.calibrated or (other.offsets is not None and len(other.offsets.x) and not other.offsets.x.any()):
-        check.why_no_setting = f"{other.field.source} was never calibrated: calibrate it first."
-        check.action = f"Calibrate {other.field.source} and use it instead of {used.field.source}."
+        check.why_no_setting = f"{name} was never calibrated: calibrate it first."
+        check.action = f"Calibrate {name} and use it instead of {flown}."
         return
+    check.other_compass, check.action = name, f"Use {name} instead of {flown}."
     wanted = compass_switches(log.settings.values, other.index, used.index)
     check.settings = [Setting(n, log.param(n), value) for n, value in wanted.items() if log.param(n) != value]
     if not check.settings:
@@ -466,7 +469,7 @@ def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
         check.why_no_setting = f"The log holds no parameter that switches a compass: {how}."
         return
     changes = " and ".join(f"{setting.name} {setting.new:.0f}" for setting in check.settings)
-    check.action = f"{check.action[:-1]}: set {changes}."
+    check.action = f"Use {name} instead of {flown}: set {changes}."
 
 
 def compass_checks(case: HealthCase) -> list[Check]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from attlog.estimators.ekf3 import parameters as ekf3
 from attlog.estimators.interface import Estimate
 from attlog.estimators.registry import FLOWN
 from attlog.estimators.rerun import Rerun
-from attlog.flight.model import FlightLog, Imu
+from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.rerun import DIFFERENCE, rerun_traces
 from attlog.metrics.trace import Trace
@@ -118,16 +117,16 @@ def rerun_row(
     imu: Imu,
     spec: estimators.EstimatorSpec,
     name: str,
-    field_error_ut: Array | None = None,
     calibration: Mapping[str, float] | None = None,
+    compass: Mag | None = None,
 ) -> tuple[Track, EstimatorRow]:
     """Re-run the onboard filter, with the values of ``spec`` over the log's parameters.
 
-    ``field_error_ut`` (3,): compass error in body axes, subtracted from its samples first. ``calibration``: parameters
-    of sensors that correct the samples instead of the flown ones. UsageError if the log lacks inputs.
+    ``calibration``: parameters of sensors that correct the samples instead of the flown ones. ``compass``: measures
+    instead of the flown one. UsageError if the log lacks inputs.
     """
     changes = {key: float(value) for key, value in spec.params.items()}
-    found = run_again(case, imu, spec.estimator.name, changes, field_error_ut, calibration)
+    found = run_again(case, imu, spec.estimator.name, changes, calibration, compass)
     estimate = found.estimate(case.log.t0_us * 1e-6)
     row = reference.replayed(
         case.log,
@@ -142,7 +141,7 @@ def rerun_row(
     )
     row.imu, row.ns_per_update, row.aux = imu, None, dict(estimate.aux)
     row.aux[DIFFERENCE] = onboard_difference(case, estimate)
-    unchanged = not changes and not calibration and field_error_ut is None
+    unchanged = not changes and not calibration and compass is None
     row.reproduction = reproduction(case, estimate, found.start) if unchanged else None
     from attlog.pipeline.replay import table_row
 
@@ -154,21 +153,19 @@ def run_again(
     imu: Imu,
     name: str,
     changes: Mapping[str, float],
-    field_error_ut: Array | None = None,
     calibration: Mapping[str, float] | None = None,
+    compass: Mag | None = None,
 ) -> Rerun:
     """Re-run a firmware's filter with parameters (full names) over the log's own.
 
     UsageError if the log is of another firmware, or lacks inputs.
     """
     inputs = flown_inputs(case, imu)
-    if calibration:
-        from attlog.pipeline.recalibrated_inputs import recalibrate_inputs
+    if calibration or compass is not None:
+        from attlog.pipeline.recalibrated_inputs import recalibrate_inputs, replace_compass
 
-        inputs, _ = recalibrate_inputs(case.log, inputs, calibration)
-    if field_error_ut is not None and len(inputs.mag["t"]):
-        field = inputs.mag["x"] - field_error_ut * 1e-6 * GAUSS_PER_TESLA
-        inputs = replace(inputs, mag={**inputs.mag, "x": field})
+        inputs = inputs if compass is None else replace_compass(case.log, inputs, compass)
+        inputs, _ = recalibrate_inputs(case.log, inputs, calibration or {})
     if name == "ap_ekf3":
         from attlog.estimators.ekf3.run import rerun as rerun_ekf3
         from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core import rotation
 from attlog.estimators.ekf2.parameters import era_of
 from attlog.estimators.ekf2.parameters import settings_of as ekf2_settings
 from attlog.estimators.ekf2.run import predict_seconds
@@ -19,7 +20,7 @@ from attlog.estimators.ekf3.parameters import settings_of as ekf3_settings
 from attlog.flight import recalibration
 from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs
 from attlog.flight.calibration import CalibrationUnknownError
-from attlog.flight.model import FlightLog
+from attlog.flight.model import FlightLog, Mag
 
 Array = NDArray[np.float64]
 GAUSS_PER_TESLA = 1e4
@@ -94,6 +95,21 @@ def recalibrate_inputs(log: FlightLog, inputs: Any, given: Mapping[str, float]) 
     if not is_ekf3:
         samples = {"imu": replace(inputs.imu, **samples)}
     return replace(inputs, mag=mag, states=_shifted_states(inputs, shifts), **samples), remarks
+
+
+def replace_compass(log: FlightLog, inputs: Any, mag: Mag) -> Any:
+    """Return a filter's inputs with the samples of another compass.
+
+    The logged body field, from which a warm start begins, moves by the mean difference.
+    """
+    good = rotation.finite_rows(mag.field.x) & np.isfinite(mag.field.t_best)
+    t, x = mag.field.t_best[good] + log.t0_us * 1e-6, mag.field.x[good] * GAUSS_PER_TESLA
+    columns = {"t": t, "x": x}
+    if "t_arrival" in inputs.mag:
+        columns["t_arrival"] = t + float(np.median(inputs.mag["t_arrival"] - inputs.mag["t"]))
+    used = np.column_stack([np.interp(t, inputs.mag["t"], axis) for axis in inputs.mag["x"].T])
+    shift = np.mean(x - used, axis=0) / GAUSS_PER_TESLA
+    return replace(inputs, mag=columns, states=_shifted_states(inputs, {BODY_FIELD: shift}))
 
 
 def _compass_of_samples(log: FlightLog, t: Array, x: Array) -> NDArray[np.int64]:

@@ -18,7 +18,7 @@ from attlog.pipeline.proven_settings import prove_settings
 from tests.conftest import SAMPLES
 
 PX4, COPTER = "px4_steps.ulg", "copter_steps_stabilize.bin"
-OFFER = {"settings": [Setting("COMPASS_USE2", 0.0, 1.0)], "action": "Use MAG:1 instead of MAG:0: set COMPASS_USE2 1."}
+OFFER = {"settings": [Setting("COMPASS_USE2", 0.0, 1.0)], "action": "Use the other one.", "other_compass": "MAG:1"}
 
 
 @cache
