@@ -14,7 +14,7 @@ from attlog.core.jit import F1, F2, Out1, Out2
 from attlog.estimators.ekf2 import state as s
 from attlog.estimators.ekf2.loop import Samples, run_filter
 from attlog.estimators.ekf2.parameters import START_PARAMETERS, check_changes, era_of, settings_of
-from attlog.estimators.ekf2.start import logged_gnss, logged_resets, warm_start
+from attlog.estimators.ekf2.start import logged_gnss, logged_resets, warm_starts
 from attlog.estimators.error_state import NEVER, new_filter, rotation, turn_body
 from attlog.estimators.rerun import Mode, Rerun, check_start, held, innovation_tables, local_ned, side_by_side
 
@@ -56,9 +56,9 @@ def rerun(
     steps = steps_of(inputs.imu, predict_seconds(inputs.version, setting))
     t_step, step_s = steps[:, 0].copy(), float(np.median(steps[:, 7]))
     fill_flags(steps, inputs, era)
-    start = None if cold else warm_start(inputs, era, step_s)
-    check_start(changes or {}, START_PARAMETERS, "warm" if start else "cold")
-    bias = start.x[10:13] if start else np.zeros(3)
+    starts = [] if cold else warm_starts(inputs, era, step_s)
+    check_start(changes or {}, START_PARAMETERS, "warm" if starts else "cold")
+    bias = starts[0].x[10:13] if starts else np.zeros(3)
     gnss, gnss_logged_hz = gnss_samples(inputs, setting["GPS_DELAY"], step_s)
     gnss_hz = gnss_hz or receiver_rate(inputs.gnss, gnss_logged_hz)
     aligned, emergencies = (logged_resets(inputs, kind) if mode == "flown" else None for kind in (0, 1))
@@ -86,17 +86,23 @@ def rerun(
     par = s.Parameters(*(setting[name.upper()] for name in s.Parameters._fields))
     par = par._replace(mag_decl=math.radians(par.mag_decl))
     observations = 6 * len(samples.mag) + 8 * len(gnss) + 2 * len(samples.baro) + 2 * len(samples.airspeed)
-    f = new_filter(int(known.length), observations + 100, s.N_CONTROL)
-    first, begin = 0, float(t_step[0])
-    if start is not None:
-        begin, first = start.t, max(int(np.searchsorted(t_step, start.t)), 0)
-        f.x[:], f.P[:], f.c[:] = start.x, start.P, start.c
-        if len(gnss):  # positions are about the first fix of the log, not about where the filter began
-            f.x[7:9] = gnss[min(int(np.searchsorted(gnss[:, 1], begin)), len(gnss) - 1), 2:4]
-            f.c[s.FALSE_N], f.c[s.FALSE_E] = f.x[7], f.x[8]
-    begin_timers(f.c, begin)
     q, out = np.full((len(inputs.imu.t), 4), np.nan), np.full((len(steps), 25), np.nan)
-    run_filter(f, par, known, samples, first, len(steps), q, out)
+    logs = []
+    firsts = np.searchsorted(t_step, [start.t for start in starts]).tolist() or [0]
+    for number, first in enumerate(firsts):
+        f = new_filter(int(known.length), observations + 100, s.N_CONTROL)
+        begin = float(t_step[0])
+        if starts:
+            begin, f.x[:], f.P[:], f.c[:] = starts[number]
+            if len(gnss):  # positions are about the first fix of the log, not about where the filter began
+                f.x[7:9] = gnss[min(int(np.searchsorted(gnss[:, 1], begin)), len(gnss) - 1), 2:4]
+                f.c[s.FALSE_N], f.c[s.FALSE_E] = f.x[7], f.x[8]
+        begin_timers(f.c, begin)
+        # the lane before runs until this one's output begins
+        last = firsts[number + 1] + int(known.length) if number + 1 < len(firsts) else len(steps)
+        run_filter(f, par, known, samples, first, min(last, len(steps)), q, out)
+        log = f.log[: f.kept[0]]
+        logs.append(log[log[:, 1] < (starts[number + 1].t if number + 1 < len(firsts) else np.inf)])
     states = {
         "attitude_variance": out[:, 0:3],
         "velocity_variance": out[:, 3:6],
@@ -110,11 +116,11 @@ def rerun(
         "acc_bias_variance": out[:, 19:22],
         "field_bias": out[:, 22:25],
     }
-    innovations = innovation_tables(f.log[: f.kept[0]])
+    innovations = innovation_tables(np.concatenate(logs))
     facts = {"era": float(era), "gnss_hz": gnss_hz, "step_s": step_s}
     if aligned is None and np.all(steps[:, 13] < 0.0):
         mode = "own"
-    return Rerun(inputs.imu.t, q, t_step, states, innovations, "warm" if start else "cold", facts, mode)
+    return Rerun(inputs.imu.t, q, t_step, states, innovations, "warm" if starts else "cold", facts, mode)
 
 
 def fitted_gnss_rate(inputs: Ekf2Inputs, model: FieldModel | None, latitude_deg: float) -> float | None:

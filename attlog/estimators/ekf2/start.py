@@ -32,16 +32,23 @@ class WarmStart(NamedTuple):
     c: Array
 
 
-def warm_start(inputs: Ekf2Inputs, era: int, step_s: float) -> WarmStart | None:
-    """Return the first complete logged state, None where the log holds none.
+def warm_starts(inputs: Ekf2Inputs, era: int, step_s: float) -> list[WarmStart]:
+    """Return the first complete logged state, and the first one after each switch of lanes; empty without any."""
+    if inputs.states is None or not len(inputs.states.t):
+        return []
+    first = np.searchsorted(inputs.states.t, np.append(-np.inf, inputs.switches))
+    return [warm_start(inputs, int(i), era, step_s) for i in np.unique(first[first < len(inputs.states.t)])]
+
+
+def warm_start(inputs: Ekf2Inputs, i: int, era: int, step_s: float) -> WarmStart:
+    """Return the logged state ``i``.
 
     Only variances are logged: correlations begin at zero and are there again after about 5 s. Up to 1.14 the states
     hold biases per step, and four variances of the quaternion, which are fitted by tilt and yaw about earth axes.
     """
     logged = inputs.states
-    if logged is None:
-        return None
-    t, states, variances = float(logged.t[0]), logged.states[0], logged.covariances[0].copy()
+    assert logged is not None
+    t, states, variances = float(logged.t[i]), logged.states[i], logged.covariances[i].copy()
     x, P, c = np.zeros(N_STATE), np.zeros((N_ERR, N_ERR)), np.zeros(s.N_CONTROL)
     x[:] = states[:N_STATE]
     x[:4] /= np.linalg.norm(x[:4])
@@ -103,6 +110,8 @@ def logged_resets(inputs: Ekf2Inputs, kind: int) -> Array | None:
     times = []
     for i in np.flatnonzero(on[1:] & ~on[:-1]) + 1:
         before, after = float(flags["t"][i - 1]), float(flags["t"][i])
+        if np.any((inputs.switches > before) & (inputs.switches <= after)):
+            continue  # another lane's flag
         near = resets[(resets >= before - FLAGS_BEFORE_S) & (resets <= after + FLAGS_AFTER_S)]
         times.append(float(near[0]) - RESET_RECORD_S if len(near) else 0.5 * (before + after))
     return np.array(times, np.float64)

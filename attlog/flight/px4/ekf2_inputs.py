@@ -6,7 +6,7 @@ Topics and fields: PX4-Autopilot ``msg/``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -34,6 +34,8 @@ UNSUPPORTED_AIDS = {
 }
 # Plausible delays of the filter's time horizon; 1.12 stamps some records with the time of writing.
 MIN_HORIZON_S, MAX_HORIZON_S = 0.03, 0.5
+# Numbers of lanes from here on are placeholders of the selector.
+MAX_LANES = 10
 # Share of records with an unsupported aid above which a re-run is refused.
 MIN_AID_SHARE = 0.05
 
@@ -69,11 +71,12 @@ class EstimatorStates:
 
 @dataclass(slots=True)
 class Ekf2Inputs:
-    """Logged inputs of one EKF2 instance (lane).
+    """Logged inputs of the EKF2 instance (lane) that flew; after a switch they are those of the next one.
 
-    Streams are mappings of columns with their time ``t``, empty if not logged. ``mag``: ``x`` in gauss, measured at
-    ``t``, received at ``t_arrival``. ``innovations``: by aid as logged. ``flags``: columns of
-    ``estimator_status_flags``, or bits of ``control_mode_flags``. ``horizon`` s: delay of the filter.
+    ``switches``: times when another lane took over. Streams are mappings of columns with their time ``t``, empty if
+    not logged. ``mag``: ``x`` in gauss, measured at ``t``, received at ``t_arrival``. ``innovations``: by aid as
+    logged. ``flags``: columns of ``estimator_status_flags``, or bits of ``control_mode_flags``. ``horizon`` s: delay
+    of the filter.
     """
 
     imu: ImuIncrements
@@ -86,7 +89,7 @@ class Ekf2Inputs:
     gsf: Mapping[str, Array]
     states: EstimatorStates | None
     horizon: float | None
-    lanes: Mapping[str, Array]
+    switches: Array
     attitude: Mapping[str, Array]
     bias: Mapping[str, Array]
     innovations: Mapping[str, Array]
@@ -269,6 +272,23 @@ def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
     return None
 
 
+def flown_states(messages: Messages, begins: Array, ends: Array, lanes: list[int]) -> EstimatorStates | None:
+    """Return the logged states of the lanes that flew, each while it flew; None if not logged."""
+    parts = []
+    for begin, end, lane in zip(begins, ends, lanes, strict=True):
+        part = estimator_states(messages, lane)
+        if part is not None:
+            use = (part.t >= begin) & (part.t < end)
+            columns = part.t[use], part.t_now[use], part.states[use], part.covariances[use]
+            parts.append(EstimatorStates(*columns, part.n_states))
+    if not parts:
+        return None
+    t, t_now, states, covariances = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "t_now", "states", "covariances")
+    )
+    return EstimatorStates(t, t_now, states, covariances, parts[0].n_states)
+
+
 # Columns of ``estimator_innovations`` (since 1.11) by aid.
 INNOVATION_COLUMNS = {
     "mag_x": "mag_field[0]",
@@ -340,20 +360,49 @@ def version_of(messages: Messages, params: Mapping[str, float]) -> tuple[int, in
     return (1, 12) if messages.first("estimator_states") is not None else (1, 10)
 
 
-def read_inputs(messages: Messages, params: Mapping[str, float], lane: int | None = None) -> Ekf2Inputs:
-    """Read the inputs of EKF2 instance ``lane``, by default of the one that flew first.
+def flown_lanes(messages: Messages) -> tuple[Array, list[int]]:
+    """Return when each lane took over, the first at -inf, and their numbers."""
+    selected = _columns(messages.first("estimator_selector_status"), {"primary": "primary_instance"})
+    known = selected["primary"] < MAX_LANES
+    t, primary = selected["t"][known], selected["primary"][known].astype(int)
+    if not len(t):
+        return np.array([-np.inf]), [0]
+    new = np.concatenate([[True], np.diff(primary) != 0])
+    begins = t[new]
+    begins[0] = -np.inf
+    return begins, primary[new].tolist()
+
+
+def read_inputs(messages: Messages, params: Mapping[str, float]) -> Ekf2Inputs:
+    """Read the inputs of the EKF2 instances (lanes) that flew.
 
     UsageError if the IMU is missing or too slow, the attitude is missing, or an aid is not modelled.
     """
     version = version_of(messages, params)
-    selector = messages.first("estimator_selector_status")
-    lanes = _columns(selector, {"primary": "primary_instance"})
-    if lane is None:
-        known = lanes["primary"][lanes["primary"] < 10]
-        lane = int(known[0]) if len(known) else 0
-    status = messages.tables.get(("estimator_status", lane))
-    device = int(np.median(status["mag_device_id"])) if status is not None and "mag_device_id" in status else None
-    flags = control_flags(messages, lane)
+    begins, lanes = flown_lanes(messages)
+    ends = np.append(begins[1:], np.inf)
+
+    def flown(read: Callable[[int], dict[str, Array]]) -> dict[str, Array]:
+        """Join the columns of the lanes, each while it flew."""
+        if len(lanes) == 1:
+            return read(lanes[0])
+        parts = []
+        for begin, end, lane in zip(begins, ends, lanes, strict=True):
+            part = read(lane)
+            use = (part["t"] >= begin) & (part["t"] < end)
+            parts.append({name: x[use] for name, x in part.items()})
+        common = set(parts[0]).intersection(*parts)
+        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0] if name in common}
+
+    def of_lane(topic: str, names: Mapping[str, str]) -> dict[str, Array]:
+        return flown(lambda lane: _columns(messages.tables.get((topic, lane)) or messages.first(topic), names))
+
+    def magnetometer(lane: int) -> dict[str, Array]:
+        status = messages.tables.get(("estimator_status", lane))
+        known = status is not None and "mag_device_id" in status
+        return _magnetometer(messages, int(np.median(status["mag_device_id"])) if status and known else None)
+
+    flags = flown(lambda lane: control_flags(messages, lane))
     for name, aid in UNSUPPORTED_AIDS.items():
         if name in flags and len(flags["t"]) and float(np.mean(flags[name])) > MIN_AID_SHARE:
             raise UsageError(f"EKF2 cannot be run again: it flew on {aid}, which the re-run does not model.")
@@ -369,7 +418,7 @@ def read_inputs(messages: Messages, params: Mapping[str, float], lane: int | Non
         kind = int(np.median(vehicle[column])) if column else 1
     return Ekf2Inputs(
         imu=imu_increments(messages),
-        mag=_magnetometer(messages, device),
+        mag=flown(magnetometer),
         gnss=_gnss(messages),
         baro=baro_columns,
         airspeed=_columns(
@@ -380,19 +429,13 @@ def read_inputs(messages: Messages, params: Mapping[str, float], lane: int | Non
             {"landed": "landed", "at_rest": "at_rest", "ground_effect": "in_ground_effect"},
         ),
         flags=flags,
-        gsf=_columns(
-            messages.tables.get(("yaw_estimator_status", lane)) or messages.first("yaw_estimator_status"),
-            {"yaw": "yaw_composite", "var": "yaw_variance"},
-        ),
-        states=estimator_states(messages, lane),
-        horizon=_horizon(messages, lane),
-        lanes=lanes,
+        gsf=of_lane("yaw_estimator_status", {"yaw": "yaw_composite", "var": "yaw_variance"}),
+        states=flown_states(messages, begins, ends, lanes),
+        horizon=_horizon(messages, lanes[0]),
+        switches=begins[1:],
         attitude=_attitude(messages),
-        bias=_columns(
-            messages.tables.get(("estimator_sensor_bias", lane)) or messages.first("estimator_sensor_bias"),
-            {"x": "gyro_bias[0]", "y": "gyro_bias[1]", "z": "gyro_bias[2]"},
-        ),
-        innovations=logged_innovations(messages, lane),
+        bias=of_lane("estimator_sensor_bias", {axis: f"gyro_bias[{i}]" for i, axis in enumerate("xyz")}),
+        innovations=flown(lambda lane: logged_innovations(messages, lane)),
         vehicle_type=kind,
         params=dict(params),
         version=version,

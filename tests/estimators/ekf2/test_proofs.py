@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from attlog.core.errors import UsageError
 from attlog.flight.px4 import ekf2_inputs
 from attlog.formats.table import Messages
+from attlog.pipeline import onboard_rerun
 from benchmarks import rerun as bench
 from tests.conftest import SAMPLES
 
@@ -155,3 +156,20 @@ def test_real_flights_are_followed_with_the_logged_sigmas(corpus: Path) -> None:
             assert same.heading_median_deg <= 4.0
     assert np.median(ratios, axis=0) == pytest.approx(np.ones(6), abs=0.1)
     assert (np.median(apart, axis=0) <= (0.15, 0.5, 0.7, 1.8)).all(), apart
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "switches"), [("plane_px4_1.13_crash.ulg", 4), ("px4_1.14_clipping_crash.ulg", 2)])
+def test_a_lane_that_takes_over_is_run_from_its_own_states(
+    corpus: Path, name: str, switches: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case, inputs = bench.prepared(str(corpus / "logs" / "cases" / name))
+    assert len(inputs.switches) == switches
+    monkeypatch.setattr(onboard_rerun, "first_lane_switch", lambda _: None)  # compare to the end
+    apart = onboard_rerun.onboard_difference(case, bench.again(case, inputs).estimate(case.log.t0_us * 1e-6))
+    t = apart[:, 0] + case.log.t0_us * 1e-6
+    for begin, end in zip(inputs.switches + 1.0, np.append(inputs.switches[1:], t[-1]), strict=True):
+        span = apart[(t >= begin) & (t < end)]
+        if len(span):
+            assert np.median(span[:, 1]) <= 1.0
+            assert np.median(np.abs(span[:, 2])) <= 4.0
