@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import attlog
 from attlog import segments
 from attlog.core import rotation
 from attlog.estimators.evidence import HeadingOffset
@@ -190,19 +189,6 @@ def test_gnss_acceleration_which_assumes_least_is_taken_before_the_smoother():
     assert wrong_angle([SMOOTHER]) == WrongAngle("tilt", 7.2, 30.0, 40.0)
 
 
-def test_a_warning_or_a_check_of_something_else_proves_nothing():
-    warning = Check("heading_by_gnss", "warning", "", 10.0, "deg", t=11.0)
-    assert wrong_angle([warning, Check("field", "fault", "", 80.0, "uT", t=1.0)]) is None
-
-
-@pytest.mark.slow
-def test_the_headline_and_the_finding_give_the_same_degrees(corpus):
-    result = attlog.analyze(corpus / "logs" / "cases" / "copter_heading_28deg_off.BIN", {"estimators": ["gyro"]})
-    size = next(check.value for check in result.checks if check.question == "heading_by_gnss")
-    assert f"Heading was {size:.0f}° wrong throughout" in result.headline
-    assert f"{size:.0f}" in result.findings[0].text
-
-
 # What is said of a crash follows what happened: the first thing first, and what is compared.
 
 LOSS = Segment("loss_of_control", 41.7, 42.0, "tilt of 159 deg, and 0.3 s later it was disarmed")
@@ -227,12 +213,6 @@ def test_a_loss_that_is_flown_on_ends_nothing() -> None:
     again = Segment("loss_of_control", 90.0, 91.0, "tilt of 99 deg, and at once it was disarmed")
     text = f"Control was lost 2 times, first at 41.7 s: {LOSS.why}. It flew again: what follows is compared too."
     assert said(LOSS, again) == text
-
-
-def test_an_impact_of_a_later_flight_is_told_beside_the_loss() -> None:
-    blow = Segment("impact", 90.0, 95.0, "5.0 g with a tumble, and 2.5 s later the log stopped")
-    again = "It flew again until an impact at 90.0 s, after which nothing is compared."
-    assert said(LOSS, blow) == f"Control was lost at 41.7 s: {LOSS.why}. {again}"
 
 
 def test_a_flight_without_a_crash_is_good_only_where_samples_could_show_one() -> None:
@@ -295,19 +275,6 @@ def test_nobody_is_accused_by_an_accelerometer_that_clips() -> None:
     t = np.arange(0.0, log.seconds, 1.0)
     log.vibration.clippings = [Clipping("accelerometer", log.imu, "test", t, np.full(len(t), 50), True)]
     assert checked(log).verdict == "unknown"
-
-
-def test_heading_and_field_are_one_entry_with_one_action() -> None:
-    log = deepcopy(good("px4_steps.ulg"))
-    log.problems = []
-    field = Check("field", "warning", "The field is too small.")
-    second = Check("second_source", "fault", "Another heading differs.", about="heading")
-    found = findings(log, [field, second, checked(turned(40.0))])
-    (one,) = [f for f in found if f.is_trouble]
-    assert (one.kind, one.severity) == ("compass", "serious")
-    assert one.text.startswith("The onboard heading is 40 deg off by GNSS acceleration")
-    assert {"The field is too small.", "Another heading differs."} <= set(one.evidence)
-    assert one.action.startswith("Calibrate the compass")
 
 
 def test_without_a_compass_the_attitude_itself_is_wrong() -> None:

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
-import numpy as np
 import pytest
 
 import attlog
-from attlog import formats
 from attlog.core.errors import LogUnusable
 from attlog.health.findings import SEVERITY_ORDER, Finding
 from attlog.result import Result
@@ -57,18 +55,6 @@ def test_vibration_is_said_with_its_onset_and_what_it_does_to_the_force() -> Non
     assert found["attitude"].t == pytest.approx(58, abs=4)
     assert found["estimator"].t == pytest.approx(56.6, abs=0.5), "EKF4.SV above 1, to 19 times its limit"
     assert any("ERR 16/2" in text for text in found["estimator"].evidence)
-
-
-def test_error_records_are_counted_as_they_stand_in_the_file() -> None:
-    """copter_3.3dev_181: 39 ERR records; those of code 0 end a fault."""
-    assert FOLDER is not None
-    records = formats.open(FOLDER / "copter_3.3dev_181.BIN").first("ERR")
-    assert records is not None
-    assert len(records) == 39
-    found = {p.code: p for p in attlog.read(FOLDER / "copter_3.3dev_181.BIN").problems}
-    counted = {"gnss_glitch": (11, 2), "err_7_1": (7, 1), "ekf_check": (16, 2)}
-    for code, (subsystem, number) in counted.items():
-        assert found[code].count == int(np.sum((records["Subsys"] == subsystem) & (records["ECode"] == number)))
 
 
 @pytest.mark.slow
@@ -170,14 +156,6 @@ def test_the_list_is_sorted_complete_and_free_of_doubles(name: str) -> None:
         named = check.in_use and not check.question.startswith(("magnetometer", "gaps"))
         if check.verdict in ("warning", "fault") and named:
             assert check.question in left_out or check.text in texts, check.question
-
-
-@pytest.mark.slow
-def test_no_action_stands_twice_or_sends_the_reader_back_to_the_list() -> None:
-    for name in ("copter_3.3dev_31.BIN", "plane_px4_1.13_crash.ulg", "copter_heading_28deg_off.BIN"):
-        actions = [f.action for f in result(name).findings if f.action]
-        assert len(set(actions)) == len(actions)
-        assert not any("findings" in action or "what the autopilot said" in action for action in actions)
 
 
 @pytest.mark.slow

@@ -86,16 +86,6 @@ def test_a_reason_becomes_a_sentence_and_a_name_from_the_log_stays(reason, sente
 
 # Questions about the sensors of real logs: ids that tables and gates know, and what a bug in one leaves.
 
-LOGS = ("px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("log", LOGS)
-def test_checks_of_every_log_have_a_row_and_a_sentence(log: str) -> None:
-    found = evaluation_health(SAMPLES / log).checks
-    assert {check.question for check in found} <= set(CHECKS)
-    assert all(check.text.strip().endswith(".") for check in found)
-
 
 def test_a_log_that_cannot_be_replayed_is_checked_with_its_segments(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[HealthCase] = []

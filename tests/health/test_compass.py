@@ -282,12 +282,6 @@ def test_an_offset_that_hardly_turns_the_heading_is_not_offered() -> None:
     assert not ASKED
 
 
-def test_an_uncalibrated_compass_is_to_be_calibrated() -> None:
-    one, _ = answers(samples((10.0, 0.0, 0.0), calibrated=False))
-    assert "never calibrated" in one.why_no_setting
-    assert not ASKED
-
-
 def test_a_heading_that_is_hardly_known_makes_no_compass_sound() -> None:
     one, two = answers(samples(sigma_deg=5.0, noise=0.0))
     assert one.verdict == "ok"

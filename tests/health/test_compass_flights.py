@@ -66,19 +66,6 @@ def test_a_planted_offset_is_found_inside_its_interval(name: str, planted: tuple
     assert np.all(np.abs(np.array(found.vector) - planted) < found.vector_ci95)
 
 
-@pytest.mark.slow
-def test_figures_hold_what_flew_in_few_points() -> None:
-    asked = case(FLIGHTS[1])
-    history, bent = figures.field_traces(asked, [])[0], figures.interference_traces(asked)[0]
-    assert len(history.t) <= figures.MAX_POINTS
-    assert history.values == {"by_motion": 1.0}
-    for axis in "xyz":
-        assert np.nanmedian(np.abs(history.columns[axis] - history.columns[f"expected_{axis}"])) < 1.0
-    assert bent.key == "current"
-    assert abs(np.median(bent.columns["residual"])) < 2.0
-    assert 10.0 < np.median(bent.t) < 50.0
-
-
 def test_what_is_unknown_of_every_compass_is_said_once() -> None:
     why = [unknown("soft_iron", "The flight does not turn.", sensor=f"MAG.{k}") for k in range(2)]
     assert [a.sensor for a in compass.without_repeats([*why, replace(why[0], verdict="ok")])] == ["MAG.0", "MAG.0"]

@@ -11,7 +11,6 @@ from attlog.health.check import Check, Setting
 from attlog.health.figures import (
     M_PER_DEG,
     MAX_POINTS,
-    MAX_TRACK_POINTS,
     clipping_traces,
     field_traces,
     interference_traces,
@@ -19,11 +18,9 @@ from attlog.health.figures import (
     off_course,
     ratio_traces,
     rotor_traces,
-    traces,
     track_traces,
 )
 from attlog.reference import alignment
-from attlog.segments.model import Segments
 from tests.health.figure_cases import AIR, T, attitude, case, innovations, log
 
 OFFSET = (12.0, -3.0, 5.0)
@@ -134,14 +131,6 @@ def test_thousands_of_ratios_keep_the_largest_at_its_own_time():
     assert np.all(np.diff(trace.t) > 0.0)
 
 
-def test_a_log_with_nothing_but_an_attitude_gives_no_figure_and_no_error():
-    made = log()
-    made.mags, made.mag, made.power.battery, made.gnss = [], None, None, []
-    asked = case(made, None)
-    asked.segments, asked.reference = Segments(), None
-    assert traces(asked, []) == []
-
-
 # The ground track: where a vehicle went, and whether its heading points along its course.
 
 
@@ -181,11 +170,6 @@ def test_north_is_up_and_both_scales_are_metres():
 def test_what_stayed_in_its_place_has_no_track_but_a_small_circle_has():
     assert track_traces(case(circling(radius=1.0))) == []
     assert len(track_traces(case(circling(radius=25.0)))) == 1
-
-
-def test_a_long_flight_keeps_few_points():
-    found = track_traces(case(circling(t=np.arange(0, 100.0, 0.01))))[0]
-    assert 0.5 * MAX_TRACK_POINTS < len(found.t) <= MAX_TRACK_POINTS
 
 
 def test_a_plane_flies_where_it_points_and_a_copter_may_not():

@@ -80,14 +80,6 @@ def test_late_messages_outages_on_the_ground_and_pauses_of_the_logger_are_none(
     assert "no fix" not in gnss.gnss_checks(HealthCase(log, found))[0].text
 
 
-def test_indoors_nothing_is_said(flown: tuple[FlightLog, Segments]) -> None:
-    log, found = deepcopy(flown[0]), flown[1]
-    for one in log.gnss:
-        one.fix = np.zeros_like(one.fix)
-    assert gnss.gnss_checks(HealthCase(log, found)) == []
-    assert gnss.gnss_checks(HealthCase(flown[0], Segments())) == []
-
-
 @pytest.mark.parametrize(("name", "seconds"), [("ardupilot/copter_gps_loss.bin", 30), ("px4/px4_gnssloss.ulg", 50)])
 def test_the_planted_outages_of_the_firmware_simulators_are_found(corpus: Path, name: str, seconds: float) -> None:
     log = flight.read(corpus / "sitl" / name)
@@ -134,19 +126,6 @@ def test_a_wrong_declination_is_found_unless_the_autopilot_looks_it_up(flown: tu
     assert declination_told.declination_checks(HealthCase(without, Segments())) == []
 
 
-def test_several_outages_are_told_with_the_first_their_sum_and_their_number(flown: tuple[FlightLog, Segments]) -> None:
-    log, found = deepcopy(flown[0]), flown[1]
-    first = middle(found) - 8.0
-    for one in log.gnss:
-        lost = ((one.t >= first) & (one.t < first + 4)) | ((one.t >= first + 8) & (one.t < first + 14))
-        one.fix = np.where(lost, 1, one.fix)
-    check, *_ = gnss.gnss_checks(HealthCase(log, found))
-    assert (check.verdict, check.count) == ("warning", 2)
-    assert check.t == pytest.approx(first, abs=0.21)
-    assert check.value == pytest.approx(10.0, abs=0.81)
-    assert f"in 2 outages, first at {check.t:.0f} s." in check.text
-
-
 # Reception of given size: poor numbers, jamming, spoofing, outages and jumps are named, good ones are not.
 
 
@@ -169,15 +148,6 @@ def received(**told: float) -> FlightLog:
 def quality_of(log: FlightLog, question: str) -> Check:
     (one,) = (a for a in gnss.gnss_checks(case(log)) if a.question == question)
     return one
-
-
-def test_good_reception_is_ok_in_all_three() -> None:
-    found = gnss.gnss_checks(case(received()))
-    assert [(a.question, a.verdict) for a in found] == [
-        ("gnss_quality", "ok"),
-        ("gnss_interference", "ok"),
-        ("gnss_jumps", "ok"),
-    ]
 
 
 def test_what_a_receiver_tells_without_a_fix_is_no_quality() -> None:
@@ -207,15 +177,6 @@ def test_what_the_receiver_reports_for_more_than_a_second_is_told(name: str, sta
     assert one.verdict == verdict
     assert one.value == pytest.approx(10.0, abs=0.5)
     assert one.t == pytest.approx(50.0, abs=0.3)
-
-
-def test_a_jump_of_the_position_is_told_with_size_and_time() -> None:
-    log = received()
-    log.gnss[0].lat[log.gnss[0].t > 50.05] += np.degrees(12.0 / 6.371e6)
-    one = quality_of(log, "gnss_jumps")
-    assert one.verdict == "warning"
-    assert one.value == pytest.approx(12.0, abs=0.5)
-    assert one.t == pytest.approx(50.2, abs=0.3)
 
 
 def test_a_receiver_that_tells_nothing_raises_nothing() -> None:

@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from attlog import flight, segments
 from attlog.core import rotation
 from attlog.flight.model import Array, Firmware, FlightLog, Imu, Stream
-from attlog.health import gyro
 from attlog.health import gyro as turns
 from attlog.health.check import Check, HealthCase
 from attlog.health.gyro import gyro_bias_checks
 from attlog.health.regression import RobustFit
-from attlog.reference import choose
 from attlog.reference.model import GyroJump, Reference
 from attlog.segments import Segment as segments_Segment
 from attlog.segments import Segments as segments_Segments
 from attlog.segments.model import Segment, Segments
-from tests.conftest import SAMPLES
 from tests.health.imu_cases import case, log_of
 from tests.health.imu_cases import told as told_by_smoother
 from tests.health.imu_cases import unit as imu_cases_unit
@@ -194,37 +189,3 @@ def test_without_rest_the_smoother_tells_and_a_second_unit_by_its_difference() -
     assert (first.verdict, second.verdict) == ("ok", "warning")
     assert second.vector == pytest.approx([0.3, 0.0, 1.5], abs=0.1)
     assert [a.verdict for a in gyro_bias_checks(case(log, segments=air))] == ["unknown"]
-
-
-# The gyro's scale with its interval: a planted size, and the words of the check.
-
-NO_SCALE_BIAS = (0.0, 0.0, 0.0)
-
-
-@cache
-def read() -> FlightLog:
-    return flight.read(SAMPLES / "px4_steps.ulg")
-
-
-@pytest.mark.parametrize("factor", [1.0, 1.05, 0.93])
-def test_a_planted_scale_lies_inside_the_interval(factor: float) -> None:
-    """The flight's own scale errors are 0.2 to 0.4 %."""
-    log = read()
-    phases = segments.build(log)
-    reference = choose(log, phases, heading=False)
-    imu = log.replay_imu
-    assert imu is not None
-    sound = imu.gyro.x
-    imu.gyro.x = factor * sound
-    try:
-        found, _ = gyro.turn_checks(HealthCase(log, phases, reference))
-    finally:
-        imu.gyro.x = sound
-    assert found.ci95 is not None
-    assert found.value is not None
-    low, high = sorted(abs(v) for v in found.ci95)
-    assert (found.verdict == "ok") == (factor == 1.0)
-    assert found.ci95[0] - 0.4 < 100.0 * (factor - 1.0) < found.ci95[1] + 0.4
-    assert high - low < 4.0
-    assert found.n * gyro.INTERVAL_S == pytest.approx(found.seconds, abs=0.1)
-    assert bool(found.why_no_setting) == (factor != 1.0)

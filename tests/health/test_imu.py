@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from attlog.flight.model import Stream
+from attlog.flight.model import FlightLog, Stream
 from attlog.health import gyro, imu, temperature
 from attlog.health.imu import blocks, stream_blocks
-from attlog.health.imu_pairs import imu_differences
+from attlog.health.imu_pairs import difference, imu_differences
 from attlog.health.temperature import ACC, GYRO, SlopeLimits, TemperatureSlope
 from attlog.reference.model import Reference
 from attlog.segments import Segment, Segments
-from tests.health.imu_cases import case, log_of, told, unit
+from tests.health.imu_cases import AIR_S, REST_S, case, log_of, phases, told, unit
 from tests.segments.flights import imu_log
 
 NO_SMOOTHER_BIAS = (0.0, 0.0, 0.0)
@@ -247,3 +249,137 @@ def test_a_bias_that_changes_counts_though_each_reading_is_small(before: float, 
     log = imu_log(t, x, np.tile([0.0, 0.0, -9.81], (len(t), 1)))
     rests = Segments([Segment("rest.long", 0.0, 20.0), Segment("rest.long", 40.0, 60.0)])
     assert gyro._rest_bias(log.imus[0], rests).verdict == verdict
+
+
+# Units against each other: the size with its sign, which one is off, and streams that are the same sensor.
+
+
+NONE = (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("rates", [(100.0, 50.0), (100.0, 2.0), (25.0, 100.0)])
+def test_the_difference_comes_back_with_its_sign_whichever_unit_is_faster(rates: tuple[float, float]) -> None:
+    a, b = unit(0, rates[0], NONE, NONE), unit(1, rates[1], (0.3, -0.2, 0.6), (0.0, 1.4, 0.0))
+    for spans in ([(0.0, 28.0)], [(31.0, 89.0)]):
+        found = difference(a.acc, b.acc, spans)
+        assert found is not None
+        assert np.abs(found.middle - [0.3, -0.2, 0.6]).max() < max(1.96 * found.sigma(0.02).max(), 0.05)
+
+
+def test_gravity_tells_which_accelerometer_is_off_and_rest_which_gyro() -> None:
+    one = case(log_of(unit(0, 100.0, (0.0, 0.0, 0.7), NONE), unit(1, 50.0, NONE, (0.0, 1.4, 0.0))))
+    force, rate = imu_differences(one)
+    assert (force.verdict, force.sensor) == ("warning", "IMU:0")
+    assert "IMU:0 is off" in force.text
+    assert (rate.verdict, rate.sensor) == ("warning", "IMU:1")
+    assert force.vector[2] == pytest.approx(-0.7, abs=0.03)
+    assert rate.vector[1] == pytest.approx(1.4, abs=0.05)
+    assert force.ci95 is not None
+    assert force.ci95[0] < 0.7 < force.ci95[1]
+
+
+def test_a_horizontal_difference_that_gravity_hardly_shows_the_smoother_attributes() -> None:
+    log = log_of(unit(0, 100.0, NONE, NONE), unit(1, 50.0, (0.6, 0.0, 0.0), NONE))
+    assert imu_differences(case(log, told((0.0, 0.0, 0.0))))[0].sensor == "IMU:1"
+    undecided = imu_differences(case(log))[0]
+    assert "shows which one is off" in undecided.text
+
+
+def test_units_that_agree_are_ok_and_two_that_are_both_off_are_both_named() -> None:
+    sound = imu_differences(case(log_of(unit(0, 100.0, NONE, NONE), unit(1, 50.0, NONE, NONE))))
+    assert [a.verdict for a in sound] == ["ok", "ok"]
+    both = imu_differences(case(log_of(unit(0, 100.0, (0.0, 0.0, 1.0), NONE), unit(1, 50.0, (0.0, 0.0, -0.8), NONE))))[
+        0
+    ]
+    assert both.verdict == "fault"
+    assert "Both are off" in both.text
+
+
+def test_a_stream_that_repeats_another_one_is_no_second_unit() -> None:
+    """PX4's selected unit after a switch: the same numbers twice."""
+    a = unit(0, 100.0, NONE, NONE)
+    assert difference(a.acc, replace(a.acc, t=a.acc.t[::10], x=a.acc.x[::10]), [(0.0, 28.0)]) is None
+
+
+def test_units_that_differ_in_flight_only_are_parted_by_vibration_and_slow_ones_are_not_compared_there() -> None:
+    fast, slow = (unit(1, rate, NONE, NONE) for rate in (50.0, 2.0))
+    for one in (fast, slow):
+        one.acc.x[(one.acc.t > REST_S) & (one.acc.t < AIR_S), 2] += 1.3
+    shaken = imu_differences(case(log_of(unit(0, 100.0, NONE, NONE), fast)))[0]
+    assert shaken.verdict == "warning"
+    assert "vibration" in shaken.text
+    assert shaken.value == pytest.approx(1.3, abs=0.05)
+    folded = imu_differences(case(log_of(unit(0, 100.0, NONE, NONE), slow)))[0]
+    assert (folded.verdict, folded.seconds < 60.0) == ("ok", True)
+
+
+def test_one_unit_says_nothing_and_units_without_common_time_that_they_cannot_be_compared() -> None:
+    assert imu_differences(case(log_of(unit(0, 100.0, NONE, NONE)))) == []
+    late = unit(1, 50.0, NONE, NONE)
+    late.acc.t, late.gyro.t = late.acc.t + 1e4, late.gyro.t + 1e4
+    assert [a.verdict for a in imu_differences(case(log_of(unit(0, 100.0, NONE, NONE), late), segments=phases()))] == [
+        "unknown"
+    ]
+
+
+# Bias against temperature: planted slopes, and what is too little to tell one.
+
+
+REST = Segments([Segment("rest.long", 0.0, 600.0)])
+
+
+def warming(dps_per_k: float, m_s2_per_k: float, kelvin: float, seed: int = 1) -> FlightLog:
+    """Ten minutes standing still while it warms up, faster at first; noise that lasts for seconds."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, 600.0, 0.2)
+    warmer = kelvin * (1.0 - np.exp(-t / 200.0)) / (1.0 - np.exp(-3.0))
+    slow = 0.02 * rng.normal(size=(61, 3))[(t // 10.0).astype(int)]
+    gyro = np.radians(np.outer(warmer, [0.0, dps_per_k, 0.0]) + slow + 0.05 * rng.normal(size=(len(t), 3)))
+    acc = np.tile([0.0, 0.0, -9.81], (len(t), 1)) + 0.02 * rng.normal(size=(len(t), 3))
+    acc[:, 2] -= m_s2_per_k * warmer
+    log = imu_log(t, gyro, acc)
+    log.imus[0].temperature = Stream(t, 25.0 + warmer[:, None], "degC", "", "IMU:0")
+    return log
+
+
+def of(log: FlightLog, segments: Segments = REST):
+    from attlog.health.check import HealthCase
+
+    one = HealthCase(log, segments)
+    return temperature.gyro_temperature(one), temperature.accelerometer_temperature(one)
+
+
+@pytest.mark.parametrize(("slope", "verdict"), [(0.0, "ok"), (0.03, "ok"), (-0.1, "warning"), (0.3, "fault")])
+def test_a_planted_slope_of_the_gyro_lies_inside_its_interval(slope: float, verdict: str) -> None:
+    missed = 0
+    for seed in range(3):
+        (found,), _ = of(warming(slope, 0.0, 20.0, seed))
+        assert (found.verdict, found.unit) == (verdict, "deg/s/K")
+        assert found.vector_ci95[1] < 0.01
+        missed += abs(found.vector[1] - slope) > found.vector_ci95[1]
+    assert missed <= 1
+
+
+@pytest.mark.parametrize(("slope", "verdict"), [(0.0, "ok"), (0.03, "warning")])
+def test_a_planted_slope_of_gravity_s_size(slope: float, verdict: str) -> None:
+    _, (found,) = of(warming(0.0, slope, 20.0))
+    assert found.verdict == verdict
+    assert found.ci95 is not None
+    assert found.ci95[0] <= slope <= found.ci95[1]
+    assert bool(found.action) == (verdict != "ok")
+
+
+def test_too_little_warming_no_rest_and_no_thermometer_are_unknown() -> None:
+    cold, no_thermometer = warming(1.0, 0.0, 3.0), warming(1.0, 0.0, 20.0)
+    no_thermometer.imus[0].temperature = None
+    for log, segments in ((cold, REST), (no_thermometer, REST), (warming(1.0, 0.0, 20.0), Segments())):
+        for found in of(log, segments):
+            assert [a.verdict for a in found] == ["unknown"]
+            assert found[0].action
+
+
+def test_a_thermometer_without_numbers_does_no_harm() -> None:
+    log = warming(0.1, 0.0, 20.0)
+    assert log.imus[0].temperature is not None
+    log.imus[0].temperature.x[:] = np.nan
+    assert [a.verdict for found in of(log) for a in found] == ["unknown", "unknown"]

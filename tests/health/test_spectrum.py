@@ -57,14 +57,6 @@ def test_an_alias_does_not_follow_throttle() -> None:
         assert strongest(shaken(200.0, with_throttle(hover))).follows != "throttle"
 
 
-def test_with_steady_throttle_nothing_tells_what_a_peak_follows() -> None:
-    log = shaken(1000.0, 90.0)
-    log.power.throttle = Stream(np.array([0.0, SECONDS]), np.full((2, 1), 0.3), "1", "", "")
-    found = strongest(log)
-    assert found.follows == ""
-    assert found.windows < spectrum.MIN_MOVED_WINDOWS
-
-
 def rotors_of(speed: float, spread: float = 0.0) -> Stream:
     t = np.arange(0.0, SECONDS, 0.1)
     turns = speed * np.sqrt(throttle_at(t) / 0.3)

@@ -1,4 +1,4 @@
-"""Limits of ratios, noise, lanes, paths and reception from both sides, by summaries of given size."""
+"""Aids of the onboard estimator, lanes and reception: limits from both sides, and planted ratios and noise."""
 
 from __future__ import annotations
 
@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from attlog.flight.model import Reception, TimeLine
-from attlog.health import delays, innovations, sources
+from attlog.flight.model import Attitude, InnovationTest, Reception, Stream, TimeLine
+from attlog.health import baro, delays, gnss, innovations, sources
 from attlog.health import gnss as gnss_quality
-from attlog.health.check import Check, unknown
+from attlog.health.check import Check, HealthCase, unknown
 from attlog.health.innovations import RatioSummary
 from attlog.reference.model import Reference
-from tests.health.made_flight import case, flight
-
-PARAMS = {"EK3_MAG_M_NSE": 0.05, "EK3_MAG_I_GATE": 300.0}
+from attlog.segments.model import Segments
+from tests.health.made_flight import SECONDS, case, flight
 
 
 def summary(median: float = 0.3, above: float = 0.0, longest: float = 0.0, **more: Any) -> RatioSummary:
@@ -137,3 +136,108 @@ def test_reception_is_poor_beyond_what_px4_asks(name: str, good: float, poor: fl
         setattr(gnss.reception if name in usual else gnss, name, np.full(n, value))
         (found,) = (a for a in gnss_quality.gnss_checks(case(log)) if a.question == "gnss_quality")
         assert found.verdict == verdict
+
+
+# Test ratios of given size: what is told of them, when a noise is suggested, and what a figure gets.
+
+
+PARAMS = {"EK3_MAG_M_NSE": 0.05, "EK3_MAG_I_GATE": 300.0}
+
+
+def ratios(level: float, above: tuple[float, float] | None = None, aid: str = "compass") -> HealthCase:
+    """10 Hz, between 0.8 and 1.2 of a level; 2 within ``above`` s."""
+    log = flight(firmware="ArduPilot", params=PARAMS)
+    t = np.arange(0.0, SECONDS, 0.1)
+    ratio = level * np.random.default_rng(3).uniform(0.8, 1.2, len(t))
+    if above is not None:
+        ratio[(t >= above[0] - 1e-9) & (t < above[1] - 1e-9)] = 2.0
+    log.estimator.innovation_tests = [InnovationTest(aid, t, ratio, "XKF4:0.SM")]
+    log.attitudes = {"ATT": Attitude(t, np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1)), "ATT")}
+    return case(log)
+
+
+def told(asked: HealthCase) -> Check:
+    (one,) = innovations.innovation_checks(asked)
+    return one
+
+
+def test_a_sound_aid_is_ok_with_its_median_inside_the_interval() -> None:
+    one = told(ratios(0.2))
+    assert (one.verdict, one.settings) == ("ok", [])
+    assert one.value == pytest.approx(0.2, abs=0.01)
+    assert one.ci95 is not None
+    assert one.ci95[0] <= 0.2 <= one.ci95[1]
+    assert one.seconds == pytest.approx(88.0, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("above", "verdict"), [((40.0, 40.3), "ok"), ((40.0, 43.0), "warning"), ((40.0, 55.0), "fault")]
+)
+def test_time_above_the_gate_is_told_with_its_longest_stretch(above: tuple[float, float], verdict: str) -> None:
+    one = told(ratios(0.2, above))
+    assert one.verdict == verdict
+    assert one.t == pytest.approx(above[0], abs=0.11)
+    (summary,) = innovations.ratio_summaries(ratios(0.2, above))
+    assert summary.above == pytest.approx(above[1] - above[0], abs=0.11)
+    assert summary.longest_s == pytest.approx(above[1] - above[0], abs=0.11)
+
+
+def test_an_aid_of_zeros_is_not_used_and_none_at_all_is_unknown() -> None:
+    asked = ratios(0.0)
+    assert [one.verdict for one in innovations.innovation_checks(asked)] == ["unknown"]
+    asked.log.estimator.innovation_tests = []
+    (one,) = innovations.innovation_checks(asked)
+    assert "LOG_BITMASK" in one.text
+
+
+def test_ratios_that_are_no_numbers_raise_nothing() -> None:
+    asked = ratios(0.2)
+    asked.log.estimator.innovation_tests[0].ratio[:] = np.nan
+    assert told(asked).verdict == "unknown"
+
+
+def test_telemetry_without_segments_is_judged_while_armed() -> None:
+    asked = ratios(0.2, (40.0, 43.0))
+    asked.log.imus, asked.log.imu = [], None
+    asked.log.state.armed = TimeLine(np.array([0.0, 20.0, 60.0]), [False, True, False], "HEARTBEAT")
+    one = told(HealthCase(asked.log, Segments([], unknown=("airborne",))))
+    assert (one.verdict, one.t) == ("warning", pytest.approx(40.0, abs=0.11))
+    assert one.seconds == pytest.approx(38.0, abs=0.3)
+    found = gnss.gnss_checks(HealthCase(asked.log, Segments([], unknown=("airborne",))))
+    assert {a.question for a in found} == {"gnss_quality", "gnss_jumps"}
+
+
+# Noise of given size on a climb comes back; more than the estimator expects is a warning.
+
+
+def scattered(noise_m: float, repeat: int = 1, **params: float) -> Check:
+    log = flight(firmware="ArduPilot", params=params)
+    t = np.arange(0.0, SECONDS, 0.1)
+    x = 3.0 * t + np.random.default_rng(4).normal(0.0, noise_m, len(t))
+    x, t = np.repeat(x, repeat), np.sort(np.concatenate([t + 0.1 * k / repeat for k in range(repeat)]))
+    log.baro = [Stream(t, x[:, None], "m", "", "BARO:0")]
+    log.estimator.innovation_tests = [InnovationTest("height", t, np.full(len(t), 0.1), "XKF4:0.SH")]
+    (one,) = baro.barometer_noise(case(log))
+    return one
+
+
+@pytest.mark.parametrize(("noise_m", "repeat"), [(0.1, 1), (0.5, 1), (0.5, 4)])
+def test_the_noise_of_a_climb_is_found_inside_its_interval(noise_m: float, repeat: int) -> None:
+    one = scattered(noise_m, repeat)
+    assert one.value == pytest.approx(noise_m, rel=0.12)
+    assert one.ci95 is not None
+    assert one.ci95[0] < noise_m < one.ci95[1]
+    assert one.verdict == "ok"
+
+
+def test_the_limit_is_what_the_estimator_expects() -> None:
+    expected = {"EK3_ALT_M_NSE": 2.0, "EK3_HGT_I_GATE": 500.0}
+    assert scattered(1.5).verdict == "warning"
+    assert scattered(1.5, **expected).verdict == "ok"
+    assert scattered(3.0, **expected).verdict == "warning"
+
+
+def test_a_barometer_without_values_is_no_question() -> None:
+    log = flight()
+    log.baro = [Stream(np.arange(100.0), np.full((100, 1), np.nan), "m", "", "BARO:0")]
+    assert baro.barometer_noise(case(log)) == []
