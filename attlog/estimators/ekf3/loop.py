@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from attlog.core import jit
-from attlog.core.jit import F1, F2, Out2
+from attlog.core.jit import F1, F2, Out1, Out2
 from attlog.estimators.ekf3.modes import (
     choose_states,
     control_aiding,
@@ -37,6 +37,7 @@ from attlog.estimators.ekf3.state import (
     MAG_RATIO,
     MAG_YAW,
     MIN_SIDESLIP_SPEED,
+    OBSERVABLE_SHARE,
     ON_GROUND,
     T_AIRSPEED,
     TILT,
@@ -175,7 +176,7 @@ def run_filter(
         rotation(x, r)
         for i in range(3):
             if c[ON_GROUND] > 0.0:
-                learns = abs(r[2, i]) > 0.8
+                learns = abs(r[2, i]) > OBSERVABLE_SHARE
             else:
                 learns = known.version >= 4.2
             learns = learns and c[BIAS_ON] > 0.0
@@ -224,9 +225,9 @@ def run_filter(
                 m = s.mag[max(mag, 0), 2:5]
                 use_compass(f, par, known, w, m, mag >= 0, t, t_now, yaw_gsf, var_gsf, final, anomaly)
             elif phase == 2:
-                g = s.gnss[max(gnss, 0), 2:]
+                move_to_imu(f, known, s.gnss[max(gnss, 0), 2:], w.gnss)
                 height = s.baro[max(baro, 0), 2]
-                measure_position(f, par, known, w, g, gnss >= 0, height, baro >= 0, s.steps[k, 10], armed, t_now)
+                measure_position(f, par, known, w, w.gnss, gnss >= 0, height, baro >= 0, s.steps[k, 10], armed, t_now)
             elif phase == 3:
                 measure_air(f, par, known, w, s.airspeed[max(tas, 0), 2], tas >= 0, t_now)
             n_phase = 4 if phase < 2 else 7 if phase == 2 else 2
@@ -259,6 +260,18 @@ def run_filter(
         out_steps[j, 49] = c[TILT]
         out_steps[j, 50] = c[IN_FLIGHT]
         out_steps[j, 51] = c[FINAL_MAG]
+
+
+def move_to_imu(f: Filter, known: Known, g: F1, out: Out1) -> None:
+    """Move a GNSS sample from its antenna to the IMU: position by the lever arm, velocity by its rotation."""
+    r, rate = f.r, f.rate
+    x, y, z = known.arm_x, known.arm_y, known.arm_z
+    vx, vy, vz = rate[1] * z - rate[2] * y, rate[2] * x - rate[0] * z, rate[0] * y - rate[1] * x
+    for i in range(12):
+        out[i] = g[i]
+    for i in range(3):
+        out[i] -= r[i, 0] * x + r[i, 1] * y + r[i, 2] * z
+        out[3 + i] -= r[i, 0] * vx + r[i, 1] * vy + r[i, 2] * vz
 
 
 def fuse(f: Filter, par: Parameters, known: Known, w: Work, kind: int, phase: int, t: float) -> None:

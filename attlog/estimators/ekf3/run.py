@@ -18,7 +18,21 @@ from attlog.core.errors import UsageError
 from attlog.estimators.ekf3 import state as s
 from attlog.estimators.ekf3.loop import Samples, run_filter
 from attlog.estimators.ekf3.parameters import check_changes, settings_of, sources_of
-from attlog.estimators.error_state import BA, BG, MI, N_ERR, N_STATE, NEVER, POS, TH, VEL, WIND, Filter, new_filter
+from attlog.estimators.error_state import (
+    BA,
+    BG,
+    MI,
+    N_ERR,
+    N_STATE,
+    NEVER,
+    POS,
+    TH,
+    VEL,
+    WIND,
+    Filter,
+    forget_rows,
+    new_filter,
+)
 from attlog.estimators.rerun import Mode, Rerun, attitude_variances, held, innovation_tables, local_ned, side_by_side
 
 if TYPE_CHECKING:
@@ -41,6 +55,8 @@ MIN_SPAN_S = 3.0
 # Correlations of a warm start are those after so many seconds of a run from it, repeated from the correlations found:
 # that of heading and z gyro bias takes longer to build up.
 CORRELATION_S, CORRELATION_RUNS = 20.0, 4
+# A log that begins so soon after arming begins with horizontal accelerometer biases that have not learned yet.
+ARMED_S = 1.0
 # Variances of a warm start where none are logged: attitude, velocity, position (horizontal, vertical), gyro bias,
 # accelerometer bias, fields.
 ATTITUDE_VARIANCE, VELOCITY_VARIANCE, POSITION_VARIANCE, HEIGHT_VARIANCE = 1.2e-3, 0.02, 0.15, 0.3
@@ -285,8 +301,11 @@ def gnss_rows(inputs: Ekf3Inputs, horizon_s: float, lag_ms: float) -> Array:
         bits = held(states.t_status, states.status, stamp, 0.0).astype(np.int64)
         aided &= (bits >> 4) & 1 > 0
         if aided.any():
-            for column, axis in ((north, 7), (east, 8), (down, 9)):
-                column += np.median(np.interp(stamp, states.t, states.x[:, axis])[aided] - column[aided])
+            q = rotation.slerp(states.t, states.x[:, :4], stamp[aided])
+            arm = rotation.rotate(q, np.broadcast_to(inputs.antenna, (len(q), 3)))
+            for i, column in enumerate((north, east, down)):
+                at_imu = column[aided] - arm[:, i]
+                column += np.median(np.interp(stamp[aided], states.t, states.x[:, 7 + i]) - at_imu)
     accuracy = [np.nan_to_num(g[name]) for name in ("sacc", "hacc", "vacc")]
     vd = np.nan_to_num(g["vd"])
     rows = side_by_side(
@@ -375,6 +394,9 @@ def known_facts(
         flown=float(mode == "flown"),
         t_origin=float(inputs.events["origin"][0]) if mode == "flown" and len(inputs.events["origin"]) else np.inf,
         n_baro=max(BARO_HZ * float(np.median(np.diff(inputs.baro["t"]))), 1.0) if len(inputs.baro["t"]) > 2 else 1.0,
+        arm_x=inputs.antenna[0],
+        arm_y=inputs.antenna[1],
+        arm_z=inputs.antenna[2],
     )
 
 
@@ -456,13 +478,19 @@ def begin(
     """Return a filter at its start; a warm one takes correlations of runs of 20 s from there."""
     if start is None:
         return fresh(known, samples, steps, first, None)
-    last = min(first + int(CORRELATION_S / known.step_s), span.last)
+    resets = np.concatenate([inputs.events["final_reset"], inputs.events["anomaly_reset"]])
+    until = min([start.t + CORRELATION_S, *resets[resets > start.t]])
+    last = min(first + int((until - start.t) / known.step_s), span.last)
     q, out = np.full((len(steps), 4), np.nan), np.full((len(steps), OUT_COLUMNS), np.nan)
+    earlier = held(inputs.armed["t"], inputs.armed["on"], np.array([start.t - ARMED_S]), 0.0)[0] > 0
+    frozen = np.abs(rotation.to_matrix(start.x[:4])[2]) <= s.OBSERVABLE_SHARE if not earlier else np.zeros(3)
     found = start
     for _ in range(CORRELATION_RUNS):
         f, w = fresh(known, samples, steps, first, found)
         run_filter(f, w, par, known, samples, first, last, q, out)
         found = start._replace(P=correlated(start.P, f.P))
+        for i in np.flatnonzero(frozen):
+            forget_rows(found.P, BA + int(i), 1, start.P[BA + i, BA + i])
     return fresh(known, samples, steps, first, found)
 
 
@@ -483,7 +511,7 @@ def fresh(known: s.Known, samples: Samples, steps: Array, first: int, start: War
     n = 6 * len(samples.mag) + 6 * len(samples.gnss) + 2 * len(samples.baro) + 2 * len(samples.airspeed) + 100
     f = new_filter(int(known.length), n + len(steps) // 5, len(s.CONTROL))
     z = np.zeros
-    w = s.Work(z(14), z(14), z(14), z(3), z(3), z((3, 8)), z(3), z(3), z(6), z(4), z(4))
+    w = s.Work(z(14), z(14), z(14), z(3), z(3), z((3, 8)), z(3), z(3), z(6), z(4), z(4), z(12))
     c, t = f.c, float(steps[first, 0])
     w.q_mag[0] = w.q_reset[0] = 1.0
     for i in (s.T_MAG, s.T_SYNTHETIC, s.T_VELOCITY, s.T_POSITION, s.T_HEIGHT, s.T_GOOD, s.T_BAD_RATIO, s.T_PASSED):

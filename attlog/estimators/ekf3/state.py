@@ -91,6 +91,9 @@ class Known(NamedTuple):
     flown: float  # 1: resets and GNSS use as logged; 0: by the filter's own rules
     t_origin: float  # s, origin set as logged; inf by the filter's own rules
     n_baro: float  # barometer samples on board for each logged one
+    arm_x: float  # m from the IMU to the GNSS antenna, body axes
+    arm_y: float
+    arm_z: float
 
 
 # Control state of the filter, by position in ``c``. Times are s since boot; -1e9 is never.
@@ -130,6 +133,8 @@ ACC_BIAS_SHARE = 0.2
 MAX_TILT_VARIANCE = math.radians(30.0) ** 2
 # Noise of the specific force while the IMU is bad, m/s^2.
 BAD_IMU_NOISE = 5.0
+# On the ground an accelerometer's bias learns where its axis has more than this share of gravity.
+OBSERVABLE_SHARE = 0.8
 # Body x of the air velocity from which on sideslip is fused, m/s.
 MIN_SIDESLIP_SPEED = 5.0
 
@@ -148,6 +153,7 @@ class Work(NamedTuple):
     field_variance: Out1  # (6,) variances of the field states once they were learnt
     q_reset: Out1  # (4,) attitude at the last reset of the field
     q_mag: Out1  # (4,) attitude at the last compass sample
+    gnss: Out1  # (12,) GNSS sample at the IMU: position, velocity NED, sacc, hacc, vacc, fix, satellites, hdop
 
 
 def tilt_variance(f: Filter) -> float:

@@ -99,7 +99,7 @@ class Ekf3Inputs:
     ``t``, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2: IMU records. ``gyro_late``, ``acc_late`` s: delay of the
     low-pass filters ahead of the logger; the EKF's own increments are not filtered. Aids are mappings of columns,
     empty if not logged. ``innovations``: from XKF3 by aid. ``events``: times by the names in :data:`EVENT_TEXTS`.
-    ``step_s``: filter step by XKT, None if not logged.
+    ``step_s``: filter step by XKT, None if not logged. ``antenna``: of GNSS from the IMU, m in body axes.
     """
 
     core: int
@@ -124,6 +124,7 @@ class Ekf3Inputs:
     innovations: Mapping[str, Array]
     step_s: float | None
     gnss_lag_ms: float
+    antenna: tuple[float, float, float]
     plane: bool
     simulated: bool
     params: dict[str, float] = field(default_factory=dict)
@@ -222,6 +223,18 @@ def gnss_lag(builder: DataflashBuilder) -> float:
         if found := re.search(r"u-blox 1 HW: ([0-9A-Fa-f]{8})", text.text):
             return UBLOX_OLD_LAG_MS if int(found[1], 16) >> 16 < 7 else UBLOX_LAG_MS
     return UBLOX_LAG_MS
+
+
+def antenna_of(builder: DataflashBuilder, core: int, unit: int) -> tuple[float, float, float]:
+    """Return the position of the GNSS antenna in use from the IMU in m, body axes, by parameters."""
+    used = _chosen(builder, core, "GI")["unit"]
+    number = int(np.nanmedian(used)) + 1 if np.isfinite(used).any() else 1
+    arm = [
+        builder.values.get(f"GPS{number}_POS_{axis}", builder.values.get(f"GPS_POS{number}_{axis}", 0.0))
+        - builder.values.get(f"INS_POS{unit + 1}_{axis}", 0.0)
+        for axis in "XYZ"
+    ]
+    return float(arm[0]), float(arm[1]), float(arm[2])
 
 
 def _states(builder: DataflashBuilder, core: int, trim: Array | None) -> Ekf3States | None:
@@ -417,6 +430,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         innovations=_innovations(builder, core),
         step_s=step_s,
         gnss_lag_ms=gnss_lag(builder),
+        antenna=antenna_of(builder, core, unit),
         plane=plane,
         simulated=log.simulated,
         params=dict(values),

@@ -16,6 +16,7 @@ from attlog.estimators.ekf3 import run
 from attlog.estimators.ekf3.loop import run_filter
 from attlog.estimators.ekf3.parameters import check_changes, settings_of, sources_of
 from attlog.estimators.error_state import G
+from attlog.estimators.rerun import EARTH_RADIUS_M
 from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs
 
 RNG = np.random.default_rng(3)
@@ -73,6 +74,7 @@ def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **
         "innovations": nothing,
         "step_s": None,
         "gnss_lag_ms": 120.0,
+        "antenna": (0.0, 0.0, 0.0),
         "plane": False,
         "simulated": True,
         "params": {"COMPASS_AUTODEC": 0.0, "COMPASS_DEC": float(np.arctan2(FIELD[1], FIELD[0]))},
@@ -133,6 +135,25 @@ def test_a_compass_that_disagrees_on_the_ground_resets_the_heading_after_five_se
     found = run.rerun(replace(inputs, mag={**inputs.mag, "x": field}), {"YAW_M_NSE": 0.05})
     before, after = np.searchsorted(found.t, [34.0, 37.0])
     assert yaw_deg(found.q[[before, after]]) == pytest.approx([HEADING_DEG, HEADING_DEG + 80.0], abs=25.0)
+
+
+def test_a_gnss_antenna_ahead_of_a_turning_imu_moves_in_a_circle() -> None:
+    inputs = made(60.0, turn_dps=20.0)
+    heading = np.radians(HEADING_DEG + 20.0 * (inputs.gnss["t"] - 0.12))
+    speed = 3.0 * np.radians(20.0)  # of an antenna 3 m ahead
+    moved = {
+        "lat": inputs.gnss["lat"] + np.degrees(3.0 * np.cos(heading) / EARTH_RADIUS_M),
+        "lon": inputs.gnss["lon"] + np.degrees(3.0 * np.sin(heading) / EARTH_RADIUS_M / np.cos(np.radians(47.0))),
+        "vn": -speed * np.sin(heading),
+        "ve": speed * np.cos(heading),
+    }
+    ahead = replace(inputs, gnss={**inputs.gnss, **moved}, antenna=(3.0, 0.0, 0.0))
+    size = [
+        np.sqrt(np.mean(run.rerun(one).innovations["velocity_n"][-50:, 1] ** 2))
+        for one in (ahead, replace(ahead, antenna=(0.0, 0.0, 0.0)))
+    ]
+    assert size[0] < 0.03
+    assert size[1] > 0.2
 
 
 def test_steps_of_one_or_two_frames_spread_about_their_mean() -> None:
