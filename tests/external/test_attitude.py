@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from attlog.core import rotation
-from attlog.core.errors import LogUnreadable, UsageError
+from attlog.core.errors import UsageError
 from attlog.external import attitude, axes
 from attlog.external.read import read_trajectory
 from attlog.flight.model import FlightLog, Imu, Stream
@@ -76,13 +76,6 @@ def test_any_usual_spelling_and_frame_is_understood(
     assert len(found.t) > 0.98 * len(T)
 
 
-@pytest.mark.parametrize("separator", [";", "\t"])
-def test_other_separators_and_comments_are_read(log: FlightLog, tmp_path: Path, separator: str) -> None:
-    path = write(tmp_path, separator.join(("t", "qw", "qx", "qy", "qz")), T, Q, separator)
-    path.write_text("# made by my filter\n" + path.read_text())
-    assert apart_deg(read(path, log)) < 0.01
-
-
 @pytest.mark.parametrize(("shift", "clock"), [(40.0, "since its boot"), (1.7e9, "Unix time"), (0.0, "the log's own")])
 def test_the_clock_is_one_that_the_log_knows(log: FlightLog, tmp_path: Path, shift: float, clock: str) -> None:
     found = read(write(tmp_path, "t,qw,qx,qy,qz", T + shift, Q), log)
@@ -139,15 +132,6 @@ def test_rows_without_numbers_and_times_that_do_not_rise_are_left_out(log: Fligh
     found = read(path, log)
     assert apart_deg(found) < 0.01
     assert len(found.t) == len(T[T <= float(log.imus[0].gyro.t[-1])]) - 2
-
-
-def test_a_file_that_is_not_there_is_told_when_it_is_named_and_when_it_is_read(log: FlightLog, tmp_path: Path) -> None:
-    from attlog import estimators
-
-    with pytest.raises(UsageError, match="no such file with an attitude"):
-        estimators.parse(str(tmp_path / "none.csv"))
-    with pytest.raises(LogUnreadable):
-        read(tmp_path / "none.csv", log)
 
 
 # Truth and replays of a flight, written as a user would and read back as rows.

@@ -90,28 +90,6 @@ def test_the_offset_is_among_the_first_candidates_and_refined_to_a_millisecond(o
     assert fine[0] == pytest.approx(offset, abs=2e-4)
 
 
-def test_around_a_given_offset_only_that_neighbourhood_is_searched() -> None:
-    (found,) = clock.clock_candidates(truth(2.0), gyro(), 1.7, 0.5)
-    assert found == pytest.approx(2.0, abs=0.05)
-    (beside,) = clock.clock_candidates(truth(2.0), gyro(), 1.0, 0.5)
-    assert 0.5 <= beside <= 1.5 + 1e-9
-
-
-def test_the_correlation_at_every_lag_is_pearsons_of_what_both_know() -> None:
-    rng = np.random.default_rng(3)
-    a, b = rng.normal(size=300) + 5.0, rng.normal(size=420) - 2.0
-    a[40:60], b[100] = np.nan, np.nan
-    found = clock._correlation(a, b, 0.05)
-    for lag in (-80, -1, 0, 7, 150):
-        x = a[max(-lag, 0) : min(len(a), len(b) - lag)]
-        y = b[max(lag, 0) : max(lag, 0) + len(x)]
-        both = np.isfinite(x) & np.isfinite(y)
-        assert found[len(a) - 1 + lag] == pytest.approx(np.corrcoef(x[both], y[both])[0, 1], abs=1e-9)
-    known = np.flatnonzero(np.isfinite(found)) - (len(a) - 1)
-    assert known.min() == pytest.approx(-100, abs=1)  # 200 of 300, which is ten seconds of 0.05 s
-    assert len(found) == len(a) + len(b) - 1
-
-
 @pytest.mark.parametrize("drift", [0.0, 80e-6])
 def test_offset_drift_and_turn_come_back_together(drift: float) -> None:
     one, start = truth(1.5, drift), clock.fit_turn(truth(1.5), gyro(), 1.5)
@@ -184,11 +162,6 @@ def test_a_world_is_levelled_by_the_least_turn_from_its_nearest_axis(axis: int, 
     assert np.linalg.det(Rotation.from_quat(np.roll(q, -1)).as_matrix()) == pytest.approx(1.0)
 
 
-def test_east_north_up_becomes_north_east_down() -> None:
-    q = axes.level_world(np.array([0.0, 0.0, -1.0]))
-    np.testing.assert_allclose(rotation.rotate(q, np.array([1.0, 2.0, 3.0])), [2.0, 1.0, -3.0], atol=1e-12)
-
-
 def test_the_usual_body_axes_are_taken_within_three_sigmas_about_each_axis() -> None:
     sigma = np.radians([1.0, 2.0, 0.5])
     for half in ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)):
@@ -227,16 +200,6 @@ def test_north_is_where_both_velocities_go_the_same_way(heading: float, late: fl
     assert axes.north_by_gnss(log_with(receiver(at, flown(at), fix=2)), T, own) is None
     assert axes.north_by_gnss(log_with(receiver(at, 0.15 * flown(at))), T, own) is None
     assert axes.north_by_gnss(log_with(receiver(at, flown(-at))), T, own) is None
-
-
-def test_velocities_of_positions_are_over_two_tenths_of_a_second() -> None:
-    position = np.column_stack([3.0 * T, -2.0 * T, 0.5 * T**2])
-    found = axes.velocity_from_position(T, position)
-    assert found is not None
-    np.testing.assert_allclose(found[20:-20], np.column_stack([3.0 + 0 * T, -2.0 + 0 * T, T])[20:-20], atol=1e-3)
-    np.testing.assert_allclose(found[0, :2], [3.0, -2.0], atol=1e-9)
-    assert axes.velocity_from_position(T, 0.0 * position + 4.0) is None
-    assert axes.velocity_from_position(T[:2], position[:2]) is None
 
 
 # Which clock and which axes a file has: planted offsets and half turns, asymmetric in every axis.
@@ -339,19 +302,6 @@ def test_each_convention_is_found_by_gyro_and_gravity(body: str, earth: str, inv
     assert (found.rate_difference or 0.0) < 0.02
 
 
-@pytest.mark.parametrize("degrees", [True, False])
-def test_euler_angles_in_degrees_and_radians_are_told_from_each_other(degrees: bool) -> None:
-    angles = np.unwrap(rotation.to_euler(motion(FILE_T)), axis=0)
-    given = np.degrees(angles) if degrees else angles
-    readings = {
-        "angles in deg": rotation.from_euler(*np.radians(given).T),
-        "angles in rad": rotation.from_euler(*given.T),
-    }
-    found = axes.choose_frame(PATH, FILE_T, axes.possible_frames(readings, "ned-frd"), unit())
-    assert found.name == f"ned-frd, angles in {'deg' if degrees else 'rad'}"
-    assert np.degrees(np.max(rotation.total_angle(rotation.earth_error(found.q, motion(FILE_T))))) < 1e-6
-
-
 @pytest.mark.parametrize(("factor", "fits"), [(1.4, True), (0.6, True), (1.6, False)])
 def test_an_attitude_that_turns_otherwise_by_more_than_half_is_another(factor: float, fits: bool) -> None:
     t = FILE_T
@@ -416,10 +366,3 @@ def test_a_quaternion_named_x_y_z_is_no_position_and_scalar_first(tmp_path: Path
     read = read_trajectory(path)
     np.testing.assert_allclose(read.readings[""][0], np.array([0.9, 0.1, 0.2, 0.3]) / np.sqrt(0.95))
     assert read.position is None
-
-
-def test_angles_in_two_units_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    path.write_text("t,roll_deg,pitch_rad,yaw\n1,0.1,0.2,0.3\n")
-    with pytest.raises(UsageError, match="deg and rad"):
-        read_trajectory(path)

@@ -24,7 +24,6 @@ from attlog.reference import (
     onboard_check,
     onboard_rows,
     own_sigma_deg,
-    sigma_deg,
 )
 from attlog.reference.model import ReferenceSigma
 from attlog.reference.smoother import with_true_heading
@@ -54,9 +53,8 @@ def heading_deg(found: Attitude) -> np.ndarray:
     return np.degrees(rotation.heading_angle(rotation.earth_error(found.q, attitude_at(found.t))))
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_clock_and_axes_are_found_within_their_sigma(log: FlightLog, tmp_path: Path, seed: int) -> None:
-    found = brought(log, tum(tmp_path, made(seed)))
+def test_clock_and_axes_are_found_within_their_sigma(log: FlightLog, tmp_path: Path) -> None:
+    found = brought(log, tum(tmp_path, made(0)))
     fit = found.fit
     assert abs(fit.offset_s - OFFSET) < 4.0 * fit.offset_sigma_s < 1e-2
     assert fit.drift_ppm == 0.0
@@ -67,11 +65,6 @@ def test_clock_and_axes_are_found_within_their_sigma(log: FlightLog, tmp_path: P
     assert fit.north == "none"
     spread = heading_deg(found)
     assert np.std(spread) < 2.0 * fit.sigma_heading_deg < 1.0
-
-
-def test_the_log_itself_stays_as_it_was(log: FlightLog, tmp_path: Path) -> None:
-    brought(log, tum(tmp_path, made()))
-    assert log.truth is None
 
 
 def test_a_drift_is_found(log: FlightLog, tmp_path: Path) -> None:
@@ -197,18 +190,6 @@ def test_a_pose_of_the_log_is_levelled_and_its_lateness_found(log: FlightLog) ->
     assert found.fit.name == "VISP"
 
 
-def test_evo_reads_the_same_file_alike(tmp_path: Path) -> None:
-    """An independent reader of TUM files, of the people who use them."""
-    interface = pytest.importorskip("evo.tools.file_interface")
-    from attlog.external.read import read_trajectory
-
-    path = tum(tmp_path, made(5))
-    theirs, ours = interface.read_tum_trajectory_file(str(path)), read_trajectory(path)
-    q = ours.readings["as TUM, scalar last"]
-    assert np.allclose(ours.t, theirs.timestamps)
-    assert np.allclose(np.abs(np.sum(q * theirs.orientations_quat_wxyz, axis=1)), 1.0)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["MH_04_difficult", "V1_02_medium", "V2_01_easy", "V2_03_difficult"])
 def test_real_flights_with_a_large_gyro_bias(corpus: Path, tmp_path: Path, name: str) -> None:
@@ -273,9 +254,8 @@ def wandering(seed: int) -> Made:
     return Made(t, q, np.zeros((len(t), 3)))
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_another_flight(refused_log: FlightLog, tmp_path: Path, seed: int) -> None:
-    said = refused(refused_log, tum(tmp_path, wandering(seed)))
+def test_another_flight(refused_log: FlightLog, tmp_path: Path) -> None:
+    said = refused(refused_log, tum(tmp_path, wandering(0)))
     assert "is it of this flight" in said or "offset=" in said or "how it is mounted" in said
 
 
@@ -283,12 +263,6 @@ def test_a_constant_attitude(refused_log: FlightLog, tmp_path: Path) -> None:
     m = made(noise_deg=0.0)
     said = refused(refused_log, tum(tmp_path, replace(m, q=np.broadcast_to(m.q[0], m.q.shape))))
     assert "correlation 0.00" in said
-
-
-def test_noise_alone(refused_log: FlightLog, tmp_path: Path) -> None:
-    m = made()
-    q = rotation.from_rotvec(0.01 * np.random.default_rng(0).normal(size=(len(m.q), 3)))
-    assert "do not follow the gyro" in refused(refused_log, tum(tmp_path, replace(m, q=q)))
 
 
 def test_a_flight_without_motion(tmp_path: Path) -> None:
@@ -391,14 +365,6 @@ def test_every_step_of_its_alignment_is_told_with_its_number():
     assert steps["truth_world"].value == pytest.approx(180.0)  # half a turn about the line between north and east
     assert steps["truth_residual"].value == 0.4
     assert steps["own_sigma"].value == 0.3
-
-
-def test_its_own_sigma_is_part_of_what_is_said():
-    reference = reference_of(log_with())
-    assert own_sigma_deg(reference, "tilt") == pytest.approx(0.3)
-    assert own_sigma_deg(reference, "heading") == pytest.approx(0.4)
-    assert sigma_deg(reference, "total") == pytest.approx(0.5)
-    assert "0.3 deg in tilt, 0.4 deg in heading" in meaning(reference)
 
 
 def test_without_a_north_rows_are_turned_to_it_and_their_changes_compared():

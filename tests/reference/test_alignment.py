@@ -11,7 +11,6 @@ from attlog import segments
 from attlog.core import earth, rotation
 from attlog.flight.model import Gnss, Imu, Mag, Stream
 from attlog.reference import Reference, ReferenceOptions, alignment, choose, observed_declination_deg
-from attlog.reference.alignment import TICK_S, timestamp_tick_s
 from tests.reference.flights import RATE, SECONDS, ardupilot, attitude_at, flight, sampled
 
 T = np.arange(0.0, SECONDS, 1 / RATE)
@@ -64,11 +63,6 @@ def test_a_parameter_of_zero_is_not_believed():
     assert "unknown, so headings are magnetic" in text_of(reference, "declination")
 
 
-@pytest.mark.parametrize("value", [1e20, math.nan, -4.0])
-def test_a_parameter_that_is_no_angle_is_not_believed(value):
-    assert "no declination parameter" in text_of(chosen(ardupilot(flight(), COMPASS_DEC=value)), "declination")
-
-
 def test_the_model_goes_before_the_parameter_both_are_told_and_the_user_decides():
     log = ardupilot(flight(), COMPASS_DEC=math.radians(1.5))
     log.gnss, log.utc_offset = [receiver()], MID_2024
@@ -102,12 +96,6 @@ def test_the_declination_seen_is_where_the_reference_turns_the_field_to():
 
 
 # --- input delay ------------------------------------------------------------------------------------------------
-
-
-def test_a_delay_that_the_reader_knows_is_believed():
-    log = flight()
-    log.imus[0].gyro.delay = 0.004
-    assert alignment.filter_delay(log.imus[0])[0] == 0.004
 
 
 @pytest.mark.parametrize("late", [0.0, 0.003, 0.0113, 0.03, -0.004])
@@ -167,26 +155,7 @@ def test_stamps_in_whole_milliseconds_cost_their_step_times_the_rate():
     assert chosen(flight()).alignment.floor_deg < 1e-4
 
 
-def test_a_bridged_gap_in_fast_flight_raises_the_floor():
-    log = flight()
-    for stream in (log.imus[0].gyro, log.imus[0].acc):
-        keep = (stream.t < 30.0) | (stream.t > 30.4)
-        stream.t, stream.x = stream.t[keep], stream.x[keep]
-    rate = np.degrees(log.imus[0].gyro.x)
-    i = np.searchsorted(log.imus[0].gyro.t, 30.2)
-    assert chosen(log).alignment.floor_deg == pytest.approx(
-        0.25 * 0.41 * np.linalg.norm(rate[i] - rate[i - 1]), rel=0.05
-    )
-
-
 # The step of time stamps, of the attitude's own too.
-
-
-def test_stamps_in_whole_milliseconds_that_differ_show_their_step() -> None:
-    rng = np.random.default_rng(0)
-    assert timestamp_tick_s(np.cumsum(rng.choice([0.020, 0.021], 200))) == TICK_S
-    assert timestamp_tick_s(np.arange(200) * 0.02) == 0.0, "nothing shows where all are equal"
-    assert timestamp_tick_s(np.cumsum(rng.uniform(0.01, 0.03, 200))) == 0.0
 
 
 def test_a_gap_that_ends_an_estimate_leaves_no_error_and_a_bridged_one_a_quarter_of_its_turn():

@@ -87,22 +87,6 @@ def test_what_the_log_does_not_hold_is_a_usage_error_that_helps(options, words):
         chosen(flight(), **options)
 
 
-def test_every_step_is_told_with_its_switch():
-    reference = chosen(flight(truth_hz=50.0))
-    switches = {s.name: s.option for s in reference.alignment.steps}
-    for name, option in (
-        ("reference", "--reference"),
-        ("clock", "config: clock"),
-        ("input_delay", "config: input_delay"),
-        ("declination", "config: declination"),
-        ("trim", "config: trim"),
-        ("scoring_start", "config: score_from"),
-    ):
-        assert switches[name] == option
-    assert {"resampling", "resets", "replay_floor", "gravity_check"} <= switches.keys()
-    assert all(s.text for s in reference.alignment.steps)
-
-
 def test_times_of_measurement_are_used_unless_the_user_wants_those_of_publication():
     log = flight()
     log.attitudes["ATT"].t_sample = log.attitudes["ATT"].t - 0.007
@@ -141,11 +125,6 @@ def test_a_truth_that_never_moves_while_the_gyro_turns_is_refused():
     log.truth.q[:] = [1.0, 0.0, 0.0, 0.0]
     assert "never changes while the gyro turns" in chosen(log).faults.refused["truth"]
     assert chosen(log, reference="truth").kind == "truth"
-
-
-@pytest.mark.parametrize(("seconds", "start"), [(60.0, 15.0), (30.5, 15.0), (24.0, 8.0), (6.0, 2.0)])
-def test_scoring_starts_after_fifteen_seconds_or_a_third_of_a_short_log(seconds, start):
-    assert chosen(flight(seconds)).scoring.start == pytest.approx(start, abs=0.01)
 
 
 def test_the_first_seconds_after_a_restart_are_not_scored():

@@ -206,22 +206,6 @@ def test_noise_an_askew_mount_and_one_bump_reverse_nothing(seed: int) -> None:
     assert said(smooth, smooth * [1.0, 1.0, -0.5]) == ""  # half of a turn the other way is no reversed sensor
 
 
-def test_a_pause_of_the_attitude_is_no_interval() -> None:
-    """The gyro goes on: over seconds both may turn any number of times in between."""
-    log = flight()
-    attitude, imu = log.onboard_attitude, log.replay_imu
-    assert attitude is not None
-    assert imu is not None
-    whole, _ = gyro_checks.mean_rates(imu, attitude, np.zeros(0, np.int64))
-    kept = (attitude.t < 5.0) | (attitude.t > 10.0)  # still at rest: not even the turn is large
-    attitude.t, attitude.q = attitude.t[kept], attitude.q[kept]
-    assert attitude.t_sample is None
-    found, _ = gyro_checks.mean_rates(imu, attitude, np.zeros(0, np.int64))
-    step = np.median(np.diff(attitude.t)) * max(1, len(attitude.t) // (len(found) + 1))
-    assert len(found) == pytest.approx(len(whole) - 5.0 / step, abs=2)
-    assert np.isfinite(found).all()
-
-
 # Are the axes of the compass those of the gyro?
 
 
@@ -334,17 +318,6 @@ def unit(dps: float = 0.0, count: int = 6, change: float = 0.0, noise: float = 0
 )
 def test_a_spike_is_far_from_its_neighbours_alone_and_no_blow(made: Imu, count: int) -> None:
     assert gyro_checks.find_spikes(made).count == count
-
-
-@pytest.mark.parametrize(("count", "told"), [(4, False), (5, True)])
-def test_five_spikes_are_told_with_their_turn_and_time(count: int, told: bool) -> None:
-    found = gyro_checks.find_spikes(unit(150.0, count))
-    assert found.count == count
-    assert bool(found.why) is told
-    if told:
-        assert found.t == 2.0
-        assert found.deg_per_min == pytest.approx(count * 1.5 / 0.5)
-        assert "IMU:0 jumps 5 times for a single sample, by up to 150 deg/s" in found.why
 
 
 @pytest.mark.parametrize(("dps", "misleads"), [(165.0, False), (168.0, True)])

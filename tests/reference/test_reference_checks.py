@@ -93,14 +93,6 @@ def test_nobody_is_accused_of_tilt_against_gravity(judge: float, accused: float,
     assert residuals(judge, accused).supports_onboard((11.0, 15.0)) is acquitted
 
 
-def test_windows_beside_a_span_count_where_none_lies_within() -> None:
-    found = residuals(8.0, 1.0)
-    assert found.supports_onboard((17.0, 30.0))
-    assert found.medians((17.0, 30.0)) == (8.0, 1.0)
-    assert not found.supports_onboard((25.0, 40.0))
-    assert found.medians((25.0, 40.0)) is None
-
-
 @pytest.mark.parametrize(
     ("judge", "accused", "sigma", "refused"),
     [
@@ -247,13 +239,6 @@ def test_quiet_time_on_the_ground_refuses_an_attitude_that_is_wrong_there_only(t
     assert (found.kind == "none") == refused
     if refused:
         assert "wrong by 17 deg on the ground with motors on at" in found.faults.reference
-
-
-def test_one_quiet_time_alone_refuses_nothing() -> None:
-    log = flight(np.where(((T > 30.0) & (T < 36.0))[:, None], tilted(TURN, 17.0), TURN))
-    grounds = [(16.0, 20.0), (22.0, 26.0), (32.0, 35.0)]
-    phases = Segments([Segment("continuous", 0.0, 60.0), *(Segment("idle", a, b) for a, b in grounds)])
-    assert choose(log, phases).kind == "onboard"
 
 
 def test_an_attitude_that_leans_to_both_sides_in_turn_is_not_refuted_by_a_mean_force_that_it_explains() -> None:

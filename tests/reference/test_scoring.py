@@ -138,17 +138,6 @@ def test_fifteen_seconds_or_a_third_of_a_short_record_are_left_out(seconds: floa
     assert scoring.unscored_seconds(seconds) == pytest.approx(left_out)
 
 
-def test_scoring_starts_after_the_start_and_after_each_restart() -> None:
-    t = np.concatenate([5.0 + SCORED_T[:400], 50.0 + SCORED_T[:120], 80.0 + SCORED_T[:600]])
-    first, unscored = scoring.start_and_unscored(t, None)
-    assert first == pytest.approx(20.0)
-    assert unscored == [(pytest.approx(50.0), pytest.approx(65.0)), (pytest.approx(80.0), pytest.approx(95.0))]
-    assert scoring.start_and_unscored(t, 3.0)[0] == 3.0
-    assert scoring.start_and_unscored(t[:0], None) == (0.0, [])
-    near = np.concatenate([SCORED_T[:400], 40.3 + SCORED_T[:400]])
-    assert scoring.start_and_unscored(near, None)[1] == []
-
-
 def test_what_counts_lies_between_start_and_end_and_outside_what_is_not_scored() -> None:
     found = scoring.scored_mask(
         reference(scoring_start=15.0, end=90.0, unscored=[(40.0, 52.0), (60.0, 61.0)]), SCORED_T
@@ -162,22 +151,6 @@ def test_what_counts_lies_between_start_and_end_and_outside_what_is_not_scored()
     assert np.count_nonzero(found != wanted) <= 2
     assert found[150]
     assert not found[149]
-
-
-def test_coverage_is_the_share_of_flight_and_rest_that_was_counted() -> None:
-    segments = Segments([Segment("continuous", 0, 100), Segment("rest.long", 0, 30), Segment("airborne", 40, 80)])
-    number = np.zeros(len(SCORED_T), np.int64)
-    counted = (SCORED_T < 50.0) | (SCORED_T >= 60.0)
-    found = scoring.coverage_pct(SCORED_T, number, counted, reference(scoring_start=10.0, end=70.0), segments)
-    assert found == pytest.approx(100.0 * 40.0 / 50.0, abs=0.3)  # of 20 s at rest and 30 s in the air
-    whole = scoring.coverage_pct(
-        SCORED_T, number, counted, reference(scoring_start=0.0), Segments([Segment("continuous", 0, 100)])
-    )
-    assert whole == pytest.approx(90.0, abs=0.2)
-    assert scoring.coverage_pct(SCORED_T, number, counted, reference(scoring_start=90.0, end=70.0), segments) is None
-    assert scoring.coverage_pct(SCORED_T, number, ~number.astype(bool), reference(), segments) == pytest.approx(
-        100.0, abs=0.2
-    )
 
 
 @pytest.mark.parametrize(
@@ -226,19 +199,6 @@ def test_a_jump_of_the_reference_is_no_loss_of_heading() -> None:
     ) == pytest.approx(70.0)
 
 
-def test_a_jump_at_a_reset_is_the_mean_of_a_second_on_either_side_within_its_segments() -> None:
-    along = 0.01 * SCORED_T + np.where(SCORED_T >= 50.0, 1.0, 0.0)
-    steps = scoring.reset_steps(scored_errors(segment=(SCORED_T >= 50.0).astype(np.int64)), along)
-    assert np.flatnonzero(steps).tolist() == [500]
-    assert steps[500] == pytest.approx(1.0 + 0.01 * 1.1, abs=2e-3)
-    twice = np.searchsorted([50.0, 50.5], SCORED_T + 1e-9, side="right")
-    steps = scoring.reset_steps(scored_errors(segment=twice), along)
-    assert steps[500] == pytest.approx(1.0 + 0.01 * 0.75, abs=3e-3)
-    assert abs(steps[505]) < 0.02
-    gap = (SCORED_T >= 50.0).astype(np.int64)
-    assert not scoring.reset_steps(scored_errors(segment=gap, gap=gap), along).any()
-
-
 @pytest.mark.parametrize(
     ("degrees", "at", "flown", "aligned"),
     [(5.1, 30.0, 80.0, True), (4.9, 30.0, 80.0, False), (90.0, 61.0, 80.0, False), (90.0, 30.0, 25.0, False)],
@@ -252,13 +212,6 @@ def test_an_onboard_attitude_was_aligned_by_its_last_jump_before_the_flight(
     found = scoring.aligned_at(attitude, np.array([0, 50, i]), Segments([Segment("airborne", flown, 95.0)]))
     assert found == (pytest.approx(at) if aligned else None)
     assert scoring.aligned_at(attitude, np.zeros(0, np.int64), Segments([])) is None
-
-
-def test_five_seconds_without_a_break_tell_whether_a_row_converged() -> None:
-    assert scoring.convergence_observable(scored_errors(t=SCORED_T[:52]))
-    assert not scoring.convergence_observable(scored_errors(t=SCORED_T[:49]))
-    broken = np.concatenate([SCORED_T[:40], 20.0 + SCORED_T[:40]])
-    assert not scoring.convergence_observable(scored_errors(t=broken, gap=np.repeat([0, 1], 40)))
 
 
 @pytest.mark.parametrize(
@@ -357,14 +310,6 @@ def test_nothing_is_compared_across_a_gap_or_reset_of_the_reference():
     assert np.flatnonzero(np.diff(found.segment)).tolist() == [np.searchsorted(found.t, 30.0) - 1]
 
 
-def test_a_restart_of_the_row_begins_a_run():
-    ref = reference_of((slow := sampled(20.0)).t, slow.q)
-    t = np.arange(0, 60, 0.01)
-    found = errors(t, attitude_at(t), ref, (t >= 25).astype(np.int64))
-    assert found.gap_segment[-1] == 1
-    assert found.t[np.argmax(found.gap_segment == 1)] == pytest.approx(25.0, abs=0.051)
-
-
 def test_heading_errors_wrap_and_never_read_as_a_full_turn():
     """The flight turns through south: headings of +179 and -179 are 2 deg apart."""
     row, _, _ = compared(flight(), estimate(heading_deg=2.0))
@@ -372,13 +317,6 @@ def test_heading_errors_wrap_and_never_read_as_a_full_turn():
     np.testing.assert_allclose(row.errors.heading, 2.0, atol=0.05)
     np.testing.assert_allclose(row.errors.total, 2.0, atol=0.05)
     np.testing.assert_allclose(row.errors.tilt, 0.0, atol=0.05)
-
-
-def test_errors_are_those_put_in():
-    row, _, _ = compared(flight(), estimate(heading_deg=-5.0, tilt_deg=3.0))
-    assert row.errors is not None
-    np.testing.assert_allclose(row.errors.heading, -5.0, atol=0.05)
-    np.testing.assert_allclose(row.errors.tilt, 3.0, atol=0.05)
 
 
 @settings(max_examples=25, deadline=None)
@@ -414,11 +352,3 @@ def test_rows_of_the_same_times_share_what_they_are_compared_with_and_no_others_
         assert found.q_ref is not first.q_ref
         for name in ("t", "q_est", "q_ref", "total", "segment", "gap_segment", "scored"):
             np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
-
-
-def test_scoring_one_row_leaves_the_next_alone():
-    ref = reference_of((slow := sampled(10.0)).t, slow.q)
-    t = np.arange(0, 60, 0.01)
-    first = errors(t, attitude_at(t), ref)
-    first.scored[:] = False
-    assert errors(t, attitude_at(t), ref).scored.any()

@@ -431,12 +431,6 @@ def test_a_short_segment_without_a_heading_does_not_cost_the_others_theirs() -> 
     assert np.degrees(found.aux["sigma_heading"]).max() == pytest.approx(0.2)
 
 
-def test_headings_of_a_lesser_part_are_not_compared() -> None:
-    found = smoother.join_segments([segment_of(60.0, "none", 180.0), segment_of(25.0, "both")])
-    assert len(found.t) == 850
-    assert found.quality["heading_from"] == "none"
-
-
 def test_one_segment_by_the_compass_alone_leaves_nobody_to_be_accused_of_heading() -> None:
     found = smoother.join_segments([segment_of(60.0, "both"), segment_of(25.0, "compass")])
     assert found.quality["heading_from"] == "compass"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from copy import deepcopy
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from attlog.core import rotation
 from attlog.core.spans import Span
 from attlog.flight.model import FlightLog, Stream
 from attlog.segments import crash, rest
-from attlog.segments.impacts import CrashContext, CrashEvent, impact_peaks, max_rate_dps, onboard_tilt, rest_tilt
+from attlog.segments.impacts import CrashContext, CrashEvent, impact_peaks, onboard_tilt, rest_tilt
 from tests.segments.flights import ARMED, DISARMED, LANDED, TAKE_OFF, flight
 from tests.segments.test_airborne import found_in
 
@@ -165,13 +164,6 @@ def test_vibration_is_no_blow():
     shaking = (imu.acc.t > LANDED - 6.0) & (imu.acc.t < LANDED - 0.35)
     imu.acc.x[shaking, 2] *= np.where(np.arange(shaking.sum()) % 3 == 0, 7.0, 0.1)
     assert [e.kind for e in endings(log) if e.kind == "impact"] == []
-
-
-def test_a_gyro_without_one_finite_sample_turns_at_no_rate():
-    log = flight()
-    log.imus[0].gyro.x[:] = np.nan
-    scene = SimpleNamespace(log=log)
-    assert max_rate_dps(scene, 0.0, 5.0) == 0.0
 
 
 def scene_of(log: FlightLog) -> CrashContext:

@@ -14,7 +14,7 @@ from attlog.flight.vehicle import VehicleKind
 from attlog.segments import airborne, flight_signs, rest
 from attlog.segments import flight_signs as signs
 from attlog.segments.airborne import HeightLevel
-from attlog.segments.flight_signs import Grid, hold_last, seconds_to_nearest, true_runs
+from attlog.segments.flight_signs import Grid
 from tests.flight.made_log import with_fields
 from tests.segments.flights import imu_log
 
@@ -49,27 +49,6 @@ def stream(t: Array, x: Array, source: str = "made", kind: str = "1") -> Stream:
     return Stream(np.asarray(t, float), np.asarray(x, float), kind, "", source)
 
 
-@pytest.mark.parametrize(("seconds", "before", "behind"), [(0.4, 2, 2), (0.5, 2, 3), (0.1, 1, 1), (2.0, 10, 10)])
-def test_a_mean_reaches_half_of_its_time_to_both_sides_and_is_shorter_at_the_ends(
-    seconds: float, before: int, behind: int
-) -> None:
-    x = np.random.default_rng(0).normal(size=(50, 2))
-    wanted = [x[max(i - before, 0) : i + behind].mean(axis=0) for i in range(50)]
-    np.testing.assert_allclose(signs._mean(x, seconds), wanted, atol=1e-12)
-    np.testing.assert_allclose(signs._mean(x[:, 0], seconds), np.array(wanted)[:, 0], atol=1e-12)
-
-
-def test_a_variance_is_that_of_numpy_and_nothing_beside_what_is_not_known() -> None:
-    x = 50.0 + np.random.default_rng(1).normal(size=(60, 3)) * [1.0, 5.0, 0.2]
-    wanted = [x[max(i - 4, 0) : i + 4].var(axis=0) for i in range(60)]
-    np.testing.assert_allclose(signs._variance(x, 0.8), wanted, rtol=1e-9)
-    np.testing.assert_allclose(signs._variance(x[:, 1], 0.8), np.array(wanted)[:, 1], rtol=1e-9)
-    x[30, 1] = np.nan
-    missing = np.flatnonzero(np.isnan(signs._variance(x, 0.8)[:, 0]))
-    assert missing.tolist() == list(range(27, 35))
-    assert np.isnan(signs._variance(np.full((5, 2), np.nan), 0.8)).all()
-
-
 def test_the_slope_is_that_of_least_squares_over_four_seconds() -> None:
     rng = np.random.default_rng(2)
     gravity = rng.normal(size=(400, 3))
@@ -82,32 +61,6 @@ def test_the_slope_is_that_of_least_squares_over_four_seconds() -> None:
     gravity[at + 5] = np.nan
     unknown = np.flatnonzero(np.isnan(signs._ground_slope(force, gravity)))
     assert (unknown.min(), unknown.max()) == (at + 5 - 19, at + 5 + 20)
-
-
-def test_the_nearest_of_rising_times_may_lie_on_either_side() -> None:
-    at = np.array([1.0, 2.0, 5.0])
-    found = seconds_to_nearest(np.array([0.0, 1.2, 1.8, 3.4, 3.6, 5.0, 9.0]), at)
-    np.testing.assert_allclose(found, [1.0, 0.2, 0.2, 1.4, 1.4, 0.0, 4.0])
-    np.testing.assert_allclose(seconds_to_nearest(np.array([0.5, 2.0]), at[:1]), [0.5, 1.0])
-
-
-def test_a_held_value_is_the_last_one_until_it_is_too_old() -> None:
-    """1.5 s, or five usual intervals where these are longer."""
-    fast = stream([1.0, 1.1, 1.2, 1.3], [5.0, 6.0, np.nan, 8.0])
-    assert hold_last(np.array([0.5, 1.05, 1.1, 1.25, 1.3, 2.79, 2.81]), fast, -1.0).tolist() == [5, 5, 6, -1, 8, 8, -1]
-    slow = stream([0.0, 1.0, 2.0], [[3.0, 9.0], [4.0, 9.0], [7.0, 9.0]])
-    assert hold_last(np.array([0.9, 6.9, 7.1]), slow).tolist() == [3.0, 7.0, 0.0]
-    assert hold_last(np.array([7.4, 7.6]), stream([0.0], [2.0])).tolist() == [2.0, 0.0]
-
-
-def test_runs_are_index_ranges_with_the_end_beyond() -> None:
-    assert list(true_runs(np.array([1, 1, 0, 0, 1, 0, 1, 1, 1], bool))) == [(0, 2), (4, 5), (6, 9)]
-    assert list(true_runs(np.zeros(3, bool))) == []
-
-
-def test_a_time_has_the_nearest_place_within_the_grid() -> None:
-    grid = made_grid(50)
-    assert [grid.index(t) for t in (-3.0, 0.04, 0.06, 1.24, 99.0)] == [0, 0, 1, 12, 49]
 
 
 def test_down_in_body_axes_is_the_last_row_of_the_rotation_and_unknown_far_from_an_attitude() -> None:
@@ -161,38 +114,11 @@ def test_half_a_second_above_what_proves_a_flight_is_one() -> None:
     assert not airborne._is_flight(110, 200, made_grid(), [level(np.where(T < 10.9, 9.0, 0.0))])
 
 
-@pytest.mark.parametrize(
-    ("dynamics", "hint_s", "seconds", "proven"),
-    [
-        (0.25, 0.5, 3.0, True),
-        (0.15, 0.5, 3.0, False),
-        (0.25, 0.4, 3.0, False),
-        (0.6, 0.0, 1.5, True),
-        (0.6, 0.0, 1.4, False),
-        (0.5, 0.0, 3.0, False),
-    ],
-)
-def test_movement_proves_a_flight_with_a_hint_of_height_or_for_long(
-    dynamics: float, hint_s: float, seconds: float, proven: bool
-) -> None:
-    above = np.where((T >= 10.0) & (T < 10.0 + hint_s - 1e-9), 1.0, 0.0)
-    grid = made_grid(dynamics=np.full(400, dynamics))
-    assert airborne._is_flight(100, 100 + round(10 * seconds), grid, [level(above)]) is proven
-
-
 def test_an_imu_that_is_too_slow_proves_a_flight_by_three_seconds_of_height_alone() -> None:
     grid = made_grid(dynamics=np.full(400, 3.0), slow=True)
     for seconds, proven in ((3.0, True), (2.9, False)):
         above = np.where((T >= 10.0) & (T < 10.0 + seconds - 1e-9), 1.0, 0.0)
         assert bool(airborne._is_flight(50, 300, grid, [level(above)])) is proven
-
-
-def test_what_leans_by_more_than_fifteen_degrees_without_speed_is_held() -> None:
-    for sideways, speed, is_held in ((2.6, np.nan, True), (2.4, np.nan, False), (2.6, 3.1, False), (2.6, 2.9, True)):
-        force = np.tile([0.6 * sideways, -0.8 * sideways, -9.5], (400, 1))
-        speeds = np.full(400, np.nan)
-        speeds[150] = speed
-        assert airborne._is_handheld(100, 200, made_grid(force=force, speed=speeds)) is is_held
 
 
 def test_a_flight_reaches_to_where_the_height_left_the_ground_and_met_it() -> None:

@@ -109,14 +109,6 @@ def test_the_rate_does_not_count_the_time_lost_in_gaps():
     assert model.sample_rate(np.zeros(1)) == 0.0
 
 
-def test_good_samples_are_copied_only_where_some_are_bad():
-    x, y = np.arange(5.0), np.arange(10.0).reshape(5, 2)
-    assert model.select_good(np.ones(5, bool), x, y) == (x, y)
-    some = model.select_good(np.array([True, False, True, True, False]), x, y)
-    np.testing.assert_array_equal(some[0], [0.0, 2.0, 3.0])
-    np.testing.assert_array_equal(some[1], y[[0, 2, 3]])
-
-
 @pytest.mark.parametrize("number", [[0, 0, 1, 1], [1, 1, 0, 0]])
 def test_neighbours_of_two_segments_are_never_one_range(number):
     """Numbers rise by one; of two kinds joined they may also fall."""
@@ -153,10 +145,6 @@ def test_settled_time_is_what_neither_start_nor_motors_disturb(seed: int) -> Non
             assert t0 <= a < b <= t1
             inside |= (t > a) & (t < b)
         np.testing.assert_array_equal(inside, free & (t > t0) & (t < t1))
-
-
-def test_without_a_start_nothing_is_settled() -> None:
-    assert list(converged_spans([(0.0, 10.0), (20.0, 30.0)], Segments(), [], 5.0)) == [[], []]
 
 
 @pytest.mark.parametrize("kind", ["armed", "airborne", "idle"])

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from attlog import segments
 from attlog.core import rotation, spans
@@ -272,19 +270,6 @@ def test_motors_that_turn_by_rpm_idle_where_arming_is_unknown():
     found = segments.build(flight(armed=None, landed=landed, rpm=rpm))
     assert spans.seconds(spans.intersect(found.spans("idle"), [(ARMED, TAKE_OFF)])) > 4
     assert "RPM" in found.notes["idle"]
-
-
-@settings(max_examples=15, deadline=None)
-@given(shift=st.floats(-1e4, 1e4), yaw=st.floats(-3, 3))
-def test_segments_move_with_the_clock(shift, yaw):
-    """Time shift invariance: another zero of the clock moves segments and changes nothing else."""
-    t = np.arange(0, 40, 1 / 50)
-    armed = TimeLine(np.array([0.0, 15.0, 25.0]), [False, True, False], "vehicle_status")
-    moved = TimeLine(armed.t + shift, armed.value, armed.source)
-    a = segments.build(still_log(t, armed=armed))
-    b = segments.build(still_log(t + shift, armed=moved))
-    assert [s.kind for s in a.segments] == [s.kind for s in b.segments]
-    np.testing.assert_allclose([s.t0 + shift for s in a.segments], [s.t0 for s in b.segments], atol=0.51)
 
 
 def test_flight_is_hover_or_cruise_and_never_both():

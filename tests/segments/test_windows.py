@@ -127,23 +127,6 @@ def test_rest_lasts_two_seconds_and_is_long_from_ten_on() -> None:
     assert "gyro noise 0.050 deg/s (limit 0.20)" in found[0].why
 
 
-def test_no_rest_in_the_air_while_busy_or_while_it_travels() -> None:
-    one, still, moving = made(60), np.ones(60, bool), np.zeros(60, bool)
-    moving[50] = True
-    found = rest.find_rests(one, still, flags([(5.1, 6.0)]), flags(), [(15.1, 15.2)], moving)
-    assert [(s.t0, s.t1) for s in found] == [(0.0, 5.0), (6.5, 15.0), (15.5, 25.0), (25.5, 30.0)]
-
-
-def test_idling_is_slow_with_turning_motors_on_the_ground_outside_rest() -> None:
-    rate = np.tile([0.4, -0.2, 0.1], (60, 1))
-    rate[20, 2] += 1.1  # 10 to 10.5 s
-    rate[30, 0] -= 0.9
-    one, still = made(60, rate=rate), np.arange(60) < 8
-    found = rest.find_idles(one, still, flags([(20.0, 40.0)]), flags([(4.0, 25.0)]), [(0.0, 5.0)])
-    assert [(s.kind, s.t0, s.t1) for s in found] == [("idle", 5.0, 10.0), ("idle", 10.5, 19.5)]
-    assert rest.find_idles(one, still, flags(known=False), flags([(4.0, 25.0)]), []) == []
-
-
 def test_without_rest_three_degrees_per_second_may_be_the_gyros_own_offset() -> None:
     for rate, found in ((2.9, [(0.0, 10.0)]), (3.1, [])):
         one = made(20, rate=np.tile([0.0, rate, 0.0], (20, 1)))
