@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import importlib
-import math
 import runpy
 import sys
 import tracemalloc
 from collections.abc import Callable, Iterator
-from importlib import metadata
 from pathlib import Path
 from types import ModuleType
 
@@ -81,55 +79,6 @@ def test_a_made_log_is_sound_for_attlog(name: str, script: Script, tmp_path: Pat
     assert len(log.params) == len(source.params)
 
 
-def test_memory_of_a_child_is_its_own_not_that_of_a_mapped_file(script: Script, tmp_path: Path) -> None:
-    """A child that maps and touches 64 MB and allocates 32 MB held 32 MB and a little Python."""
-    big = tmp_path / "big"
-    big.write_bytes(bytes(64 << 20))
-    code = (
-        "import mmap, sys, time; f = open(sys.argv[1]); m = mmap.mmap(f.fileno(), 0, access=mmap.ACCESS_READ); "
-        "sum(m[i] for i in range(0, len(m), 4096)); x = bytearray(b'1') * (32 << 20); time.sleep(0.1)"
-    )
-    child = script("measured").child([sys.executable, "-c", code, str(big)])
-    if math.isnan(child.anonymous_mb):
-        pytest.skip("this system does not tell")
-    assert 32 < child.anonymous_mb < 64
-    assert child.resident_mb > 96
-
-
-def test_a_verdict_says_met_missed_or_why_not(script: Script) -> None:
-    table = script("table")
-
-    def broken() -> None:
-        raise ModuleNotFoundError("No module named 'ahrs'")
-
-    def task(measure: Callable[[], object], large: bool = False) -> object:
-        return table.Task("group", "what", table.Target("≤", 1.2, earlier=0.8), measure, large)
-
-    works = [1.0, 1.3, 0.5]
-    tasks = [task(lambda value=value: table.Measured(value, "ours")) for value in works]
-    rows = list(table.rows([*tasks, task(broken), task(broken, True)], quick=True))
-    assert [row.verdict for row in rows] == [
-        "met (earlier aim 0.8: missed)",
-        "missed",
-        "met",
-        "not measured because ModuleNotFoundError: No module named 'ahrs'",
-        "not measured because --quick leaves large logs out",
-    ]
-    assert [row.missed for row in rows] == [False, True, False, False, False]
-    shown = table.as_markdown(rows).splitlines()
-    assert shown[2:4] == ["| **group** | | | | |", "| what | ours |  | 1 | ≤ 1.2: met (earlier aim 0.8: missed) |"]
-    assert [row.verdict for row in table.rows([task(broken)], quick=False, minutes=-1)] == [
-        "not measured because -1 minutes were over"
-    ]
-
-
-@pytest.mark.slow
-def test_salvage_keeps_99_percent_and_under_one_false_record_a_file(script: Script) -> None:
-    for row in script("salvage").main(["--seconds", "4", "--seeds", "1"]):
-        assert row.kept_pct > 99, row
-        assert row.false <= row.files, row
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"])
 def test_a_reader_takes_no_more_than_twice_the_file_for_the_columns_of_a_replay(
@@ -147,16 +96,6 @@ def test_a_reader_takes_no_more_than_twice_the_file_for_the_columns_of_a_replay(
     finally:
         tracemalloc.stop()
     assert 1.0 < peak / path.stat().st_size <= 2.0
-
-
-def test_an_accuracy_has_students_interval_on_the_log_scale(script: Script) -> None:
-    from scipy import stats
-
-    mean, low, high = script("accuracy_file").interval(np.array([1.0, 2.0, 4.0, 3.0]))
-    standard_error = np.std([1.0, 2.0, 4.0, 3.0], ddof=1) / 2.0 / 2.5
-    assert mean == pytest.approx(2.5)
-    assert np.log([low, high]) == pytest.approx(np.log(2.5) + stats.t.ppf([0.025, 0.975], 3) * standard_error)
-    assert math.isnan(script("accuracy_file").interval(np.array([2.0]))[1])
 
 
 def test_measuring_some_filters_again_keeps_the_lines_of_the_others(script: Script, tmp_path: Path) -> None:
@@ -215,27 +154,3 @@ def test_a_peer_finds_a_motion_in_closed_form(name: str, script: Script) -> None
         assert np.isnan(angles).tolist() == [mag is None or name == "riann"] * 2 + [False]
         assert np.nanmax(angles) < 1.0
         assert ns > 0.0
-
-
-def test_a_peer_that_does_not_work_here_is_left_out_with_a_line(
-    script: Script, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its package is missing, or one that it needs, or is made for another NumPy, or has not what is used."""
-    peers = script("peers")
-    (tmp_path / "needs_more.py").write_text("import of_another_package")
-    (tmp_path / "broken.py").write_text(
-        "import sys; print('Traceback', file=sys.stderr); raise ImportError('no (long)')"
-    )
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setitem(sys.modules, "riann", None)
-    needs = {"attipy": ("needs_more", "MEKF"), "qmt_mahony": ("broken", "Mahony"), "ahrs": ("vqf", "Madgwick")}
-    monkeypatch.setattr(peers, "NEEDS", peers.NEEDS | needs)
-    assert peers.installed(["riann", "attipy", "qmt_mahony", "ahrs", "vqf"]) == ["vqf"]
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert said.out.splitlines() == [
-        "peer riann: not installed",
-        "peer attipy: not installed: of_another_package",
-        "peer qmt_mahony: cannot be loaded: no",
-        f"peer ahrs: vqf {metadata.version('vqf')} has no Madgwick",
-    ]

@@ -109,7 +109,7 @@ def page_data(lines: list[IndexRow]) -> tuple[dict[str, Any], bytes]:
         "href": [x.href for x in lines],
         "level": [LEVELS.index(x.level) for x in lines],
         "score": [x.score for x in lines],
-        "reasons": [[[KINDS.index(r["kind"]), typeset(r["text"]), _rounded(r["t"])] for r in x.reasons] for x in lines],
+        "reasons": [[[KINDS.index(r.kind), typeset(r.text), _rounded(r.t)] for r in x.reasons] for x in lines],
         "message": [typeset(x.message) for x in lines],
         "date": [_epoch(f.get("date_utc")) for f in flights],
         "seconds": [_rounded(f.get("duration_s")) for f in flights],

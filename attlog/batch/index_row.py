@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Collection, Container, Iterable, Iterator
+from collections.abc import Collection, Container, Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
@@ -22,7 +22,7 @@ from attlog.words.numbers import listed
 from attlog.words.table import main_table
 
 # Version of the row format. Rows of other versions are rebuilt from their result.
-FORM = 2
+FORM = 3
 # Key of all metrics: most of a row's size, needed by tables only.
 ANSWERS = "answers"
 # Window of checks: each has its own seconds. Their row is the sensor.
@@ -33,9 +33,9 @@ def index_row(result: Result) -> dict[str, Any]:
     """Return everything that index and tables show of one log, as JSON values.
 
     Equal log, version and configuration give an equal row: measured times are left out. ``flight``: vehicle, date,
-    duration (s). ``rows``: rows of the comparison by id. ``verdicts``: the four answers. ``trouble``: see
-    :func:`trouble`. ``columns``: the comparison with values by row. ``thumbnail``: see :func:`thumbnail`. ``sensors``:
-    number of faults and warnings, and parameters to set. ``answers``: see :func:`pack_answers`.
+    duration (s). ``rows``: rows of the comparison by id. ``verdicts``: the four answers. ``reasons``: to look at the
+    log. ``columns``: the comparison with values by row. ``thumbnail``: see :func:`thumbnail`. ``sensors``: number of
+    faults and warnings, and parameters to set. ``answers``: see :func:`pack_answers`.
     """
     row: dict[str, Any] = to_plain(
         {
@@ -44,7 +44,7 @@ def index_row(result: Result) -> dict[str, Any]:
             "flight": _flight(result),
             "rows": _rows(result),
             "verdicts": [_verdict(v) for v in result.verdicts],
-            "trouble": trouble(reasons(result)),
+            "reasons": [asdict(reason) for reason in reasons(result)],
             "columns": _columns(result),
             "thumbnail": thumbnail(result),
             "sensors": _sensors(result),
@@ -233,8 +233,7 @@ def _marks(result: Result, edges: Array) -> list[list[Any]]:
     return found
 
 
-# Urgency of a log: reasons to look at it, with points, and one of :data:`RANKS`. Logs are opened in the order of RANKS;
-# points order the reasons of one log, and logs of equal rank.
+# Reasons to look at a log, with points, which order the reasons of one log, and logs of equal level.
 
 # Kinds of findings about a wrong onboard attitude or a failed estimator.
 ATTITUDE_KINDS = frozenset({"attitude", "mounting", "estimator"})
@@ -278,10 +277,6 @@ FILTER_POINTS, MAX_FILTERS = 10.0, 5
 REFUSED_POINTS = 40.0
 # Points of a jump in degrees: a heading set anew by a few degrees is harmless, one by 60 deg nearly serious.
 JUMP_POINTS, POINTS_PER_DEG, MAX_JUMP_DEG = 5.0, 0.5, 60.0
-# A log is serious, or worth a look, if its heaviest reason has this many points.
-SERIOUS_POINTS, LOOK_POINTS = 40.0, 10.0
-# Ranks in the order of opening: crash, wrong attitude in flight, other serious finding in flight or failed gate, rest.
-RANKS = ("crash", "attitude", "serious", "other")
 # Events up to this long after landing (s) belong to the flight.
 LANDED_S = 2.0
 
@@ -300,34 +295,6 @@ class Reason:
     text: str
     t: float | None = None
     in_flight: bool = False
-
-    @property
-    def rank(self) -> int:
-        """Index into RANKS of a log with this reason."""
-        if self.points < SERIOUS_POINTS or not self.in_flight:
-            return RANKS.index("other")
-        return RANKS.index(self.kind) if self.kind in RANKS else RANKS.index("serious")
-
-
-def trouble(reasons: Iterable[Reason]) -> dict[str, Any]:
-    """Return reasons as plain values, the heaviest first.
-
-    ``level``: serious, look or none. ``rank``: smallest index into RANKS of any reason. ``score``: sum of points.
-    """
-    found = sorted(reasons, key=lambda r: -r.points)
-    most = found[0].points if found else 0.0
-    return {
-        "level": "serious" if most >= SERIOUS_POINTS else "look" if most >= LOOK_POINTS else "none",
-        "rank": min((r.rank for r in found), default=RANKS.index("other")),
-        "score": round(sum(r.points for r in found), 1),
-        "reasons": [asdict(r) for r in found],
-    }
-
-
-def with_gates(found: dict[str, Any], failed: Iterable[str]) -> dict[str, Any]:
-    """Add one reason for each failed gate to the output of :func:`trouble`."""
-    gates = [Reason("gate", "gate", REASON_POINTS["gate", "serious"], text, in_flight=True) for text in failed]
-    return trouble([*gates, *(Reason(**reason) for reason in found["reasons"])]) if gates else found
 
 
 def reasons(result: Result) -> list[Reason]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote
 
-from attlog.batch.index_row import RANKS, sensors_of, trouble, with_gates
+from attlog.batch.index_row import REASON_POINTS, Reason, sensors_of
 from attlog.batch.job import Record
 from attlog.words.answers import QUESTIONS
 from attlog.words.flight import COMPARED_WITH
@@ -36,21 +36,36 @@ TITLES = {
     "none": "without trouble",
 }
 LEVELS = tuple(TITLES)
+# A log is serious, or worth a look, if its heaviest reason has this many points.
+SERIOUS_POINTS, LOOK_POINTS = 40.0, 10.0
 # Number of logs listed under "open first".
 OPEN_FIRST = 5
 
 
 @dataclass(frozen=True, slots=True)
 class IndexRow:
-    """One log in index and summary.
-
-    ``level``: one of LEVELS. ``score``: sum of points. ``reasons``: reasons to look at the log, the heaviest first.
-    """
+    """One log in index and summary; ``reasons``: to look at it, the heaviest first, failed gates among them."""
 
     record: Record
-    level: str
-    score: float
-    reasons: list[dict[str, Any]]
+    reasons: list[Reason]
+
+    @property
+    def level(self) -> str:
+        """One of LEVELS."""
+        if not self.row:
+            return "failed"
+        serious = [reason for reason in self.reasons if reason.points >= SERIOUS_POINTS]
+        found = {r.kind if r.kind in LEVELS else "serious" for r in serious if r.in_flight}
+        if found or serious:
+            return min(found, key=LEVELS.index, default="ground")
+        if self.reasons and self.reasons[0].points >= LOOK_POINTS:
+            return "look"
+        return "unjudged" if self.flight.get("reference") is None else "none"
+
+    @property
+    def score(self) -> float:
+        """Sum of points."""
+        return round(sum(reason.points for reason in self.reasons), 1)
 
     @property
     def name(self) -> str:
@@ -86,7 +101,7 @@ class IndexRow:
     def text(self) -> str:
         """Headline, else the heaviest reason, else why there is no report."""
         headline = str(self.row.get("headline") or "")
-        return headline or (typeset(self.reasons[0]["text"]) if self.reasons else self.message)
+        return headline or (typeset(self.reasons[0].text) if self.reasons else self.message)
 
     @property
     def sort_key(self) -> tuple[Any, ...]:
@@ -99,20 +114,10 @@ def index_rows(found: Iterable[Record]) -> list[IndexRow]:
     """Return the logs of a batch, the most urgent first."""
     rows = []
     for record in found:
-        why = with_gates(record.row["trouble"] if record.row else trouble([]), record.gates)
-        rows.append(IndexRow(record, _level(why, record.row), why["score"], why["reasons"]))
+        why = [Reason("gate", "gate", REASON_POINTS["gate", "serious"], text, in_flight=True) for text in record.gates]
+        why += [Reason(**reason) for reason in record.row.get("reasons", [])]
+        rows.append(IndexRow(record, sorted(why, key=lambda reason: -reason.points)))
     return sorted(rows, key=lambda row: row.sort_key)
-
-
-def _level(why: dict[str, Any], row: dict[str, Any]) -> str:
-    if not row:
-        return "failed"
-    if why["level"] == "none" and row["flight"].get("reference") is None:
-        return "unjudged"
-    rank = RANKS[why["rank"]]
-    if rank in LEVELS:
-        return rank
-    return "ground" if why["level"] == "serious" else str(why["level"])
 
 
 def natural(name: str) -> list[tuple[int, str]]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -127,6 +127,12 @@ class PaperSetting:
     name: str
     value: str
     origin: Literal["paper", "ours"]
+
+
+def settings(paper: Mapping[str, str], ours: Mapping[str, str]) -> tuple[PaperSetting, ...]:
+    """Return settings by name: those that the paper states, then those that it leaves open."""
+    stated = [PaperSetting(name, value, "paper") for name, value in paper.items()]
+    return (*stated, *(PaperSetting(name, value, "ours") for name, value in ours.items()))
 
 
 @dataclass(frozen=True, slots=True)

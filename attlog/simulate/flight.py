@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,7 +171,7 @@ class Flight:
     """A simulated flight.
 
     ``events``: (t, text) such as an impact or the begin of a planted fault. ``gravity`` m/s^2 and
-    ``declination_deg``: of the place. ``extra``: free for callers.
+    ``declination_deg``: of the place.
     """
 
     scenario: Scenario
@@ -187,7 +187,6 @@ class Flight:
     battery: BatteryStream | None
     rpm: RpmStream | None
     events: list[tuple[float, str]] = field(default_factory=list)
-    extra: dict[str, Any] = field(default_factory=dict)
 
     @property
     def seconds(self) -> float:

@@ -239,8 +239,7 @@ class Live:
     samples waiting are run at once.
 
     Differences: of two samples with one time the loop may take the later; gap limit and age of a field use the
-    nominal rate instead of the median; with ``q0`` the vectors of the first sample alone go into the start; a step
-    of more than 1 rad turns a held field with the bias after it.
+    nominal rate instead of the median; a step of more than 1 rad turns a held field with the bias after it.
 
     ``q`` (4,): body to true north, None until the start is over. ``bias`` (3,) rad/s. ``aids`` takes fixes, heights
     and rest. UsageError for an estimator without a step or without a sensor that it needs.
@@ -254,8 +253,6 @@ class Live:
         *,
         sampling: Sampling = "interval",
         declination: float | None = None,
-        q0: ArrayLike | None = None,
-        log: LogFacts | None = None,
     ) -> None:
         row = stepping(estimator) if isinstance(estimator, str) else estimator
         if row.estimator.process is not None:
@@ -266,7 +263,7 @@ class Live:
         given = dict(self.row.params)
         if declination is not None and any(p.name == "declination" for p in filter_.parameters):
             given.setdefault("declination", declination)
-        facts = log or LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
+        facts = LogFacts(info=LogInfo(declination_deg=declination, imu_rate_hz=imu_rate, mag_rate_hz=mag_rate))
         self.values = {k: v for k, (v, _) in filter_.resolve(self.row.preset, given, log=facts).items()}
         self._params = filter_.pack(self.values)
         self._run = runner(filter_)
@@ -282,7 +279,6 @@ class Live:
         )
         self.skipped = self._cleaner.skipped
         self._field_expected = mag_rate is not None
-        self._q0 = None if q0 is None else np.asarray(q0, np.float64)
         bias = filter_.slices.get("bias")
         self._bias_at = None if bias is None else bias.start
         self.q: Array | None = None
@@ -346,15 +342,12 @@ class Live:
     def _restart(self) -> None:
         """Begin a new segment: the filter starts anew."""
         self._segment += 1
-        self._state, self._waiting, self._q0 = None, [], None
-        self._silent = False
+        self._state, self._waiting, self._silent = None, [], False
 
     def _seen(self) -> StartVectors | None:
         """Return what the start needs, once more samples would not change it."""
         queue = self._waiting
         elapsed = queue[-1].t - queue[0].t
-        if self._q0 is not None:
-            return StartVectors(queue[0].acc, queue[0].mag, None)
         if elapsed <= REST_S:
             return None
         if elapsed <= MOTION_S and not self._settled(queue):
@@ -375,13 +368,13 @@ class Live:
     def _begin(self, begin: Sample, seen: StartVectors) -> None:
         """Set the state at the first sample of a segment."""
         filter_, one = self.row.estimator, self._one
-        state = initial_state(filter_, seen, self._params, self.values, self._q0)
+        state = initial_state(filter_, seen, self._params, self.values, None)
         values = (state, self._params, one.samples, one.aids, 1, self._out, aligned_zeros(3), aligned_zeros(3))
         bound = self._run.bound(*values) if isinstance(self._run, Call) else functools.partial(self._run, *values)
         self._advance = _with_errors(filter_, bound)
         self._state = state
         uses = "mag" in filter_.uses
-        self._silent = uses and self._q0 is None and self._field_expected and not seen.mag.any()
+        self._silent = uses and self._field_expected and not seen.mag.any()
         self._m = [0.0, 0.0, 0.0]
         self._begun, self._late = begin.t, 0
         self._before = Sample(begin.t, 0.0, 1, np.zeros(3), np.zeros(3), np.zeros(3), MISSING, None)

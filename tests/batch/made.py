@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import copy
 import functools
+from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from attlog.batch.ci import GatedLog, gated_log
-from attlog.batch.index_row import REASON_POINTS, Reason, index_row, light, trouble
+from attlog.batch.index_row import REASON_POINTS, Reason, index_row, light
 from attlog.batch.job import Record
 from attlog.compare.gates import GateOutcome
 from attlog.words.answers import verdicts
@@ -38,7 +39,7 @@ def flown(name: str, *reasons: Reason, folder: str = "drive", **flight: Any) -> 
     for column in row["columns"]:
         column["values"] = {k: v * scale if isinstance(v, float) else v for k, v in column["values"].items()}
     row["flight"] |= {"name": name} | flight
-    row["trouble"] = trouble(reasons)
+    row["reasons"] = list(map(asdict, reasons))
     return Record(f"{folder}/{name}", name, row=row, gates=gates)
 
 

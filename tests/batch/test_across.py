@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from attlog.batch.across import LogTable, across, grouped, references, usual_window, values, words
+from attlog.batch.across import LogTable, across, grouped, usual_window, values, words
 from attlog.batch.index_row import FORM, index_row
 from attlog.batch.job import Record, record_path, write_record
 from attlog.batch.results_file import CSV, PARQUET, BatchNumbers, read_numbers, up_to_date, write_results
@@ -162,12 +162,6 @@ def test_what_no_log_has_is_refused_with_what_comes_near(read: Any) -> None:
         with pytest.raises(UsageError, match=text):
             across(numbers, **ask)  # type: ignore[arg-type]
     assert [c.row for c in across(numbers, [TILT], ["v*", "mekf"]).columns] == ["vqf", "mekf"]
-
-
-def test_logs_with_different_references_are_counted(read: Any) -> None:
-    logs = [flight("a.ulg", 1.0), flight("b.ulg", 2.0)]
-    logs[0].row["flight"]["reference"] = "truth"
-    assert references(across(read(logs), [TILT])) == {"truth": 1, "onboard": 1}
 
 
 def test_a_check_is_a_number_of_its_sensor(read: Any) -> None:

@@ -243,14 +243,6 @@ def test_nothing_in_a_name_breaks_the_file(file: Path) -> None:
 # The Markdown summary: worst first, escaped, within GitHub's limit.
 
 
-def test_red_or_green_in_the_first_line() -> None:
-    assert summary(some()).startswith("## ❌ attlog: 3 of 4 logs failed\n")
-    assert summary(some()[:1]).startswith(
-        "## ✅ attlog: 1 log, no gate failed\n\n1 check passed, 0 failed, 1 skipped ("
-    )
-    assert summary([]).startswith("## attlog: no log")
-
-
 def test_failures_stand_in_a_table_broken_logs_and_the_worst_first() -> None:
     rows = [line for line in summary(some()).splitlines() if line.startswith("| ")][2:]
     assert rows[0] == "| gone.ulg |  | analysis | cannot be read (no such file) |"

@@ -258,17 +258,6 @@ def test_a_picture_tells_in_words_what_it_draws_and_its_marks_what_happened(visi
 
 
 @pytest.mark.slow
-def test_the_five_to_open_first_stand_apart_until_the_list_is_sorted_or_filtered(visit: Any, tmp_path: Path) -> None:
-    shown = visit(write_index(tmp_path, [flown(f"{k}.ulg", reason("crash")) for k in range(7)]))
-    apart = shown.page.locator("#table .divider")
-    assert apart.all_inner_texts() == ["Open first", "All others"]
-    order = shown.page.locator("#table tbody tr").evaluate_all("rows => rows.map((r) => r.className)")
-    assert [k for k, name in enumerate(order) if name == "divider"] == [0, 6]
-    shown.page.locator("thead button", has_text="Log").click()
-    assert apart.count() == 0
-
-
-@pytest.mark.slow
 def test_a_row_shows_what_happened_without_being_opened_and_the_name_without_what_all_share(
     visit: Any, tmp_path: Path
 ) -> None:

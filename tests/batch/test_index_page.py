@@ -30,13 +30,6 @@ def inside(html: str) -> tuple[dict[str, Any], bytes]:
     return json.loads(raw[4 : 4 + size]), raw[4 + size :]
 
 
-def test_reasons_stand_in_words_and_a_failed_log_with_its_sentence() -> None:
-    data, _ = inside(render([flown("a.ulg", reason("crash", text="A blow of 5.2 g at 7.9 s.")), failed("b.bin")]))
-    assert [data["kinds"][k] + ": " + text for k, text, _ in data["reasons"][0]] == ["crash: A blow of 5.2 g at 7.9 s."]
-    assert data["message"] == ["", "not a flight log"]
-    assert data["href"] == ["a.ulg.html", ""]
-
-
 @pytest.mark.parametrize("name", ["a \"b\" 'c'.ulg", "50%#1?.bin", "Flüge 飛行.ulg", "a&b=c;d.tlog", "x\udcff.ulg"])
 def test_links_lead_to_the_file_of_any_name(name: str) -> None:
     data, _ = inside(render([flown(name)]))
@@ -60,16 +53,6 @@ def test_numbers_stand_at_their_log() -> None:
     assert not [c for c in data["columns"] if c["metric"] == "cost_ns"]
     assert len(thumbs) == 2 * data["points"]
     assert data["first"] in data["rows"]
-
-
-def test_only_common_rows_are_offered() -> None:
-    entries = many(30)
-    for i, entry in enumerate(entries):
-        for column in entry.row.get("columns", ()):
-            column["values"] |= {f"mine@{i}-{k}": 1.0 for k in range(4)}
-    data, _ = page_data(index_rows(entries))
-    assert len(data["rows"]) == 16
-    assert {"vqf", "onboard", "gyro"} <= set(data["rows"])
 
 
 def test_no_text_becomes_markup() -> None:

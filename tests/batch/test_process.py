@@ -23,21 +23,12 @@ from typing import Any
 import pytest
 
 from attlog import Config, Result
-from attlog.batch import report_files
 from attlog.batch.job import Job, Record, read_record, record_path, records, settings_key
 from attlog.batch.process import forks, run_one
 from attlog.batch.report_files import analyze_to_files, figure_starts, report_names
 from attlog.batch.run import locked
 from attlog.batch.sources import Source
-from attlog.core.errors import (
-    EXIT_ORDER,
-    LogUnreadable,
-    OutputError,
-    UsageError,
-    error_message,
-    exit_code,
-    worst_exit_code,
-)
+from attlog.core.errors import EXIT_ORDER, LogUnreadable, OutputError, UsageError, exit_code, worst_exit_code
 from attlog.core.workers import Closed, ForkServer
 from tests.batch.harm import harm, installed
 from tests.conftest import SAMPLES
@@ -105,14 +96,6 @@ def test_of_several_codes_the_gravest_counts() -> None:
     ) == (2, 75, 70, 0)
     errors = (KeyboardInterrupt(), ZeroDivisionError(), OutputError("x"), LogUnreadable("x"))
     assert [exit_code(e) for e in errors] == [130, 70, 73, 66]
-
-
-def test_a_message_names_the_log_once() -> None:
-    assert error_message(UsageError("a.bin: no such window"), "1", "a.bin") == "attlog: a.bin: no such window"
-    assert error_message(UsageError("no such window"), "1", "a.bin") == "attlog: a.bin: no such window"
-    assert error_message(ValueError("x"), "1.2", "a.bin").startswith(
-        "attlog: a.bin: a bug in attlog 1.2: ValueError: x\n"
-    )
 
 
 def test_figures_begin_with_the_name_of_their_log_without_suffix_and_each_log_has_its_own() -> None:
@@ -321,20 +304,6 @@ def test_a_record_of_another_version_or_cut_short_is_none(tmp_path: Path) -> Non
     for damaged in (json.dumps(json.loads(whole) | {"schema": "attlog-record/99"}), whole[:20]):
         place.write_text(damaged)
         assert read_record(tmp_path, "a") is None
-
-
-@pytest.mark.slow
-def test_a_server_that_does_not_answer_at_first_is_asked_again_by_the_download(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def silent(_: Source) -> str:
-        raise LogUnreadable("no answer")
-
-    monkeypatch.setattr(report_files, "stamp", silent)
-    monkeypatch.setattr("attlog.core.workers.write_output_to", lambda _: None)
-    told = report_files.process_log(work(tmp_path), tmp_path, tell=lambda _: None)
-    assert told["files"]
-    assert told["stamp"] == ""
 
 
 # One log in a process of its own where no program can fork: the same records, from fresh interpreters.

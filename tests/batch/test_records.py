@@ -35,16 +35,6 @@ def test_only_what_content_and_settings_decide_is_final(code: int, final: bool) 
     assert Record("a.ulg", "a", "key", code=code).is_final is final
 
 
-def test_a_failure_is_the_same_only_of_the_same_known_content_and_code() -> None:
-    failed = Record("a.ulg", "a", "key", 65)
-    assert failed.fails_as(Record("b.ulg", "b", "key", 65))
-    assert not failed.fails_as(Record("a.ulg", "a", "other", 65))
-    assert not failed.fails_as(Record("a.ulg", "a", "key", 75))
-    assert not failed.fails_as(None)
-    assert not Record("a.ulg", "a", "", 66).fails_as(Record("a.ulg", "a", "", 66))
-    assert not Record("a.ulg", "a", "key", 0).fails_as(Record("a.ulg", "a", "key", 0))
-
-
 # What a batch remembers of one log: plain, whole, the same every time, and all that its result says.
 
 
@@ -136,23 +126,6 @@ def test_a_slow_height_is_drawn_as_a_line_and_a_long_gap_stays_one() -> None:
     assert seen["height"][:6] == [0.0, 1.0, 2.0, 3.0, 4.0, None]
 
 
-def test_the_thumbnail_ends_where_the_log_ends() -> None:
-    made = leaning()
-    made.log["duration_s"] = 192.0
-    seen = thumbnail(made)
-    assert seen is not None
-    assert (seen["t0"], seen["t1"]) == (0.0, 192.0)
-    assert seen["tilt"][THUMBNAIL_POINTS // 2 + 1 :] == [None] * (THUMBNAIL_POINTS // 2 - 1)
-
-
-def test_the_thumbnail_of_a_flight_has_its_height_and_no_mark_where_nothing_happened(flown: Result) -> None:
-    seen = thumbnail(flown)
-    assert seen is not None
-    assert max(v for v in seen["height"] if v is not None) > 2.0
-    assert seen["marks"] == []
-    assert seen["air"] == [[pytest.approx(20.0, abs=1.0), pytest.approx(80.0, abs=1.0)]]
-
-
 def test_serious_events_are_marked_with_what_happened_and_those_of_one_place_once() -> None:
     made = leaning()
     made.events = [
@@ -184,8 +157,7 @@ def test_the_page_gets_a_byte_for_each_point_and_what_is_shown_in_words() -> Non
 def test_a_result_with_nothing_in_it_has_a_row() -> None:
     assert index_row(make_result(with_traces=False))["thumbnail"] is None
     row = index_row(Result({}, "", {}, {}))
-    assert row["trouble"] == {"level": "none", "rank": 3, "score": 0.0, "reasons": []}
-    assert (row["columns"], row["rows"], list(numbers(row["answers"]))) == ([], {}, [])
+    assert (row["reasons"], row["columns"], row["rows"], list(numbers(row["answers"]))) == ([], [], {}, [])
 
 
 def test_odd_numbers_stay_out() -> None:

@@ -18,7 +18,6 @@ from typing import Any
 
 import pytest
 
-import attlog
 from attlog.batch import archive, remote
 from attlog.batch.sources import Source, find, sources
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
@@ -313,13 +312,6 @@ def test_an_archive_behind_a_url_means_the_logs_in_it(web: Web, zipped: Path, ra
     assert not list(temporary.iterdir())
 
 
-def test_a_download_page_with_a_question_mark_is_one_log_of_a_name(web: Web) -> None:
-    web.files["/download?log=1234"] = LOG
-    (source,) = sources([f"{web.url}/download?log=1234"])[0]
-    assert source.file_name == "download_log=1234"
-    assert content(source) == LOG
-
-
 def test_passwords_and_signatures_are_not_shown() -> None:
     source = Source("https://me:pw@host/a.ulg?X-Amz-Signature=abc&X-Amz-Date=1&v=2")
     assert source.name == "https://host/a.ulg?v=2"
@@ -383,13 +375,6 @@ def test_a_stamp_changes_with_the_content(tmp_path: Path, zipped: Path, web: Web
     with zipfile.ZipFile(zipped, "w") as file:
         file.writestr("flights/a.bin", LOG[:-1])
     assert not set(before) & {s.stamp() for s in places}
-
-
-def test_an_error_about_a_copy_names_the_log(zipped: Path) -> None:
-    source = Source(str(zipped), "flights/notes.txt")
-    with pytest.raises(LogUnusable) as caught, source.local() as local:
-        attlog.read(local.path)
-    assert str(caught.value).startswith(f"{zipped}/flights/notes.txt: not a flight log")
 
 
 def test_a_copy_stands_for_a_place_out_of_reach(tmp_path: Path) -> None:
@@ -469,16 +454,6 @@ def test_a_folder_that_cannot_be_read_is_told_and_hides_no_other(folder: Path, c
         logs, (error,) = find([name])
         assert logs == []
         assert str(error) == f"{closed}: cannot be read (Permission denied)"
-
-
-def test_a_file_that_cannot_be_read_counts_where_logs_have_such_names(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(path: Path, count: int) -> bytes:
-        raise PermissionError(13, "Permission denied", str(path))
-
-    monkeypatch.setattr("attlog.formats.file_bytes.first_bytes", refuse)
-    assert names_found(find([folder])[0], folder) == ["broken.ulg", "firmware.bin", "one/a.bin"]
 
 
 def test_a_link_to_nothing_among_logs_is_told_where_it_has_the_name_of_one(folder: Path) -> None:

@@ -145,25 +145,9 @@ def test_the_answer_to_another_writing_names_ours(attlog, samples, monkeypatch, 
     assert len(done.err.splitlines()) == 1
 
 
-@pytest.mark.parametrize("text", ["kp=-1", "kp=1e-3", "ki=0,1", "kp=5Hz", "kp=x"])
-def test_what_is_no_other_writing_is_not_taken_for_one(text):
-    """Numbers below zero and with exponents, lists and units stay what they are."""
-    from attlog.estimators.interface import number_spelled
-
-    name, _, value = text.partition("=")
-    assert bool(number_spelled(name, value)) == (text == "ki=0,1")
-
-
 def test_a_list_of_two_whole_numbers_is_swept_and_said_to_be_two(attlog, samples, tmp_path):
     given = ("--reference", "onboard", "-q", "-o", tmp_path)
     done = attlog("sweep", samples / LOG_NAME, "mahony", "kp=0,3", *given)
     assert done.code == 0
     assert done.err == "attlog: kp=0,3 are two values, 0 and 3; the number is written 0.3\n"
     assert attlog("sweep", samples / LOG_NAME, "mahony", "kp=0,3.0", *given).err == ""
-
-
-def test_a_configuration_that_is_given_twice_beside_another_is_compared_once(attlog, samples, tmp_path):
-    given = ("--reference", "onboard", "-q", "-o", tmp_path)
-    done = attlog("compare", samples / LOG_NAME, "gyro", "mahony:kp=1", "mahony:kp=1.0", *given)
-    assert done.code == 0
-    assert done.err == "attlog: mahony:kp=1.0 is the same configuration as mahony:kp=1; it is compared once\n"

@@ -121,13 +121,6 @@ def test_json_is_one_line_for_each_log_with_everything_that_should_be_set(attlog
         assert {"kind": "compass", "severity": "warning"}.items() <= one["findings"][0].items()
 
 
-def test_a_log_with_nothing_to_say_of_its_sensors_says_so(attlog, samples, monkeypatch):
-    asked(monkeypatch)
-    done = attlog("health", samples / LOG, "--json")
-    assert json.loads(done.out)["checks"] == json.loads(done.out)["settings"] == []
-    assert "No question about a sensor can be answered" in done.err
-
-
 def test_a_table_of_several_logs_names_the_log(attlog, samples, monkeypatch):
     asked(monkeypatch, OFFSET, SOUND)
     done = attlog("health", samples / LOG, "--format", "csv", "-q")

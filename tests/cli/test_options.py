@@ -107,13 +107,6 @@ def test_verbose_before_and_after_the_command_adds_up(attlog: Any, monkeypatch: 
     assert seen == [0, 1, 3]
 
 
-def test_one_thing_at_a_time_goes_to_standard_output(attlog: Any, tmp_path: Any) -> None:
-    done = attlog("analyze", LOG, "--json", "--format", "md", "-o", tmp_path)
-    assert done.code == 2
-    assert "one or the other" in done.err
-    assert list(tmp_path.iterdir()) == []
-
-
 # What the shell is offered after TAB.
 
 

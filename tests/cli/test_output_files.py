@@ -100,14 +100,6 @@ def test_a_pipe_in_place_of_a_log_is_refused_at_once(attlog: Callable[..., Any],
     assert "is no regular file" in done.err
 
 
-@POSIX
-def test_a_pipe_in_a_folder_of_results_is_passed_over(attlog: Callable[..., Any], tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "result.json")
-    done = attlog("table", tmp_path)
-    assert done.code == 66
-    assert "without a batch or a result" in done.err
-
-
 def test_what_is_no_log_is_refused_before_it_is_read(attlog: Callable[..., Any], tmp_path: Path) -> None:
     """The image of a disk, here a file of which only the size is there: hashing it would take hours."""
     image = tmp_path / "disk.ulg"

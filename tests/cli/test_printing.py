@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import io
 import logging
-import os
 import re
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -17,8 +15,8 @@ from rich.console import Console
 from attlog import Config
 from attlog.batch.job import Job, Record
 from attlog.batch.sources import Source
-from attlog.cli.printing import Piped, TextLine, console, say, terminal
-from attlog.cli.progress import COMPILING, STAGES, Bar, progress, speed
+from attlog.cli.printing import Piped, TextLine, console, say
+from attlog.cli.progress import COMPILING, STAGES, Bar, progress
 from tests.conftest import SAMPLES
 
 TEXTS = ["", "plain", "bold [red]no markup[/red]  ", "a\tb", "rings\a and\b moves\v\f\r on", "µ° ≥ → ✓", "x" * 300]
@@ -32,35 +30,11 @@ def test_a_pipe_and_a_terminal_without_colours_get_the_same_lines(monkeypatch: p
     assert piped.getvalue() == shown.getvalue()
 
 
-def test_what_is_no_terminal_is_written_without_rich(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("FORCE_COLOR", "TTY_COMPATIBLE"):
-        monkeypatch.delenv(name, raising=False)
-    assert isinstance(console(), Piped)
-    assert console().width == terminal().width == 160
-
-
 def test_colours_can_be_forced_into_a_pipe(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.delenv("NO_COLOR", raising=False)
     monkeypatch.setenv("FORCE_COLOR", "1")
     say([TextLine("text", "red")], console())
     assert "\x1b[31mtext" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(("given", "kept"), [(None, "1"), ("3", "3")])
-def test_products_of_small_arrays_start_no_threads_unless_asked_to(
-    given: str | None, kept: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Threads that wait for the next product cost a short run a tenth of its processor time."""
-    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
-    if given is not None:
-        monkeypatch.setenv("OPENBLAS_NUM_THREADS", given)
-    code = (
-        "import os, sys\nsys.argv = ['attlog', '--version']\nfrom attlog.cli import main\n"
-        "assert 'numpy' not in sys.modules\ntry:\n    main()\nexcept SystemExit:\n    pass\n"
-        "print(os.environ['OPENBLAS_NUM_THREADS'])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split()[-1] == kept
 
 
 # What a run says while it works: stages of one log, a bar over many, on a terminal only.
@@ -91,17 +65,6 @@ def test_stages_only_on_a_terminal_compiling_also_with_v(
     assert not logging.getLogger(STAGES).handlers
 
 
-def test_a_stage_is_wiped_from_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    screen = Terminal()
-    monkeypatch.setattr(sys, "stderr", screen)
-    with progress(quiet=False, verbose=False):
-        for text in ("running a filter with a long name", "short"):
-            logging.getLogger(STAGES).info(text)
-    rows = screen.getvalue().split("\r")
-    assert rows[2] == "short ...".ljust(len(rows[1]))
-    assert rows[-2].strip() == rows[-1] == ""
-
-
 def test_an_analysis_tells_its_stages(caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:
     from attlog import Config
     from attlog.batch.report_files import analyze_to_files
@@ -112,22 +75,6 @@ def test_an_analysis_tells_its_stages(caplog: pytest.LogCaptureFixture, tmp_path
     assert told[0] == "reading the log"
     assert "running gyro" in told
     assert told[-1] == "writing the report"
-
-
-@pytest.mark.slow
-def test_the_first_run_says_what_is_compiled_and_where_it_is_kept(tmp_path: Path) -> None:
-    without_shipped = (
-        "from pathlib import Path; from attlog.core.jit import store; store.SHIPPED = Path('none'); "
-        "from attlog.cli import main; main()"
-    )
-    command = [sys.executable, "-c", without_shipped, SAMPLES / "copter_yaw_turns.bin", "-o", tmp_path]
-    command += ["--estimators", "gyro"]
-    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "HOME": str(tmp_path)}
-    first, second = (
-        subprocess.run([*command, "-v"], capture_output=True, text=True, env=environment, check=True) for _ in range(2)
-    )
-    assert re.search(r"attlog: compiling \d+ loops, once, about \d+ s; kept in ", first.stderr)
-    assert "compiling" not in second.stderr
 
 
 JOBS = [Job(Source(f"{k}.bin"), f"{k}.bin", Path("out"), Config(), "") for k in range(4)]
@@ -166,7 +113,3 @@ def test_nothing_is_shown_where_nobody_looks(monkeypatch: pytest.MonkeyPatch) ->
     assert screen(monkeypatch, terminal=False) == ""
     assert screen(monkeypatch, terminal=True, quiet=True) == ""
     assert screen(monkeypatch, terminal=False, verbose=True) == "attlog: compiling mahony (once)\n"
-
-
-def test_slow_batches_count_logs_per_minute() -> None:
-    assert (speed(2.34), speed(1.0), speed(0.05)) == ("2.3 logs/s", "1.0 logs/s", "3.0 logs/min")

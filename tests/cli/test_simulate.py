@@ -16,8 +16,6 @@ from attlog import flight as flights
 from attlog.cli.commands.simulate import paper_lines
 from attlog.core.errors import UsageError
 from attlog.reproduce import lyu
-from attlog.reproduce.bench import run_seeds
-from attlog.reproduce.paper import Paper, PaperOptions
 from attlog.simulate.scenario import build_scenario, load_scenario, scenario_names
 from attlog.simulate.scenario_text import override_values, parse_seeds, scenario_toml
 from tests.conftest import SAMPLES
@@ -26,14 +24,6 @@ from tests.reproduce.made import paper
 SHORT = ("--set", "seconds=3")
 
 pytestmark = pytest.mark.usefixtures("interruptible")
-
-
-def test_without_a_name_the_scenarios_are_listed(attlog):
-    for done in (attlog("simulate"), attlog("simulate", "--list")):
-        assert done.code == 0
-        assert [line.split()[0] for line in done.out.splitlines() if line.strip()][
-            : len(scenario_names())
-        ] == scenario_names()
 
 
 def test_one_flight_becomes_several_logs(attlog, tmp_path):
@@ -276,17 +266,3 @@ def test_claims_are_a_table_that_fits_the_terminal(width: int) -> None:
     ]
     assert "0.80× (0.70 to" in rows[0]
     assert lines[-2:] == ["1 holds, 1 holds in part, 1 does not hold, 1 cannot be judged", "page: a.html"]
-
-
-def test_with_v_every_seed_is_a_line_where_there_is_no_terminal(
-    attlog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def seeds(options: PaperOptions) -> Paper:
-        run_seeds("flights", abs, options)
-        return replace(paper(), key="lyu")
-
-    monkeypatch.setattr(lyu, "paper", seeds)
-    for asked, lines in ((["-v"], [f"attlog: lyu: flights, {k} of 3" for k in (1, 2, 3)]), ([], [])):
-        done = attlog("reproduce", "lyu", "--seeds", "3", "-j", "1", "-o", tmp_path, *asked)
-        assert done.code == 0, done.err
-        assert [line for line in done.err.splitlines() if " of 3" in line] == lines

@@ -15,7 +15,7 @@ from attlog.result import Finding, Result
 from attlog.words.names import row_names
 from attlog.words.table import main_table
 from tests.golden import check_golden
-from tests.health.made import MADE, OFFSET, SILENT
+from tests.health.made import MADE, SILENT
 from tests.report.conftest import make_result
 
 GOLDEN = Path(__file__).with_name("golden")
@@ -53,15 +53,6 @@ def test_every_number_is_whole_and_no_line_is_wider_than_the_terminal(width: int
     assert max(map(len, texts(sensor_lines(MADE, width, True)))) <= width
 
 
-def test_a_healthy_log_takes_twenty_lines_of_eighty_columns() -> None:
-    result = make_result()
-    result.findings, result.events, result.checks = [], [], []
-    result.headline = "Quadrotor, PX4 1.15.4: flew 36 to 140 s, up to 6 m and 23° of tilt, landed. Nothing went wrong."
-    found = texts(result_lines(result, "all", 80))
-    assert len(found) + len(["report: ..."]) <= 20
-    assert max(map(len, found)) <= 80
-
-
 def test_a_filter_without_enough_data_is_named_below_the_table() -> None:
     result = make_result()
     row = next(row for row in result.estimators if row.kind == "replay")
@@ -93,13 +84,6 @@ def test_the_gyro_alone_is_in_the_short_table_only_without_other_filters(change,
     assert bool(found) == (change is not _no_values)
 
 
-def test_the_table_appears_only_where_filters_were_compared() -> None:
-    result = make_result()
-    result.ranked = {}
-    assert not any(text.startswith("filter ") for text in texts(result_lines(result, "all", 80)))
-    assert any(text.startswith("filter ") for text in texts(result_lines(result, "airborne", 80)))
-
-
 def test_a_reason_why_several_questions_have_no_answer_appears_once() -> None:
     no = "Cannot be determined: no step."
     answers = {"accuracy": "Tilt: A 1.0°.", "noise": no, "lag": "Cannot be determined: x.", "yaw drift": no}
@@ -125,13 +109,6 @@ def test_what_to_set_takes_two_lines_at_most_and_counts_the_rest() -> None:
         assert max(map(len, lines), default=0) <= 80
         assert ("more" in " ".join(lines)) == (count == 12)
     assert texts(set_line(many, "a" * 200, 80)) == ["set       12 parameters; attlog health shows which and why."]
-
-
-def test_a_long_name_of_a_sensor_leaves_the_value_a_line_of_its_own() -> None:
-    long = replace(OFFSET, sensor="estimator_selector_status", question="accelerometer_temperature")
-    lines = texts(sensor_lines([long], 80, False))
-    assert max(map(len, lines)) <= 80
-    assert lines[2].strip().endswith("µT")
 
 
 def test_sensors_without_an_answer_are_counted_and_give_their_reason_once() -> None:

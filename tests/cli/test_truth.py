@@ -79,13 +79,6 @@ def test_what_is_wrong_with_it_is_said(
     assert not list(tmp_path.iterdir())
 
 
-def test_of_a_folder_the_file_with_the_log_s_name_is_taken(attlog: Any, tmp_path: Path) -> None:
-    (tmp_path / "other.tum").write_text("1 0 0 0 0 0 0 1\n")
-    done = attlog("analyze", str(LOG), "--truth", str(tmp_path), "-o", str(tmp_path / "out"))
-    assert done.code == 2
-    assert "none named px4_steps.*" in done.err
-
-
 # ``attlog analyze --params``: what if the autopilot's filter had had these gains.
 
 SPELLINGS = {

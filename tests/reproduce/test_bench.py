@@ -10,7 +10,7 @@ import pytest
 from scipy import signal
 
 from attlog.core.errors import AttlogError
-from attlog.reproduce import bench, lyu_runs
+from attlog.reproduce import bench, lyu
 from attlog.reproduce.bench import flight_samples, run_seeds, spectrum
 from attlog.reproduce.paper import PaperOptions
 from attlog.simulate.fly import fly
@@ -18,7 +18,7 @@ from attlog.simulate.fly import fly
 
 def second(seed: int, angle: float) -> float:
     """The sum of all rates of a second of a lift."""
-    board = lyu_runs.board(1.0, lyu_runs.lifted(angle))
+    board = lyu.board(1.0, lyu.lifted(angle))
     return float(flight_samples(fly(board, seed), mag=False).gyr.sum())
 
 

@@ -7,8 +7,8 @@ import pytest
 
 import attlog
 from attlog.core import rotation
-from attlog.reproduce import fan, fan_runs
-from attlog.reproduce.fan_runs import AHEAD, EKF, FILTER, RAW
+from attlog.reproduce import fan
+from attlog.reproduce.fan import AHEAD, EKF, FILTER, RAW
 from attlog.reproduce.paper import Measures, Paper, PaperOptions, Seeds, Verdict
 
 SEEDS = 3
@@ -21,7 +21,7 @@ def found() -> Paper:
 
 @pytest.fixture(scope="module")
 def seeds() -> list[Measures]:
-    return [fan_runs.one_seed(seed) for seed in range(SEEDS)]
+    return [fan.one_seed(seed) for seed in range(SEEDS)]
 
 
 @pytest.mark.slow
@@ -36,7 +36,7 @@ def test_raw_angles_at_rest_scatter_as_the_sensors_noise_says(seeds: list[Measur
 def test_the_spread_is_that_of_a_run_by_hand(found: Paper) -> None:
     ratios = []
     for seed in range(SEEDS):
-        s = fan_runs.at_rest(seed)
+        s = fan.at_rest(seed)
         late = s.t >= 20.0
         spreads = []
         for name in ("ekf12@fan-printed", "complementary@fan"):
@@ -53,7 +53,7 @@ def test_the_spread_is_that_of_a_run_by_hand(found: Paper) -> None:
 def test_the_error_of_the_attitude_is_the_angle_to_the_truth_by_scipy(seeds: list[Measures]) -> None:
     from scipy.spatial.transform import Rotation
 
-    s = fan_runs.at_rest(0)
+    s = fan.at_rest(0)
     q = attlog.estimate(EKF, s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
     between = Rotation.from_quat(q[:, [1, 2, 3, 0]]).inv() * Rotation.from_quat(s.q[:, [1, 2, 3, 0]])
     angle = np.degrees(between.magnitude())[s.t >= 20.0]
@@ -72,7 +72,7 @@ def test_in_the_printed_order_the_heading_answers_one_sample_later(found: Paper,
 @pytest.mark.slow
 def test_the_more_exact_filter_is_the_one_with_smaller_errors_at_rest_and_in_rotation(seeds: list[Measures]) -> None:
     def with_less(*names: str) -> Seeds:
-        factor = {row: 0.1 if row in fan_runs.EKFS else 10.0 for row in (*fan_runs.ROWS, AHEAD)}
+        factor = {row: 0.1 if row in fan.EKFS else 10.0 for row in (*fan.ROWS, AHEAD)}
         return Seeds([{k: x * factor[str(k[1])] if k[0] in names else x for k, x in s.items()} for s in seeds])
 
     assert fan.exact_claim(with_less("rest off", "turn off"))[0].verdict == "holds"
@@ -87,9 +87,9 @@ def test_more_computation_is_told_from_less() -> None:
 
 @pytest.mark.slow
 def test_the_turns_of_the_heading_are_where_the_truth_turns() -> None:
-    s = fan_runs.hand_turns(0)
+    s = fan.hand_turns(0)
     heading = np.degrees(np.unwrap(rotation.to_euler(s.q)[:, 2]))
-    moves = fan_runs.heading_moves()
+    moves = fan.heading_moves()
     assert len(moves) == 3
     for begin, end, start, goal in moves:
         assert np.interp([begin, end], s.t, heading) == pytest.approx([start, goal], abs=0.01)
@@ -97,9 +97,9 @@ def test_the_turns_of_the_heading_are_where_the_truth_turns() -> None:
 
 @pytest.mark.slow
 def test_a_heading_that_is_late_by_30_ms_is_found_late_by_30_ms() -> None:
-    s = fan_runs.hand_turns(0)
+    s = fan.hand_turns(0)
     late = rotation.slerp(s.t, s.q, np.clip(s.t - 0.030, s.t[0], s.t[-1]))
-    delay, rise = fan_runs._heading(fan_runs.FilterOutput(s.t, late, s.q))
+    delay, rise = fan._heading(fan.FilterOutput(s.t, late, s.q))
     assert delay == pytest.approx(30.0, abs=0.5)
     assert rise == pytest.approx(0.0, abs=0.5)
 
@@ -154,4 +154,4 @@ def test_every_figure_has_lines_with_numbers(found: Paper) -> None:
     ],
 )
 def test_where_a_claim_holds_and_where_that_is_open_is_said(verdicts: tuple[Verdict, ...], said: str) -> None:
-    assert fan_runs.by_walk(verdicts) == said
+    assert fan.by_walk(verdicts) == said

@@ -14,10 +14,9 @@ import pytest
 
 import attlog
 from attlog.core import rotation
-from attlog.reproduce import xu, xu_runs
-from attlog.reproduce import xu as xu_figures
+from attlog.reproduce import xu
 from attlog.reproduce.paper import Paper, PaperOptions
-from attlog.reproduce.xu_runs import ADAPTIVE, ROWS, SWEPT, Flights, GainRun, best_gain, gain, oscillation_on_log
+from attlog.reproduce.xu import ADAPTIVE, ROWS, SWEPT, Flights, GainRun, best_gain, gain, oscillation_on_log
 from attlog.testing import flight
 from attlog.testing.motions import total_deg
 from tests.conftest import SAMPLES
@@ -29,21 +28,21 @@ LOGS = (SAMPLES / "px4_hover.ulg", SAMPLES / "copter_steps_stabilize.bin")
 @pytest.fixture(scope="module", autouse=True)
 def two_legs() -> Iterator[None]:
     """Two waypoints in place of five, flown once per seed: the whole mission takes seconds each time."""
-    whole = xu_runs.mission()
+    whole = xu.mission()
     legs = whole.command[:4]
     land = replace(whole.command[-1], t=legs[-1].t + 13.0)
     short = whole.changed(seconds=land.t + 2.0, command=(*legs, land))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(xu_runs, "mission", lambda: short)
-        once = functools.cache(xu_runs.flown)
-        patch.setattr(xu_runs, "flown", once)
-        patch.setattr(xu_figures, "flown", once)
+        patch.setattr(xu, "mission", lambda: short)
+        once = functools.cache(xu.flown)
+        patch.setattr(xu, "flown", once)
+        patch.setattr(xu, "flown", once)
         yield
 
 
 @pytest.fixture(scope="module")
 def seeds(two_legs: None) -> list[GainRun]:
-    return [xu_runs.one_seed(seed) for seed in range(SEEDS)]
+    return [xu.one_seed(seed) for seed in range(SEEDS)]
 
 
 @pytest.fixture(scope="module")
@@ -55,20 +54,20 @@ def found(seeds: list[GainRun]) -> Paper:
 
 @pytest.mark.slow
 def test_the_error_of_tilt_is_that_of_a_run_by_hand(seeds: list[GainRun]) -> None:
-    s = xu_runs.flown(0)
+    s = xu.flown(0)
     q = attlog.estimate("mahony@xu-1.1", s.t, s.gyr, s.acc, s.mag, dt=s.dt, declination=s.declination_deg).q
     down = rotation.rotate_inverse(q, np.array([0.0, 0.0, 1.0]))
     true = rotation.rotate_inverse(s.q, np.array([0.0, 0.0, 1.0]))
-    angle = np.degrees(np.arccos(np.clip(np.sum(down * true, axis=1), -1.0, 1.0)))[xu_runs.in_the_air(s.t)]
+    angle = np.degrees(np.arccos(np.clip(np.sum(down * true, axis=1), -1.0, 1.0)))[xu.in_the_air(s.t)]
     assert seeds[0].tilt[gain(1.1)] == pytest.approx(np.sqrt(np.mean(angle**2)), rel=1e-6)
 
 
 @pytest.mark.slow
 def test_the_frequency_of_zero_crossings_is_that_of_counted_ones(seeds: list[GainRun]) -> None:
     """Of the error of roll, its frequencies beyond the band taken out."""
-    s = xu_runs.flown(0)
-    found = xu_runs.run_filter(gain(2.0), s)
-    part = xu_runs.in_the_air(found.t)
+    s = xu.flown(0)
+    found = xu.run_filter(gain(2.0), s)
+    part = xu.in_the_air(found.t)
     error = found.errors[part, 0] - found.errors[part, 0].mean()
     f = np.fft.rfftfreq(len(error), 0.005)
     within = np.fft.irfft(np.where((f >= 0.2) & (f < 5.0), np.fft.rfft(error), 0.0), len(error))
@@ -78,9 +77,9 @@ def test_the_frequency_of_zero_crossings_is_that_of_counted_ones(seeds: list[Gai
 
 @pytest.mark.slow
 def test_slow_errors_are_what_an_average_over_five_seconds_leaves(seeds: list[GainRun]) -> None:
-    s = xu_runs.flown(0)
-    found = xu_runs.run_filter(gain(0.06), s)
-    error = found.errors[xu_runs.in_the_air(found.t), :2]
+    s = xu.flown(0)
+    found = xu.run_filter(gain(0.06), s)
+    error = found.errors[xu.in_the_air(found.t), :2]
     means = np.column_stack([np.convolve(error[:, axis], np.full(1000, 1e-3), "valid") for axis in (0, 1)])
     assert seeds[0].slow[gain(0.06)] == pytest.approx(np.sqrt(np.mean(np.sum(means**2, axis=1))), rel=1e-3)
 
@@ -88,11 +87,11 @@ def test_slow_errors_are_what_an_average_over_five_seconds_leaves(seeds: list[Ga
 def test_the_matrix_form_of_the_cost_is_the_filter_of_the_paper() -> None:
     """Both forms give one attitude, so that the same work is timed."""
     m = flight(10.0, 200.0)
-    quaternion, matrix = (attlog.estimate(row, *m.sensors).q for row in xu_runs.COSTED)
+    quaternion, matrix = (attlog.estimate(row, *m.sensors).q for row in xu.COSTED)
     assert total_deg(quaternion, matrix).max() < 0.1
-    spent = dict(zip(xu_runs.COSTED, ([40.0, 41.0, 40.0], [60.0, 61.0, 61.0]), strict=True))
+    spent = dict(zip(xu.COSTED, ([40.0, 41.0, 40.0], [60.0, 61.0, 61.0]), strict=True))
     assert xu.cost_claim(spent).verdict == "holds"
-    assert xu.cost_claim(dict(zip(xu_runs.COSTED, reversed(list(spent.values())), strict=True))).verdict != "holds"
+    assert xu.cost_claim(dict(zip(xu.COSTED, reversed(list(spent.values())), strict=True))).verdict != "holds"
 
 
 @pytest.mark.slow

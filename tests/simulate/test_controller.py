@@ -71,24 +71,6 @@ def test_the_default_gains_are_well_damped_on_the_default_vehicle(index: int) ->
         assert over < 0.05
 
 
-@pytest.mark.parametrize("zeta", [0.4, 0.7])
-def test_without_lag_and_integrals_the_step_is_that_of_a_second_order_system(zeta: float) -> None:
-    wn, big = 6.0, 100.0
-    none = (0.0,) * 3
-    gains = dataclasses.replace(
-        HUANG,
-        angle_kp=(wn / (2 * zeta),) * 3,
-        rate_kp=(2 * zeta * wn / big,) * 3,
-        angle_ki=none,
-        rate_ki=none,
-        rate_kd=none,
-    )
-    t = np.linspace(0.0, 5.0, 5001)
-    y = LoopAxis(big, 1e-7, gains, delay=0.0).step(t)
-    assert y.max() - 1.0 == pytest.approx(math.exp(-math.pi * zeta / math.sqrt(1 - zeta**2)), abs=1e-4)
-    assert t[y.argmax()] == pytest.approx(math.pi / (wn * math.sqrt(1 - zeta**2)), abs=2e-3)
-
-
 def test_the_closed_loop_is_that_of_scipy_from_its_parts() -> None:
     signal = pytest.importorskip("scipy.signal")
     axis = LoopAxis(150.0, 0.03, HUANG, delay=0.0)
@@ -122,18 +104,6 @@ def test_the_gain_margin_is_where_the_nonlinear_loop_begins_to_swing(part: float
     _, y, _ = step_of(0, 1e-6, slow, light, seconds=1.2)
     early, late = (np.abs(np.diff(y[k : k + 80], 2)).max() for k in (160, 400))
     assert (late < early) == stable
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("part", "stable"), few([(0.9, True), (1.1, False)], 1))
-def test_the_delay_margin_is_what_the_nonlinear_loop_stands(part: float, stable: bool) -> None:
-    vehicle = Vehicle()
-    found = margins(LoopAxis(float(authority(vehicle)[0]), vehicle.motor_lag_s, HUANG))
-    waiting = round(part * found.delay_s * 400.0)
-    _, q, _ = flown(HUANG, LEVEL, rotation.from_euler(1e-3, 0.0, 0.0), 6.0, vehicle=vehicle, waiting=waiting)
-    y = rotation.to_euler(q)[:, 0]
-    swing = [np.ptp(y[k : k + 400]) for k in (800, 2000)]
-    assert (swing[1] < swing[0]) == stable
 
 
 def rotor(u: tuple[float, float, float], thrust: float, idle: float = 0.03) -> tuple[np.ndarray, float, np.ndarray]:

@@ -16,7 +16,7 @@ from attlog.core.errors import UsageError
 from attlog.simulate.environment import environment, generator, share_at, wind_at
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
-from attlog.simulate.scenario import Gust, Scenario, Wind, build_scenario, load_scenario, scenario_names
+from attlog.simulate.scenario import Gust, Scenario, Wind, build_scenario, load_scenario
 from tests.conftest import few
 from tests.simulate.still import PERFECT, flown, scenario
 
@@ -150,11 +150,6 @@ def test_wind_falls_off_towards_the_ground() -> None:
     assert share_at(0.0) == 0.0
 
 
-def test_a_date_without_a_magnetic_model_is_refused() -> None:
-    with pytest.raises(UsageError, match="no magnetic model covers 2001-01-01"):
-        environment(build_scenario({"place": {"date": "2001-01-01T00:00:00Z"}}))
-
-
 @pytest.mark.parametrize(
     ("values", "told"),
     few(
@@ -241,10 +236,6 @@ def library_flight(name: str) -> Flight:
 
 def tilt_deg(flight: Flight) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return np.degrees(rotation.tilt_angle(flight.truth.q))
-
-
-def test_the_library_is_complete() -> None:
-    assert set(scenario_names()) == WANTED
 
 
 @pytest.mark.slow

@@ -14,12 +14,11 @@ from attlog.flight.model import FlightLog
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import recording, write
-from attlog.simulate.logs.records import START_US, every, held, micros, vibration
+from attlog.simulate.logs.records import START_US, every, micros, vibration
 from attlog.simulate.scenario import build_scenario, scenario_values
 from attlog.simulate.scenario_text import override_values
 from tests.conftest import few
 from tests.formats.reference import differences
-from tests.formats.ros.bags import decoded
 
 SUFFIXES = (".ulg", ".bin", ".tlog")
 TWO = tuple(f"sensors.{kind}.1.rate_hz={hz}" for kind, hz in (("imu", 400), ("mag", 20), ("gnss", 10), ("baro", 10)))
@@ -226,25 +225,6 @@ def test_increments_of_an_old_record_lie_beside_instants_at_the_middle_of_each(f
     close(messages["IMU", 0]["TimeUS"].astype(np.int64) - START_US, (imu.t_sample - imu.dt / 2) * 1e6, 0.51)
 
 
-def test_slower_logging_keeps_the_first_value_of_each_period(tmp_path: Path) -> None:
-    flight = made("static", "seconds=8", "logging.imu_hz=100", "logging.truth_hz=10")
-    write(tmp_path / "a.ulg", flight)
-    log = flights.read(tmp_path / "a.ulg")
-    assert log.imus[0].gyro.rate == pytest.approx(100.0, rel=1e-3)
-    assert log.truth is not None
-    assert log.truth.rate == pytest.approx(10.0, rel=1e-3)
-    assert "imu_decimated" in {p.code for p in log.problems}
-
-
-def test_a_parameter_can_be_told_otherwise(tmp_path: Path) -> None:
-    flight = made("static", "seconds=8")
-    write(tmp_path / "a.ulg", flight, {"EKF2_MAG_DECL": 20, "MY_OWN": 3})
-    log = flights.read(tmp_path / "a.ulg")
-    assert log.parameters.declination == 20.0
-    assert log.param("MY_OWN") == 3
-    assert log.param("MAV_TYPE") == 2
-
-
 def test_units_and_multipliers_are_those_of_the_firmware(corpus: Path, logs: dict[str, Path]) -> None:
     """Column by column against a log of ArduPilot's own simulator."""
     theirs = formats.open(corpus / "sitl" / "ardupilot" / "copter_loop400.bin")
@@ -287,10 +267,6 @@ def test_the_vibration_level_is_that_of_a_sine_behind_its_filters() -> None:
     left = abs(1.0 - gain / (1.0 - (1.0 - gain) * np.exp(-2j * np.pi * 80.0 / 400.0)))
     assert level[-400:, 0].mean() == pytest.approx(2.0 / np.sqrt(2.0) * left, rel=0.01)
     assert level[:, 1].max() == 0.0
-
-
-def test_time_lines_hold_until_they_change() -> None:
-    assert held([(0.0, "A"), (2.0, "B")], np.array([-1.0, 0.0, 1.9, 2.0, 9.0])) == ["A", "A", "A", "B", "B"]
 
 
 # A flight as a bag is the flight as a ULog, beside a motion capture on a clock and in axes of its own.
@@ -344,10 +320,3 @@ def test_the_motion_capture_is_the_truth_but_for_its_axes_and_noise(both: Logs) 
     spread = rotation.total_angle(rotation.multiply(rotation.conjugate(turned[:1]), turned))
     assert 0.02 < np.degrees(np.median(spread)) < 0.5
     assert len(pose.t) > 1100
-
-
-@pytest.mark.slow
-def test_the_official_decoder_reads_it(bag: Path, bag_flight: Flight) -> None:
-    poses = [m for m in decoded(bag) if hasattr(m, "pose")]
-    assert poses[0].header.frame_id == "map"
-    assert len(poses) > 1100

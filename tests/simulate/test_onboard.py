@@ -117,16 +117,6 @@ def test_it_takes_aids_at_the_first_sample_at_or_after_their_time(name: str) -> 
     assert np.degrees(apart.max()) > 0.1
 
 
-def test_a_given_attitude_is_flown_on_from_the_first_sample() -> None:
-    data = made(3.0, still=0.0)
-    q0 = rotation.from_euler(0.1, -0.05, 0.7)
-    live = flown(Live("mahony", RATE, RATE / MAG_EVERY, declination=4.0, q0=q0), *data)
-    assert_same(live, *data, q0=q0)
-    early = Live("mahony", RATE, RATE / MAG_EVERY, q0=q0)
-    early.sample(0.0, data[1][0], data[2][0])
-    np.testing.assert_allclose(early.q, q0, atol=1e-12)
-
-
 def test_whole_run_estimators_and_those_without_their_compass_are_refused_with_the_reason() -> None:
     for name in WHOLE:
         with pytest.raises(UsageError, match=f"{name} cannot fly: it runs over a whole log"):
@@ -136,16 +126,6 @@ def test_whole_run_estimators_and_those_without_their_compass_are_refused_with_t
     t, gyr, acc, mag = made(3.0, still=1.2)
     live = flown(Live("mahony", RATE, None), t, gyr, acc, np.full_like(mag, np.nan))
     np.testing.assert_allclose(live.estimate().q, estimate("mahony", t, gyr, acc).q, atol=1e-12)
-
-
-def test_an_attitude_that_was_given_for_the_start_is_not_that_of_a_restart() -> None:
-    t, gyr, acc, mag = made(4.0, still=4.0)
-    kept = (t < 1.5) | (t > 2.5)
-    data = (t[kept], gyr[kept], acc[kept], mag[kept])
-    q0 = rotation.from_euler(0.9, -0.6, 2.0)
-    live = flown(Live("mahony", RATE, RATE / MAG_EVERY, declination=4.0, q0=q0), *data)
-    assert live.skipped["restart"] == 1
-    assert_same(live, *data, q0=q0)
 
 
 # Samples one by one: what time each of them is integrated over.

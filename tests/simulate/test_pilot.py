@@ -129,14 +129,6 @@ def test_it_takes_off_holds_goes_turns_lands_and_disarms() -> None:
     assert idle == pytest.approx(np.full(4, Gains.of(Controller()).idle))
 
 
-def test_height_is_kept_while_it_is_tilted() -> None:
-    told = [Command(t=7.0 + 0.5 * k, do="attitude", roll_deg=30.0 * (-1.0) ** k) for k in range(5)]
-    flight = fly(scenario(9.5, *told))
-    late = flight.truth.t > 7.0
-    assert np.abs(angles(flight)[late, 0]).max() > 20.0
-    assert np.abs(-flight.truth.p[late, 2] - 3.0).max() < 0.25
-
-
 def test_it_does_not_arm_before_it_knows_its_attitude() -> None:
     early = scenario(3.0, estimator="mahony")
     flight = fly(early.changed(command=(Command(t=0.1, do="arm"),)))

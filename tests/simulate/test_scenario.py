@@ -103,12 +103,6 @@ def test_a_value_of_the_wrong_kind_is_told_with_its_place(toml: str, told: str) 
     assert [line for line in str(error.value).splitlines() if not line.startswith(f"mine.toml: {told}")] == []
 
 
-def test_dates_may_be_written_in_every_form_of_toml() -> None:
-    midnight = 1709251200.0  # date -u -d 2024-03-01 +%s
-    for written in ("2024-03-01", '"2024-03-01"', "2024-03-01T00:00:00", "2024-03-01T00:00:00Z"):
-        assert build_scenario(tomllib.loads(f"place.date = {written}")).place.unix_time == midnight
-
-
 def test_the_docs_list_every_scenario_and_their_example_is_one() -> None:
     page = (ROOT / "docs" / "simulate.md").read_text(encoding="utf-8")
     listed = re.findall(r"^\| `([\w-]+)` \| [^|]+ \|$", page, re.M)

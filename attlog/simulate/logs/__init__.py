@@ -17,13 +17,12 @@ def recording(flight: Flight, name: str, params: Mapping[str, float | int] | Non
     ``params``: parameters in the log instead of, or beside, those of the flight. KeyError for another format.
     """
     from attlog.simulate.logs import ardupilot, mavlink, px4
-    from attlog.simulate.logs import px4 as ros
 
     made = {
         "ulog": px4.ulog_recording,
         "dataflash": ardupilot.dataflash_recording,
         "tlog": mavlink.telemetry_recording,
-        "ros": ros.bag_recording,
+        "ros": px4.bag_recording,
     }
     found = made[name](flight)
     if not params:

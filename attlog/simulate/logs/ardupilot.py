@@ -74,8 +74,8 @@ LAYOUTS = {
 }
 
 
-def record(name: str, t_us: NDArray[np.uint64], **values: Any) -> Columns:
-    """Return the columns of a record; ``values`` are arrays or one value for all, 0 by default.
+def message(name: str, instance: int, t_us: NDArray[np.uint64], **values: Any) -> tuple[Key, Columns]:
+    """Return key and columns of a record; ``values`` are arrays or one value for all, 0 by default.
 
     Columns of the letters c C e E L are the printed numbers. KeyError for unknown columns.
     """
@@ -85,7 +85,7 @@ def record(name: str, t_us: NDArray[np.uint64], **values: Any) -> Columns:
         columns[column] = np.ascontiguousarray(np.broadcast_to(given, t_us.shape))
     if values:
         raise KeyError(f"{name} has no column {', '.join(values)}")
-    return columns
+    return (name, instance), columns
 
 
 Array = NDArray[np.float64]
@@ -120,31 +120,28 @@ def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         k, i = every(imu.t_sample, flight.scenario.logging.imu_hz), imu.instance
         instants = imu.t_sample
         if imu.sampling == "interval":
-            yield ("IMT", i), _increments(imu, k)
+            yield _increments(imu, k)
             instants = imu.t_sample - 0.5 * imu.dt
         elif imu.rate_hz > RAW_HZ:
             for name, x in (("GYR", imu.gyro[k]), ("ACC", imu.acc[k])):
                 axes = dict(zip((f"{name.title()}{axis}" for axis in "XYZ"), x.T, strict=True))
-                yield (name, i), record(name, micros(imu.t[k]), I=i, SampleUS=micros(imu.t_sample[k]), **axes)
+                yield message(name, i, micros(imu.t[k]), I=i, SampleUS=micros(imu.t_sample[k]), **axes)
             k = every(imu.t_sample, flight.scenario.logging.imu_hz or flight.scenario.loop.rate_hz)
         (gx, gy, gz), (ax, ay, az), rate = imu.gyro[k].T, imu.acc[k].T, round(imu.rate_hz)
-        yield (
-            ("IMU", i),
-            record("IMU", micros(instants[k]), I=i, GyrX=gx, GyrY=gy, GyrZ=gz, AccX=ax, AccY=ay, AccZ=az,
-                   T=imu.temperature[k], GH=1, AH=1, GHz=rate, AHz=rate),
-        )
+        yield message("IMU", i, micros(instants[k]), I=i, GyrX=gx, GyrY=gy, GyrZ=gz, AccX=ax, AccY=ay, AccZ=az,
+                      T=imu.temperature[k], GH=1, AH=1, GHz=rate, AHz=rate)
         k = every(imu.t, VIBE_HZ)
         x, y, z = vibration(imu)[k].T
         clips = np.cumsum(imu.clipped[:, 1])[k]
-        yield ("VIBE", i), record("VIBE", micros(imu.t[k]), IMU=i, VibeX=x, VibeY=y, VibeZ=z, Clip=clips)
+        yield message("VIBE", i, micros(imu.t[k]), IMU=i, VibeX=x, VibeY=y, VibeZ=z, Clip=clips)
 
 
-def _increments(imu: ImuStream, k: NDArray[np.int64]) -> Columns:
+def _increments(imu: ImuStream, k: NDArray[np.int64]) -> tuple[Key, Columns]:
     """Return IMT with increments of the stored interval: the rates come back as they were."""
     dt = imu.dt[k].astype(np.float32).astype(np.float64)
     (ax, ay, az), (vx, vy, vz) = (imu.gyro[k] * dt[:, None]).T, (imu.acc[k] * dt[:, None]).T
-    return record("IMT", micros(imu.t_sample[k]), I=imu.instance, DelT=dt, DelvT=dt, DelaT=dt, DelAX=ax, DelAY=ay,
-                  DelAZ=az, DelVX=vx, DelVY=vy, DelVZ=vz)
+    return message("IMT", imu.instance, micros(imu.t_sample[k]), I=imu.instance, DelT=dt, DelvT=dt, DelaT=dt,
+                   DelAX=ax, DelAY=ay, DelAZ=az, DelVX=vx, DelVY=vy, DelVZ=vz)
 
 
 def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
@@ -152,32 +149,24 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     for mag in flight.mags:
         x, y, z = (mag.field / MILLIGAUSS).T
         sampled = micros(mag.t_sample) & np.uint64(0xFFFFFFFF)
-        yield (
-            ("MAG", mag.instance),
-            record("MAG", micros(mag.t), I=mag.instance, MagX=x, MagY=y, MagZ=z, Health=1, S=sampled),
-        )
+        yield message("MAG", mag.instance, micros(mag.t), I=mag.instance, MagX=x, MagY=y, MagZ=z, Health=1, S=sampled)
     for baro in flight.baro:
         ground = float(np.median(baro.height[:10])) if len(baro.height) else 0.0
-        yield (
-            ("BARO", baro.instance),
-            record("BARO", micros(baro.t), I=baro.instance, Alt=baro.height - ground, AltAMSL=baro.height,
-                   Press=baro.pressure, Temp=baro.temperature, SMS=micros(baro.t_sample) // np.uint64(1000),
-                   GndTemp=baro.temperature[0] if len(baro.t) else 0.0, Health=1),
-        )
+        yield message("BARO", baro.instance, micros(baro.t), I=baro.instance, Alt=baro.height - ground,
+                      AltAMSL=baro.height, Press=baro.pressure, Temp=baro.temperature,
+                      SMS=micros(baro.t_sample) // np.uint64(1000), GndTemp=baro.temperature[0] if len(baro.t) else 0.0,
+                      Health=1)
     for gnss in flight.gnss:
         yield from _receiver(gnss)
     if flight.battery is not None:
         b, whole = flight.battery, flight.scenario.sensors.battery
         energy = np.cumsum(b.voltage * b.current * np.diff(b.t, prepend=b.t[:1])) / 3600.0
         left = np.clip(100.0 * (1.0 - b.used / whole.capacity_ah), 0.0, 100.0)
-        yield (
-            ("BAT", 0),
-            record("BAT", micros(b.t), Volt=b.voltage, VoltR=b.voltage + b.current * whole.resistance_ohm,
-                   Curr=b.current, CurrTot=b.used * 1e3, EnrgTot=energy, Res=whole.resistance_ohm, RemPct=left, H=1),
-        )
+        yield message("BAT", 0, micros(b.t), Volt=b.voltage, VoltR=b.voltage + b.current * whole.resistance_ohm,
+                      Curr=b.current, CurrTot=b.used * 1e3, EnrgTot=energy, Res=whole.resistance_ohm, RemPct=left, H=1)
     if flight.rpm is not None:
         for k, rpm in enumerate(flight.rpm.rpm.T):
-            yield ("ESC", k), record("ESC", micros(flight.rpm.t), Instance=k, RPM=rpm, RawRPM=rpm)
+            yield message("ESC", k, micros(flight.rpm.t), Instance=k, RPM=rpm, RawRPM=rpm)
 
 
 def _receiver(gnss: GnssStream) -> Iterator[tuple[Key, Columns]]:
@@ -186,18 +175,13 @@ def _receiver(gnss: GnssStream) -> Iterator[tuple[Key, Columns]]:
     lat, lon, alt, vel = place_while_lost(gnss)
     week, milliseconds = gps_time(gnss.utc)
     course = np.degrees(np.arctan2(vel[:, 1], vel[:, 0])) % 360.0
-    yield (
-        ("GPS", gnss.instance),
-        record("GPS", t, I=gnss.instance, Status=np.where(has, gnss.fix, 1), GMS=np.where(has, milliseconds, 0),
-               GWk=np.where(has, week, 0), NSats=gnss.satellites, HDop=np.where(has, 0.9, 99.99), Lat=lat, Lng=lon,
-               Alt=alt, Spd=np.hypot(vel[:, 0], vel[:, 1]), GCrs=course, VZ=vel[:, 2], U=gnss.instance == 0),
-    )
-    yield (
-        ("GPA", gnss.instance),
-        record("GPA", t, I=gnss.instance, VDop=np.where(has, 1.2, 99.99), HAcc=gnss.h_acc, VAcc=gnss.v_acc,
-               SAcc=gnss.s_acc, VV=has, SMS=micros(gnss.t_sample) // np.uint64(1000),
-               Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535)),
-    )
+    yield message("GPS", gnss.instance, t, I=gnss.instance, Status=np.where(has, gnss.fix, 1),
+                  GMS=np.where(has, milliseconds, 0), GWk=np.where(has, week, 0), NSats=gnss.satellites,
+                  HDop=np.where(has, 0.9, 99.99), Lat=lat, Lng=lon, Alt=alt, Spd=np.hypot(vel[:, 0], vel[:, 1]),
+                  GCrs=course, VZ=vel[:, 2], U=gnss.instance == 0)
+    yield message("GPA", gnss.instance, t, I=gnss.instance, VDop=np.where(has, 1.2, 99.99), HAcc=gnss.h_acc,
+                  VAcc=gnss.v_acc, SAcc=gnss.s_acc, VV=has, SMS=micros(gnss.t_sample) // np.uint64(1000),
+                  Delta=np.minimum(np.diff(gnss.t, prepend=gnss.t[:1]) * 1e3, 65535))
 
 
 def gps_time(unix: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -214,16 +198,16 @@ def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     board = flight.onboard
     times, names = _unzipped(board.mode)
     numbers = np.array(numbered(names, MODES, "ArduCopter"))
-    yield ("MODE", 0), record("MODE", times, Mode=numbers, ModeNum=numbers, Rsn=1)
+    yield message("MODE", 0, times, Mode=numbers, ModeNum=numbers, Rsn=1)
     times, armed = _unzipped(board.armed)
     states = np.array(armed, bool)
-    yield ("ARM", 0), record("ARM", times, ArmState=states)
+    yield message("ARM", 0, times, ArmState=states)
     events = [(t, ARMED_EVENT if value else DISARMED_EVENT) for t, value in board.armed[1:]]
     events += [(t, LANDED_EVENT if value else NOT_LANDED_EVENT) for t, value in board.landed[1:]]
     times, ids = _unzipped(sorted(events))
-    yield ("EV", 0), record("EV", times, Id=np.array(ids))
+    yield message("EV", 0, times, Id=np.array(ids))
     start = micros(np.zeros(1))
-    yield ("VER", 0), record("VER", start, BT=3, Maj=4, Min=6, FWS=BANNER.encode(), BU=2, FV=2)
+    yield message("VER", 0, start, BT=3, Maj=4, Min=6, FWS=BANNER.encode(), BU=2, FV=2)
 
 
 def _unzipped(line: list[tuple[float, Any]]) -> tuple[NDArray[np.uint64], list[Any]]:
@@ -239,50 +223,41 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     t = micros(board.t[k])
     roll, pitch, yaw = _degrees(board.q[k])
     wanted = _degrees(board.q_setpoint[k]) if len(board.q_setpoint) else (_NAN, _NAN, _NAN)
-    yield (
-        ("ATT", 0),
-        record("ATT", t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw,
-               AEKF=3),
-    )
+    yield message("ATT", 0, t, DesRoll=wanted[0], Roll=roll, DesPitch=wanted[1], Pitch=pitch, DesYaw=wanted[2], Yaw=yaw,
+                  AEKF=3)
     q = board.q[k].T
-    yield ("XKQ", 0), record("XKQ", t, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3])
+    yield message("XKQ", 0, t, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3])
     k = every(board.t, EKF_HZ)
     t = micros(board.t[k])
     roll, pitch, yaw = _degrees(board.q[k])
     bias = np.degrees(board.bias[k]).T if len(board.bias) else np.zeros((3, len(k)))
     unknown = {name: _NAN for name in ("VN", "VE", "VD", "dPD", "PN", "PE", "PD")}
-    yield (
-        ("XKF1", 0),
-        record("XKF1", t, Roll=_cut(roll), Pitch=_cut(pitch), Yaw=yaw, GX=_cut(bias[0]), GY=_cut(bias[1]),
-               GZ=_cut(bias[2]), **unknown),
-    )
-    yield ("XKF4", 0), record("XKF4", t, errRP=_NAN, OFN=_NAN, OFE=_NAN)
+    yield message("XKF1", 0, t, Roll=_cut(roll), Pitch=_cut(pitch), Yaw=yaw, GX=_cut(bias[0]), GY=_cut(bias[1]),
+                  GZ=_cut(bias[2]), **unknown)
+    yield message("XKF4", 0, t, errRP=_NAN, OFN=_NAN, OFE=_NAN)
     if len(board.rate_setpoint):
-        yield ("RATE", 0), _rate(flight)
+        yield _rate(flight)
     if len(board.thrust_setpoint):
         k = every(board.t, SLOW_HZ)
         up = -flight.truth.p[last_before(flight.truth.t, board.t[k]), 2]
         thrust = board.thrust_setpoint[k]
         hover = flight.scenario.vehicle.hover_command(flight.gravity)
-        yield (
-            ("CTUN", 0),
-            record("CTUN", micros(board.t[k]), ThI=thrust, ThO=thrust, ThH=hover, DAlt=_NAN, Alt=_NAN, DSAlt=_NAN,
-                   BAlt=_baro_height(flight, board.t[k], up)),
-        )
+        yield message("CTUN", 0, micros(board.t[k]), ThI=thrust, ThO=thrust, ThH=hover, DAlt=_NAN, Alt=_NAN, DSAlt=_NAN,
+                      BAlt=_baro_height(flight, board.t[k], up))
     if len(board.motors):
         k = every(board.t, logging.motors_hz)
         pwm = PWM_MIN + (PWM_MAX - PWM_MIN) * np.clip(board.motors[k], 0.0, 1.0)
-        yield ("RCOU", 0), record("RCOU", micros(board.t[k]), C1=pwm[:, 0], C2=pwm[:, 1], C3=pwm[:, 2], C4=pwm[:, 3])
+        yield message("RCOU", 0, micros(board.t[k]), C1=pwm[:, 0], C2=pwm[:, 1], C3=pwm[:, 2], C4=pwm[:, 3])
 
 
-def _rate(flight: Flight) -> Columns:
+def _rate(flight: Flight) -> tuple[Key, Columns]:
     """Return wanted and measured body rates [deg/s] and the controller's output."""
     board = flight.onboard
     k = every(board.t, flight.scenario.logging.setpoint_hz)
     wanted, measured = np.degrees(board.rate_setpoint[k]).T, np.degrees(measured_rates(flight, board.t[k])).T
     out = board.torque_setpoint[k].T if len(board.torque_setpoint) else np.zeros((3, len(k)))
     thrust = board.thrust_setpoint[k] if len(board.thrust_setpoint) else 0.0
-    return record("RATE", micros(board.t[k]), RDes=wanted[0], R=measured[0], ROut=out[0], PDes=wanted[1],
+    return message("RATE", 0, micros(board.t[k]), RDes=wanted[0], R=measured[0], ROut=out[0], PDes=wanted[1],
                   P=measured[1], POut=out[1], YDes=wanted[2], Y=measured[2], YOut=out[2], AOut=thrust)
 
 
@@ -311,15 +286,12 @@ def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     t, q = micros(truth.t[k]), truth.q[k].T
     roll, pitch, yaw = _degrees(truth.q[k])
     lat, lon, alt = geodetic(flight.scenario, truth.p[k])
-    yield (
-        ("SIM", 0),
-        record("SIM", t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2],
-               Q4=q[3]),
-    )
+    yield message("SIM", 0, t, Roll=roll, Pitch=pitch, Yaw=yaw, Alt=alt, Lat=lat, Lng=lon, Q1=q[0], Q2=q[1], Q3=q[2],
+                  Q4=q[3])
     (pn, pe, pd), (vn, ve, vd) = truth.p[k].T, truth.v[k].T
     through_air = rotate_inverse(truth.q[k], truth.v[k] - truth.wind[k])
     speed = np.sqrt(np.sum(through_air**2, axis=1))
-    yield ("SIM2", 0), record("SIM2", t, PN=pn, PE=pe, PD=pd, VN=vn, VE=ve, VD=vd, As=speed)
+    yield message("SIM2", 0, t, PN=pn, PE=pe, PD=pd, VN=vn, VE=ve, VD=vd, As=speed)
 
 
 def copter_parameters(flight: Flight) -> list[ParamChange]:
