@@ -19,7 +19,7 @@ from attlog.flight.builder import LogBuilder, Part, columns
 from attlog.flight.compass import build_mag, choose_mag
 from attlog.flight.gnss import build_gnss
 from attlog.flight.imu import ImuCandidate, add_imus, best_per_unit, validate_candidate
-from attlog.flight.model import Array, Attitude, Firmware, FlightLog, Gnss, Mag, TimeLine
+from attlog.flight.model import FIX_3D, Array, Attitude, Firmware, FlightLog, Gnss, Mag, TimeLine
 from attlog.flight.px4 import reader as px4
 from attlog.formats.table import Messages, Table
 
@@ -39,8 +39,6 @@ STATE_TYPE, EXTENDED_STATE_TYPE = "mavros_msgs/msg/State", "mavros_msgs/msg/Exte
 VELOCITY_TYPES = ("geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/TwistWithCovarianceStamped")
 # ``ExtendedState.landed_state`` of a vehicle on the ground; 0 is unknown.
 ON_GROUND = 1
-# Fix type for any NavSatStatus of 0 or more.
-FIX_3D = 3
 # Part of the names of topics with measurements before sensor fusion.
 RAW_NAME = "raw"
 # Topics with at least this share of the largest topic's records count as equally fast.
@@ -157,6 +155,7 @@ def receivers(builder: BagBuilder) -> list[Gnss]:
             name,
             place=columns(table, "latitude", "longitude", "altitude"),
             velocity=velocity,
+            # any NavSatStatus of 0 or more
             fix=np.where(table["status.status"].astype(np.int64) >= 0, FIX_3D, 0),
             accuracy=(accuracy[:, 0], accuracy[:, 8], np.full(len(table), np.nan)),
         )

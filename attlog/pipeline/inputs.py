@@ -8,12 +8,11 @@ from numpy.typing import NDArray
 from attlog.core import earth, spans
 from attlog.estimators import Aids, LogFacts, LogInfo, Measurements
 from attlog.estimators.aids import LONGEST_LAG_S
-from attlog.flight.model import FlightLog, Gnss, Imu, Mag, Stream
+from attlog.flight.model import FIX_3D, FlightLog, Gnss, Imu, Mag, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
-FIX_3D = 3
 # Shortest rest over which noise is estimated.
 LEAST_REST_S = 2.0
 

@@ -32,7 +32,8 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
     """
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
-    listed, damage = _listed(messages.boot(log.boot), system), _damage(messages)
+    listed = _listed(messages.boot(log.boot), system)
+    damage = {"bytes": messages.damage_bytes, "count": messages.damage_places, "places": to_plain(messages.damage)}
     del messages  # frees the log's bytes and index: the next steps need as much memory
     log.estimator.inputs = None  # frees the inputs of the onboard filter, not needed here
     config, stage = Config(), Stages()
@@ -68,11 +69,6 @@ def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
         }
         for table in messages.values()
     ]
-
-
-def _damage(messages: Messages) -> dict[str, Any]:
-    """Return how much of the file is unusable, and where."""
-    return {"bytes": messages.damage_bytes, "count": messages.damage_places, "places": to_plain(messages.damage)}
 
 
 def _rate(count: int, ends: tuple[int, int] | None) -> float | None:

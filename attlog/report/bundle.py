@@ -149,13 +149,10 @@ class ArrayPacker:
         """Pack times as int32 steps; most rows share their times."""
         given = t.tobytes()
         if given not in self._times:
-            self._times[given] = self._stored_times(t)
+            t = np.nan_to_num(t)
+            step = _round_step(max(TIME_STEP_S, float(np.max(np.abs(t), initial=0.0)) / 2.0e9))
+            self._times[given] = self._put(np.diff(np.round(t / step).astype(np.int32), prepend=np.int32(0)), step)
         return self._times[given]
-
-    def _stored_times(self, t: Array) -> dict[str, Any]:
-        t = np.nan_to_num(t)
-        step = _round_step(max(TIME_STEP_S, float(np.max(np.abs(t), initial=0.0)) / 2.0e9))
-        return self._put(np.diff(np.round(t / step).astype(np.int32), prepend=np.int32(0)), step)
 
     def pack(self, header: Any) -> str:
         """Return JSON header (length in 4 bytes before it) and arrays, gzipped as base64."""

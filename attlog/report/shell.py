@@ -18,11 +18,8 @@ WEB = Path(__file__).parent / "web"
 # Scripts of the page, joined in this order; a page's own scripts are inserted before the last.
 SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "spreadsheet.js", "export.js", "page.js")
 # Empty marks of the time axis, for pages of several flights.
-NO_MARKS: dict[str, Any] = {"range": [0, 1], "modes": [], "armed": [], "airborne": [], "texts": [], "rest": []} | {
-    "impact": [],
-    "gaps": [],
-    "resets": [],
-}
+MARKS = ("modes", "armed", "airborne", "texts", "rest", "impact", "gaps", "resets")
+NO_MARKS: dict[str, Any] = {"range": [0, 1], **{name: [] for name in MARKS}}
 FILTERS: dict[str, Callable[..., Any]] = {"typeset": typeset, "duration": duration, "counted": counted}
 
 

@@ -229,9 +229,9 @@ class Result:
 
         Names are those of :meth:`figure`. A result read from JSON has only the few figures without traces.
         """
-        from attlog.report.figures.catalogue import figures
+        from attlog.report.figures.catalogue import Album
 
-        return figures(self)
+        return Album.of(self).titles
 
     def figure(
         self,
@@ -248,9 +248,11 @@ class Result:
         (from, to), s. Long lines are reduced to the extremes of 600 buckets. UsageError for a name that is not in
         :meth:`figures`.
         """
-        from attlog.report.figures.catalogue import figure
+        import plotly.graph_objects as go
 
-        return figure(self, name, view=view, rows=rows, span=span)
+        from attlog.report.figures.catalogue import Album
+
+        return go.Figure(Album.of(self).drawn(name, view=view, rows=rows, span=span))
 
     def table(self, window: str = "all") -> pandas.DataFrame:
         """Return the values of one window: a line per row, a column per metric.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.spans import Span, inside
-from attlog.flight.model import FlightLog, Gnss, InnovationTest
+from attlog.flight.model import FIX_3D, FlightLog, Gnss, InnovationTest
 from attlog.segments.flight_signs import true_runs
 from attlog.segments.model import Segments
 from attlog.story.flight_events import (
@@ -40,7 +40,7 @@ MIN_FIX_S = 5.0
 # Maximum disagreement of a steady GNSS: ArduPilot's EK2_GLITCH_RAD and EK3_GLITCH_RAD are 25 m, and a position drifts
 # by some metres in minutes.
 MAX_STEADY_M = 5.0
-GAP_S, GNSS_FIX_3D = 2.0, 3
+GAP_S = 2.0
 # One degree of latitude on a sphere of radius 6,371 km.
 M_PER_DEG = 111_195.0
 
@@ -55,7 +55,7 @@ def gnss_disagreement_m(receivers: Sequence[Gnss], t: float) -> float:
         near = (gnss.t >= t - JUMP_BEFORE_S) & (gnss.t <= t + JUMP_AFTER_S)
         if not near.any():
             continue
-        if (gnss.fix[near] < GNSS_FIX_3D).any():
+        if (gnss.fix[near] < FIX_3D).any():
             return float("inf")
         use = near & np.isfinite(gnss.lat) & np.isfinite(gnss.lon) & np.isfinite(gnss.vel_ned[:, :2]).all(axis=1)
         stamps = gnss.t[use]
@@ -151,7 +151,6 @@ def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
 # Texts of an estimator's cores within this time are one event.
 TOGETHER_S = 1.5
 LOST_S = 2.0
-FIX_3D = 3
 # Codes of problems: ERR 24 of ArduPilot, and PX4's estimator_selector_status.
 SWITCHED = ("lane_switch", "estimator_instance_changed")
 
@@ -325,7 +324,7 @@ FAILSAFE_NAMES = (
     (re.compile(r"\bterrain", re.I), "Terrain failsafe"),
 )
 # A GNSS failsafe needs 5 s without a position, so it is false within 5 s of the first fix.
-FIRST_FIX_S, FAILSAFE_FIX_3D = 5.0, 3
+FIRST_FIX_S = 5.0
 # Failsafe name by problem code (ArduPilot ERR records, PX4 flag).
 FAILSAFE_CODES = {
     "err_5_1": "Radio failsafe",
@@ -375,9 +374,7 @@ def _first_fix(log: FlightLog, t: float) -> bool:
     ArduPilot 3 counts the seconds without one from its start, and begins to look only now (ArduCopter/events.pde,
     failsafe_gps_check).
     """
-    first = min(
-        (float(g.t[g.fix >= FAILSAFE_FIX_3D][0]) for g in log.gnss if (g.fix >= FAILSAFE_FIX_3D).any()), default=np.inf
-    )
+    first = min((float(g.t[g.fix >= FIX_3D][0]) for g in log.gnss if (g.fix >= FIX_3D).any()), default=np.inf)
     return 0.0 <= t - first < FIRST_FIX_S
 
 

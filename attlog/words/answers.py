@@ -8,9 +8,7 @@ interval.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 from attlog.health.gravity import is_usable_gravity
 from attlog.result import Check, EstimatorRow, Result, Verdict
@@ -270,18 +268,11 @@ def rest_notes(result: Result, rest: ColumnRanking) -> list[str]:
     ]
     if not rows:
         return []
-    notes = [f"Rest from {moment(r.t0)} to {moment(r.t1)}: {_usable(r.usable_s, r.reason)}." for r in rows[0].records]
-    return notes + earth_turn(result.log.get("place") or {})
-
-
-def _usable(seconds: float, reason: str | None) -> str:
-    return typeset(reason) if reason else f"{duration(seconds)} usable"
-
-
-def earth_turn(place: Mapping[str, Any]) -> list[str]:
-    """Report the heading drift of a perfect gyro due to the earth's rotation."""
-    turn = place.get("earth_turn_deg_per_min")
-    return [f"The earth itself turns by {quantity(turn, 'deg/min')} here."] if turn is not None else []
+    usable = [typeset(r.reason) if r.reason else f"{duration(r.usable_s)} usable" for r in rows[0].records]
+    spans = [f"Rest from {moment(r.t0)} to {moment(r.t1)}" for r in rows[0].records]
+    notes = [f"{span}: {what}." for span, what in zip(spans, usable, strict=True)]
+    turn = (result.log.get("place") or {}).get("earth_turn_deg_per_min")
+    return notes + ([] if turn is None else [f"The earth itself turns by {quantity(turn, 'deg/min')} here."])
 
 
 def _compared(found: ColumnRanking) -> str:

@@ -52,8 +52,13 @@ def _named(row: EstimatorRow, comma: str) -> str:
         parts.append(_spelled(preset.replace("_", "-").split("-"), ""))
     if slash:
         parts.append(f"IMU {imu}")
-    by_hand = [f"{key} {_parameter_text(p.value)}" for key, p in row.parameters.items() if p.origin in SET_BY_HAND]
+    by_hand = [f"{key} {short_value(p.value)}" for key, p in row.parameters.items() if p.origin in SET_BY_HAND]
     return comma.join(parts) + (f" ({', '.join(by_hand) if comma != ' ' else ' '.join(by_hand)})" if by_hand else "")
+
+
+def short_value(value: float | str) -> str:
+    """Format a parameter's value."""
+    return f"{value:g}" if isinstance(value, float | int) else str(value)
 
 
 def _spelled(words: list[str], title: str) -> str:
@@ -66,10 +71,6 @@ def _spelled(words: list[str], title: str) -> str:
         written.append(spelled.get(word.lower(), capital))
     text = " ".join(written)
     return text[:1].upper() + text[1:]
-
-
-def _parameter_text(value: float | str) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 # Heading reference: as column heading, and after "against".
@@ -204,13 +205,9 @@ def duplicate_rows_text(result: Result, equations: bool = True) -> list[str]:
 def duplicate_sentence(group: Duplicates, names: list[str]) -> str:
     """Return the sentence for one group."""
     which = listed(names)
-    values = [f"{name} ({', '.join(_short_value(v) for v in own)})" for name, own in group.differ.items()]
+    values = [f"{name} ({', '.join(map(short_value, own))})" for name, own in group.differ.items()]
     if group.by == "attitudes":
         but = f" in spite of {listed(values)}" if values else ""
         return f"{which} give the same attitudes in this log{but}: here they are one filter."
     differ = f" and differ in {listed(values)}" if values else ""
     return f"{which} share one equation ({group.source}){differ}."
-
-
-def _short_value(value: float | str) -> str:
-    return f"{value:g}" if isinstance(value, float | int) else str(value)

@@ -26,20 +26,13 @@ def window_of(result: Result, metric: str, windows: tuple[str, ...]) -> str:
 
     The first in which a filter has a value, else any row has a value, else any row has an answer.
     """
-    for wanted in (_filter_rows, _all_rows):
+    filters = [row for row in result.estimators if row.kind == "replay" and not is_baseline(row)]
+    for rows in (filters, result.estimators):
         for window in windows:
-            if any(has_value(row.metrics.get(window, {}).get(metric)) for row in wanted(result)):
+            if any(has_value(row.metrics.get(window, {}).get(metric)) for row in rows):
                 return window
     known = (w for w in windows if any(metric in row.metrics.get(w, {}) for row in result.estimators))
     return next(known, windows[0])
-
-
-def _filter_rows(result: Result) -> list[EstimatorRow]:
-    return [row for row in result.estimators if row.kind == "replay" and not is_baseline(row)]
-
-
-def _all_rows(result: Result) -> list[EstimatorRow]:
-    return result.estimators
 
 
 def find_answer(row: EstimatorRow, metric: str, windows: tuple[str, ...]) -> Answer | None:

@@ -78,7 +78,8 @@ def table_columns(result: Result) -> list[TableColumn]:
 
     Noise has one column per phase with a value, drift in the air one for the reported heading reference.
     """
-    phases = [phase for phase in PHASES if _has_noise(result, phase)]
+    replayed = [row for row in result.estimators if row.kind == "replay"]
+    phases = [p for p in PHASES if any(has_value(row.metrics.get(p, {}).get(NOISE)) for row in replayed)]
     noise = [
         TableColumn(NOISE_TITLES[p], NOISE, (p,), spare=3 if i else 0, short="Noise") for i, p in enumerate(phases)
     ]
@@ -86,11 +87,6 @@ def table_columns(result: Result) -> list[TableColumn]:
     title = f"Air drift by {heading_reference_short(reference)}"
     air = TableColumn(title, f"{DRIFT_AIR}.{reference}", AIR, spare=2, short="Drift")
     return [*ERRORS, *noise, *STEPS, DRIFT_REST, air, COST]
-
-
-def _has_noise(result: Result, phase: str) -> bool:
-    rows = (row for row in result.estimators if row.kind == "replay")
-    return any(has_value(row.metrics.get(phase, {}).get(NOISE)) for row in rows)
 
 
 # Answer as a cell: number and interval, or a word for a missing value; marked best or not ranked.

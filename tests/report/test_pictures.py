@@ -14,7 +14,7 @@ from attlog.core.errors import UsageError
 from attlog.report.figures.catalogue import Album
 from attlog.report.figures.figure import PageFigure, View
 from attlog.report.figures.legend import PT, TEXT, WIDTH, Key, legend, text_width
-from attlog.report.figures.paper import AXIS_LINE, BUCKETS, finish, thinned
+from attlog.report.figures.paper import AXIS_LINE, BUCKETS, PrintedFigure, thinned
 from attlog.report.figures.style import RowStyle, palette
 from tests.report.conftest import NAMES, make_result
 
@@ -234,7 +234,7 @@ def printed(ends: list[float], *, lost: int = -1, **fit: Any) -> dict[str, Any]:
     view.axis("x", "time, s", range=[0.0, 9.0])
     view.axis("y", "angle, °", fit=fit)
     figure = PageFigure("made", "plot", "", "", 330, {"views": [view.as_data()]})
-    return finish(figure, figure.data["views"][0], rows, set(range(len(rows))), {}, (0.0, 9.0))
+    return PrintedFigure(figure, figure.data["views"][0], rows, set(range(len(rows))), {}, (0.0, 9.0)).finished()
 
 
 def test_a_diverged_row_does_not_set_the_range_and_leaves_with_an_arrow() -> None:

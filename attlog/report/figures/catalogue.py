@@ -7,15 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from attlog.core.errors import UsageError
 from attlog.report.figures import drift, flight, rerun, rest, sensors, steps, vibration
 from attlog.report.figures.figure import FigureSource, PageFigure
 from attlog.result import Result
-
-if TYPE_CHECKING:
-    import plotly.graph_objects
 
 Builder = Callable[[FigureSource], PageFigure | None]
 # Figures by section of the page, in its order.
@@ -75,6 +72,11 @@ class Album:
         parts = [[first] if first else [], *sections(source).values()]
         return cls(source, {figure.id: figure for part in parts for figure in part})
 
+    @property
+    def titles(self) -> dict[str, str]:
+        """Titles by name."""
+        return {name: figure.title or UNTITLED for name, figure in self.found.items()}
+
     def drawn(
         self,
         name: str,
@@ -84,7 +86,7 @@ class Album:
         span: tuple[float, float] | None = None,
     ) -> dict[str, Any]:
         """Return ``data`` and ``layout`` of a figure for print; see :meth:`Result.figure`."""
-        from attlog.report.figures.paper import finish
+        from attlog.report.figures.paper import PrintedFigure
 
         if name not in self.found:
             raise UsageError(_missing(self.source.result, name, self.found))
@@ -94,19 +96,8 @@ class Album:
         figure = self.found[name]
         chosen = _view(figure, view)
         shown = set(chosen["focus"]) if rows is None and "focus" in chosen else _shown(self.source, rows)
-        return finish(figure, chosen, self.source.rows, shown, self.source.marks, (float(start), float(end)))
-
-
-def figures(result: Result) -> dict[str, str]:
-    """Return titles of available figures by name; see :meth:`Result.figures`."""
-    return {name: figure.title or UNTITLED for name, figure in Album.of(result).found.items()}
-
-
-def figure(result: Result, name: str, **options: Any) -> plotly.graph_objects.Figure:
-    """Return one figure; see :meth:`Result.figure`."""
-    import plotly.graph_objects as go
-
-    return go.Figure(Album.of(result).drawn(name, **options))
+        ends = float(start), float(end)
+        return PrintedFigure(figure, chosen, self.source.rows, shown, self.source.marks, ends).finished()
 
 
 def _missing(result: Result, name: str, found: dict[str, PageFigure]) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,18 +36,6 @@ CALM = 8.0
 MOSTLY = 0.05
 # Above these numbers marks of a kind are indistinguishable and omitted.
 MANY_MARKS, MAX_ALARMS, MAX_ARROWS = 80, 60, 60
-
-
-def finish(
-    figure: PageFigure,
-    view: Layout,
-    rows: Sequence[RowStyle],
-    shown: set[int],
-    marks: Layout,
-    span: tuple[float, float],
-) -> Layout:
-    """Return ``data`` and ``layout`` of a view for plotly."""
-    return PrintedFigure(figure, view, rows, shown, marks, span).finished()
 
 
 class PrintedFigure:
@@ -80,7 +69,7 @@ class PrintedFigure:
         return WIDTH - self.left - self.right
 
     def finished(self) -> Layout:
-        """Assemble traces and layout."""
+        """Return ``data`` and ``layout`` for plotly."""
         self.place_rows()
         if "yaxis2" in self.axes and self.axes["yaxis2"].get("side") == "right":
             self.right = 44.0
@@ -384,7 +373,7 @@ class PrintedFigure:
         """Return traces and layout with print axes and the legend."""
         if any(n.get("yref") == "paper" and n.get("yanchor") == "bottom" and n.get("y") == 1 for n in self.notes):
             self.above = 1.2 * TEXT
-        keys = [_light(key) for key in self.keys.values()]
+        keys = [replace(key, colour=light(key.colour)) for key in self.keys.values()]
         if len(keys) == 1 and not (keys[0].fill or keys[0].symbol):
             keys = []  # a single line needs no legend: the axis names it
         shapes, texts, high = legend(keys, self.left, self.above)
@@ -406,10 +395,6 @@ class PrintedFigure:
         for trace in self.traces:
             trace["meta"] = trace["meta"].get("row")
         return {"data": self.traces, "layout": layout | axes}
-
-
-def _light(key: Key) -> Key:
-    return Key(key.name, light(key.colour), key.dash, key.width, key.symbol, key.full, key.fill)
 
 
 def light(colour: str) -> str:
