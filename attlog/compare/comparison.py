@@ -16,6 +16,8 @@ from attlog.metrics import Metric, definitions
 from attlog.metrics.heading import GNSS_HEADING_NAME
 from attlog.metrics.metric import named
 from attlog.metrics.rerun import AID_GROUPS, RESETS
+from attlog.words.flight import mode_phrase
+from attlog.words.numbers import counted
 from attlog.words.ranking import AIR, ALL, DRIFT_AIR, PHASES, REST, SELF_COMPARED
 
 FALLBACK_WINDOWS = ("all", "airborne", "armed", "rest", "hover", "cruise", "idle")
@@ -200,7 +202,8 @@ class ConfigurationSummary:
 class LogLine:
     """One log and its reference, or ``code`` and ``reason`` why it is unusable.
 
-    ``same_as``: another log of the same flight, which replaces it where logs are pooled.
+    ``same_as``: another log of the same flight, which replaces it where logs are pooled. ``mode``: of a re-run onboard
+    filter, ``own`` or ``flown``.
     """
 
     name: str
@@ -213,6 +216,7 @@ class LogLine:
     code: int = 0
     reason: str = ""
     same_as: str = ""
+    mode: str = ""
 
 
 @dataclass(slots=True)
@@ -256,6 +260,11 @@ class Comparison:
         return all(c.text.partition(":")[0] in FLOWN for c in self.configurations)
 
     @property
+    def mode_text(self) -> str:
+        """Return in one phrase the modes of re-run onboard filters, empty without any."""
+        return modes_text(line.mode for line in self.used)
+
+    @property
     def labels(self) -> dict[str, str]:
         """Return the label of each configuration by its name."""
         return {c.name: c.label for c in self.configurations}
@@ -269,6 +278,15 @@ class Comparison:
         """Return the JSON text; characters that cannot be encoded are replaced."""
         text = json.dumps(to_plain(self), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
         return text.encode("utf-8", "surrogatepass").decode("utf-8", "replace")
+
+
+def modes_text(modes: Iterable[str]) -> str:
+    """Return the modes of re-runs on several logs in one phrase, empty without any."""
+    every = [mode for mode in modes if mode]
+    counts = {mode: every.count(mode) for mode in ("own", "flown") if mode in every}
+    if len(counts) < 2:
+        return "".join(map(mode_phrase, counts))
+    return f"{mode_phrase('own')} on {counts['own']} of {counted(len(every), 'log')}, else as logged"
 
 
 def commonest_reason(reasons: Iterable[str]) -> str:

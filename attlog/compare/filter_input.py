@@ -123,7 +123,7 @@ class ConfiguredFilter:
         if c.is_flown:
             changes = flown_changes(case, c)
             spec = estimators.EstimatorSpec(c.row.estimator, c.row.preset, changes.parameters)
-            return rerun_row(case, imu, spec, c.name + suffix, calibration=changes.calibration)
+            return rerun_row(case, imu, spec, c.name + suffix, calibration=changes.calibration, study=True)
         row, line = FilterInput.of(case, c, suffix).row()
         for name, value in c.before.items():
             setting = SETTINGS[name]

@@ -169,6 +169,7 @@ def _compare_on_log(log: Path, name: str, plan: ComparisonPlan) -> LogComparison
     )
     by_name = {row.name: row for row in result.estimators}
     rows = [by_name[called] for called, _ in plan.configurations]
+    line.mode = next((row.mode for row in rows if row.mode), "")
     flown = {run.name for run in runs if run.configuration.is_flown} if case.reference.kind == "onboard" else set()
     for question in plan.questions:
         metric, window = answer_place(question, rows)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from attlog.core.errors import UsageError
 from attlog.metrics import following, statistics
 from attlog.metrics.metric import Answer, Case, missing
 from attlog.metrics.ranking import MIN_COVERAGE_PCT, distance
+from attlog.pipeline.onboard_rerun import study_mode
 from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
@@ -118,6 +119,12 @@ class SettingsOnLog:
         return self.case.log.path.name
 
     @property
+    def mode(self) -> str:
+        """Return the mode of a re-run onboard filter, else an empty text."""
+        c = self._input.configuration
+        return study_mode(self.case, str(self._input.imu.index), c.row.estimator.name) if c.is_flown else ""
+
+    @property
     def values(self) -> dict[str, float | str]:
         """Return every parameter of the default gains on this log."""
         return self._input.values
@@ -202,7 +209,7 @@ class SweepColumn:
 class Sweep:
     """Grid over logs. The first column decides.
 
-    ``cells``: [setting][log]. ``logs``: their names.
+    ``cells``: [setting][log]. ``logs``: their names. ``modes``: of re-runs on them.
     """
 
     filter: str
@@ -211,6 +218,7 @@ class Sweep:
     logs: list[str]
     cells: list[list[SettingResult]]
     columns: list[SweepColumn]
+    modes: list[str] = field(default_factory=list)
 
     @property
     def base(self) -> int:
@@ -226,14 +234,16 @@ def sweep(filter_name: str, grid: SettingGrid, logs: Iterable[SettingsOnLog]) ->
     settings: list[Setting] = [*grid, {}]
     coming = iter(logs)
     first = next(coming)
-    names, by_log = [first.name], [first(settings)]
+    names, by_log, modes = [first.name], [first(settings)], [first.mode]
     for log in coming:
         names.append(log.name)
         by_log.append(log(settings))
+        modes.append(log.mode)
         del log
     cells = [[of_log[k] for of_log in by_log] for k in range(len(settings))]
     _reject_unsound_winners(settings, cells, first)
-    return Sweep(filter_name, grid, settings, names, cells, [sweep_column(q, cells) for q in first.questions])
+    columns = [sweep_column(q, cells) for q in first.questions]
+    return Sweep(filter_name, grid, settings, names, cells, columns, modes)
 
 
 def sweep_column(question: Question, cells: Sequence[Sequence[SettingResult]]) -> SweepColumn:

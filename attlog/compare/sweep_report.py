@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog.compare.comparison import Question
+from attlog.compare.comparison import Question, modes_text
 from attlog.compare.grid import GridAxis, Setting, setting_text
 from attlog.compare.pages import PageSection, render_sections, titled
 from attlog.compare.paired import Difference
@@ -50,11 +50,13 @@ def sweep_sentences(s: Sweep, references: Mapping[str, int] | None = None) -> It
     """
     for column in s.columns:
         yield " ".join(_question_sentences(s, column))
-    yield from agreement_sentence(references or {}, s.filter)
+    yield from agreement_sentence(references or {}, s.filter, s.modes)
 
 
-def agreement_sentence(references: Mapping[str, int], filter_name: str) -> Iterator[str]:
-    """Yield the remark on logs without truth."""
+def agreement_sentence(references: Mapping[str, int], filter_name: str, modes: Sequence[str] = ()) -> Iterator[str]:
+    """Yield the remarks on the mode of re-runs, and on logs without truth."""
+    if mode := modes_text(modes):
+        yield f"Run again with {mode}."
     if references.get("onboard"):
         some = f"{counted(references['onboard'], 'log')} of {sum(references.values())}"
         if filter_name.partition(":")[0] in FLOWN:
@@ -190,6 +192,7 @@ def sweep_document(s: Sweep, about: Mapping[str, Any]) -> dict[str, Any]:
         "schema": SWEEP_SCHEMA,
         **about,
         "filter": s.filter,
+        "modes": s.modes,
         "axes": to_plain(s.grid.axes),
         "metrics": [_question_document(s, c) for c in s.columns],
         "settings": [

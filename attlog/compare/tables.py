@@ -196,6 +196,7 @@ def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
     equal = (None, "same") if found.is_what_if else (None,)  # omits aids that rejected nothing
     rows = [row for row in matrix(found) if any(c.direction not in equal for c in row.cells)]
     where = f"{found.first.label}, {counted(len(found.logs), 'log')}"
+    where += f" ({found.mode_text})" if found.mode_text else ""
     others = [c.label for c in found.configurations[1:]]
     lines: list[tuple[str, ...]]
     if not rows:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -219,6 +219,7 @@ class Tuning:
     folds: list[Fold]
     scores: list[HeldOutScore]
     seed: int
+    modes: list[str] = field(default_factory=list)
 
     @property
     def weighed(self) -> list[HeldOutScore]:
@@ -268,7 +269,8 @@ def tune(
     others = [q for q in (elsewhere[0].questions if elsewhere else []) if q not in own]
     scores += [_held_out_score(q, 0.0, elsewhere, parts, folds) for q in others]
     names = [log.name for log in logs]
-    return Tuning(filter_name, list(free), list(terms), names, parts, start, search(parts), folds, scores, seed)
+    modes = [log.mode for log in logs]
+    return Tuning(filter_name, list(free), list(terms), names, parts, start, search(parts), folds, scores, seed, modes)
 
 
 def _usable_parts(

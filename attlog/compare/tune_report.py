@@ -56,7 +56,7 @@ def tune_sentences(t: Tuning, references: Mapping[str, int]) -> Iterator[str]:
             lost.setdefault((t.parts[k].name, why), []).append(score.question.title)
     for (name, why), titles in lost.items():
         yield f"Not counted: {listed(titles)} of {clean(name)} ({why})."
-    yield from agreement_sentence(references, t.filter)
+    yield from agreement_sentence(references, t.filter, t.modes)
 
 
 def _recommendation(t: Tuning) -> str:
@@ -165,6 +165,7 @@ def tune_document(t: Tuning, about: Mapping[str, Any]) -> dict[str, Any]:
         **about,
         "filter": t.filter,
         "seed": t.seed,
+        "modes": t.modes,
         "searched": to_plain(t.free),
         "objective": [{**question_document(x.question), "name": x.name, "weight": x.weight} for x in t.terms],
         "as_it_is": t.start,

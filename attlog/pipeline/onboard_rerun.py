@@ -18,7 +18,7 @@ from attlog.estimators.ekf2 import parameters as ekf2
 from attlog.estimators.ekf3 import parameters as ekf3
 from attlog.estimators.interface import Estimate
 from attlog.estimators.registry import FLOWN
-from attlog.estimators.rerun import Rerun
+from attlog.estimators.rerun import Mode, Rerun
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.rerun import DIFFERENCE, rerun_traces
@@ -119,14 +119,19 @@ def rerun_row(
     name: str,
     calibration: Mapping[str, float] | None = None,
     compass: Mag | None = None,
+    *,
+    study: bool = False,
 ) -> tuple[Track, EstimatorRow]:
     """Re-run the onboard filter, with the values of ``spec`` over the log's parameters.
 
     ``calibration``: parameters of sensors that correct the samples instead of the flown ones. ``compass``: measures
-    instead of the flown one. UsageError if the log lacks inputs.
+    instead of the flown one. Changed rows run in the mode of :func:`study_mode`, as does the unchanged one that they
+    are compared with (``study``). UsageError if the log lacks inputs.
     """
     changes = {key: float(value) for key, value in spec.params.items()}
-    found = run_again(case, imu, spec.estimator.name, changes, calibration, compass)
+    unchanged = not changes and not calibration and compass is None
+    mode = study_mode(case, str(imu.index), spec.estimator.name) if study or not unchanged else "flown"
+    found = run_again(case, imu, spec.estimator.name, changes, calibration, compass, mode)
     estimate = found.estimate(case.log.t0_us * 1e-6)
     row = reference.replayed(
         case.log,
@@ -141,11 +146,24 @@ def rerun_row(
     )
     row.imu, row.ns_per_update, row.aux = imu, None, dict(estimate.aux)
     row.aux[DIFFERENCE] = onboard_difference(case, estimate)
-    unchanged = not changes and not calibration and compass is None
+    row.mode = found.mode
     row.reproduction = reproduction(case, estimate, found.start) if unchanged else None
     from attlog.pipeline.replay import table_row
 
     return row, table_row(row, spec, {name: (value, "option") for name, value in spec.params.items()})
+
+
+@per_case
+def study_mode(case: Case, unit: str, name: str) -> Mode:
+    """Return the mode in which changed parameters are studied on an IMU.
+
+    It is ``own`` where the filter follows the flown attitude by its own rules: then resets and aiding may change with
+    the parameters. Else it is ``flown``.
+    """
+    imu = next(i for i in case.imus.values() if str(i.index) == unit)
+    found = run_again(case, imu, name, {}, mode="own")
+    agreement = reproduction(case, found.estimate(case.log.t0_us * 1e-6), found.start)
+    return "own" if agreement is not None and agreement.follows else "flown"
 
 
 def run_again(
@@ -155,6 +173,7 @@ def run_again(
     changes: Mapping[str, float],
     calibration: Mapping[str, float] | None = None,
     compass: Mag | None = None,
+    mode: Mode = "flown",
 ) -> Rerun:
     """Re-run a firmware's filter with parameters (full names) over the log's own.
 
@@ -172,14 +191,14 @@ def run_again(
 
         if not isinstance(inputs, Ekf3Inputs):
             raise UsageError("ap_ekf3 needs an ArduPilot log that EKF3 flew.")
-        return rerun_ekf3(inputs, {key.removeprefix(ekf3.PREFIX): value for key, value in changes.items()})
+        return rerun_ekf3(inputs, {key.removeprefix(ekf3.PREFIX): value for key, value in changes.items()}, mode=mode)
     from attlog.estimators.ekf2.run import rerun as rerun_ekf2
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
 
     if not isinstance(inputs, Ekf2Inputs):
         raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
     short = {key.removeprefix(ekf2.PREFIX): value for key, value in changes.items()}
-    return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""))
+    return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""), mode=mode)
 
 
 def estimate_flown(spec: estimators.EstimatorSpec, log: FlightLog | Path | str) -> Estimate:

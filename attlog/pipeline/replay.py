@@ -388,6 +388,7 @@ def table_row(
         row.quality,
         row.reproduction,
         row.ns_per_update,
+        mode=row.mode,
     )
 
 

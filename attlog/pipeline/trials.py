@@ -70,7 +70,7 @@ class Trials:
 def trials_of(case: Case, imu: Imu, estimator: Estimator) -> Trials | None:
     """Run the flown filter again as it flew; None where it cannot be run or does not follow."""
     try:
-        flown = rerun_row(case, imu, estimators.EstimatorSpec(estimator), estimator.name)[0]
+        flown = rerun_row(case, imu, estimators.EstimatorSpec(estimator), estimator.name, study=True)[0]
     except UsageError:
         return None
     if flown.reproduction is None or not flown.reproduction.follows:

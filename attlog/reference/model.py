@@ -288,6 +288,8 @@ class Track:
     # Diagnostics reported by an estimator that processes the whole run.
     quality: dict[str, float | str] = field(default_factory=dict)
     reproduction: Reproduction | None = None
+    # Of a re-run: resets and aiding as ``flown``, or by the filter's ``own`` rules.
+    mode: str = ""
     # Further outputs at every sample, (n,) or (n, k), by name.
     aux: dict[str, Array] = field(default_factory=dict)
 

@@ -54,7 +54,8 @@ class EstimatorRow:
 
     ``title``: first line of an estimator's docstring, or the message of an onboard attitude. ``quality``: an
     estimator's remarks on its own run. ``kind``: ``replay``, ``onboard``, or ``rerun`` of the filter that flew, never
-    ranked. ``reproduction``: deviation of the re-run from the flown attitude.
+    ranked. ``reproduction``: deviation of the re-run from the flown attitude. ``mode``: of the re-run, resets and
+    aiding as ``flown`` or by the filter's ``own`` rules.
     """
 
     name: str
@@ -75,6 +76,7 @@ class EstimatorRow:
     reproduction: Reproduction | None = None
     ns_per_update: float | None = None
     metrics: dict[str, dict[str, Answer]] = field(default_factory=dict)
+    mode: str = ""
 
 
 def nothing_ran(rows: Iterable[EstimatorRow]) -> str:

@@ -109,6 +109,11 @@ def rerun_sentences(result: Result) -> list[str]:
     return found or [typeset(result.not_rerun)] * bool(result.not_rerun)
 
 
+def mode_phrase(mode: str) -> str:
+    """Return in one phrase where a re-run takes its resets and aiding from."""
+    return "resets and GNSS use " + {"own": "by the filter's own rules", "flown": "as logged"}[mode]
+
+
 def reproduction_text(estimator: str, found: Reproduction) -> str:
     """Describe how closely an estimator such as ``px4_ekf2`` follows the flown attitude."""
     where = "in the air" if found.airborne else "over the log"

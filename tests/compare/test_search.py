@@ -47,6 +47,8 @@ def settled(answer: Answer, status: str = "ok", unsound: str = "") -> SettingRes
 class Made:
     """A log whose tilt error has its minimum at ``best``, in octaves of kp; the base is kp 0.8."""
 
+    mode = ""
+
     def __init__(self, name: str, best: float, unsound: float = np.inf) -> None:
         self.name, self.best, self.questions, self.unsound = name, best, [TILT], unsound
 

@@ -130,6 +130,8 @@ LEFT_OUT_TERMS = parse_objective(["tilt=1"])
 class MadeLog(SimpleNamespace):
     """A log on which the tilt error is 1 deg and as much more as kp is away from the ``best`` there."""
 
+    mode = ""
+
     def __call__(self, settings: list[dict[str, Any]]) -> list[SettingResult]:
         values = [1.0 + 5.0 * abs(s.get("kp", 1.0) - self.best) for s in settings]
         return [SettingResult({LEFT_OUT_TERMS[0].question: Answer(v, "deg", "all")}, "ok", "") for v in values]

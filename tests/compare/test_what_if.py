@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog.compare.comparison import Comparison
+from attlog.compare.comparison import Comparison, modes_text
 from attlog.compare.filter_input import FilterInput, change_remarks, flown_changes, require_reproduction
 from attlog.compare.grid import parse_free_parameters, search_request
 from attlog.compare.run import compare
@@ -20,6 +20,7 @@ from attlog.estimators.rerun import INNOVATION
 from attlog.metrics.metric import Case
 from attlog.metrics.rerun import compute_innovations
 from attlog.pipeline.config import Config
+from attlog.pipeline.onboard_rerun import study_mode
 from attlog.segments.model import Segment
 from tests.conftest import SAMPLES
 from tests.metrics import flights
@@ -213,3 +214,27 @@ def test_size_share_bias_and_correlation_of_known_innovations() -> None:
 
 def test_a_row_without_innovations_has_none_of_these_metrics() -> None:
     assert answers_of({}) == {}
+
+
+# Modes: resets and aiding as flown, or by the filter's own rules.
+
+
+def test_a_study_runs_both_rows_by_the_filters_own_rules_where_it_follows(
+    case: Case, late: Comparison, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert late.logs[0].mode == "own"
+    assert late.mode_text == "resets and GNSS use by the filter's own rules"
+    fresh = attlog.prepare(STEPS)
+    rows = FilterInput.of(fresh, parse_configuration("px4_ekf2")).rows([{}, {"EKF2_GPS_DELAY": 250.0}])
+    assert [row.mode for row in rows] == ["own", "own"]
+    monkeypatch.setattr("attlog.pipeline.onboard_rerun.MAX_TILT_MEDIAN_DEG", 0.0)
+    fresh = attlog.prepare(STEPS)
+    assert study_mode(fresh, str(next(iter(fresh.imus.values())).index), "px4_ekf2") == "flown"
+
+
+def test_modes_of_several_logs_are_one_phrase() -> None:
+    assert modes_text(["", ""]) == ""
+    assert modes_text(["flown", "flown"]) == "resets and GNSS use as logged"
+    assert modes_text(["own", "flown", "own"]) == (
+        "resets and GNSS use by the filter's own rules on 2 of 3 logs, else as logged"
+    )
