@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 import attlog
 from attlog.core import rotation
-from attlog.core.errors import AttlogError
+from attlog.core.errors import AttlogError, UsageError
 from attlog.estimators.ekf2 import logged as logged_ekf2
 from attlog.estimators.ekf2 import run as ekf2
 from attlog.estimators.ekf3 import logged as logged_ekf3
@@ -62,7 +62,7 @@ def prepared(path: str) -> tuple[Case, Any]:
     case = attlog.prepare(path)
     imu = case.log.replay_imu
     if not onboard_rerun.flown_filter(case.log) or imu is None:
-        raise attlog.UsageError("no filter flew that is run again")
+        raise UsageError("no filter flew that is run again")
     return case, onboard_rerun.flown_inputs(case, imu)
 
 
@@ -116,7 +116,8 @@ def sigma_ratios(found: Rerun, inputs: Any) -> Array:
 
 def rates(inputs: Any) -> str:
     """Return the logged rates of IMU, field and GNSS in Hz."""
-    streams = (inputs.imu.t, inputs.mag["t"], inputs.gnss["t"])
+    imu = inputs.imu.t if isinstance(inputs, Ekf2Inputs) else inputs.t
+    streams = (imu, inputs.mag["t"], inputs.gnss["t"])
     return " / ".join(f"{1 / np.median(np.diff(t)):.0f}" if len(t) > 2 else "-" for t in streams)
 
 

@@ -70,7 +70,7 @@ ELSEWHERE = {
     "pip install": "changes the installation; tests/test_package.py installs the wheel",
     "attlog --install-completion": "changes the user's shell; tests/cli/test_options.py",
     "attlog sweep copter_4.5.7_gps_delay.BIN": "its log is not in the repository; tests/compare/test_what_if.py",
-    "attlog compare px4_magfault.ulg": "its log is not in the repository; tests/compare/test_what_if.py",
+    "attlog compare copter_mag_fault.bin": "its log is not in the repository; tests/compare/test_what_if.py",
     "attlog batch s3://": "needs a cluster; tests/batch/test_cluster.py runs one",
 }
 """Commands that begin so are not run here, and why."""
