@@ -39,6 +39,7 @@ from attlog.estimators.ekf3.state import (
     MIN_SIDESLIP_SPEED,
     OBSERVABLE_SHARE,
     ON_GROUND,
+    STILL_RATE,
     T_AIRSPEED,
     TILT,
     VD_CLIPS,
@@ -46,6 +47,7 @@ from attlog.estimators.ekf3.state import (
     Known,
     Parameters,
     Work,
+    change_compass,
     cold_start,
     limit_states,
     process_noise,
@@ -103,6 +105,7 @@ class Samples(NamedTuple):
     final_resets: F1  # (l,) in-flight alignments as logged
     anomaly_resets: F1  # (l,) resets for a ground anomaly as logged
     gnss_starts: F1  # (l,) begins of GNSS use as logged
+    compass_changes: F1  # (l,) another compass in use as logged
 
 
 @jit.loop("ArduPilot's EKF3")
@@ -117,7 +120,7 @@ def run_filter(
     x, P, c, r, o = f.x, f.P, f.c, f.r, f.output
     length = int(known.length)
     ring = f.ring
-    i_mag, i_gnss, i_baro, i_tas, i_gsf, i_final, i_anomaly, i_start = 0, 0, 0, 0, 0, 0, 0, 0
+    i_mag, i_gnss, i_baro, i_tas, i_gsf, i_final, i_anomaly, i_start, i_compass = 0, 0, 0, 0, 0, 0, 0, 0, 0
     if P[0, 0] == 0.0:
         cold_start(f, par)
         set_tilt(f, s.steps[first, 4], s.steps[first, 5], s.steps[first, 6])
@@ -174,9 +177,10 @@ def run_filter(
         c[HEIGHT_RATE] += share * (-x[6] - c[HEIGHT_RATE])
         # 6: covariance; a frozen accelerometer bias keeps its variance aside
         rotation(x, r)
+        turning = math.sqrt(f.rate[0] ** 2 + f.rate[1] ** 2 + f.rate[2] ** 2)
         for i in range(3):
             if c[ON_GROUND] > 0.0:
-                learns = abs(r[2, i]) > OBSERVABLE_SHARE
+                learns = abs(r[2, i]) > OBSERVABLE_SHARE and (known.version < 4.8 or turning < STILL_RATE)
             else:
                 learns = known.version >= 4.2
             learns = learns and c[BIAS_ON] > 0.0
@@ -218,6 +222,10 @@ def run_filter(
         while i_anomaly < len(s.anomaly_resets) and s.anomaly_resets[i_anomaly] <= t_now + 0.03 and mag >= 0:
             anomaly = s.anomaly_resets[i_anomaly] > t_now - 0.5
             i_anomaly += 1
+        while i_compass < len(s.compass_changes) and s.compass_changes[i_compass] <= t_now:
+            if s.compass_changes[i_compass] > s.steps[k - 1, 0]:
+                change_compass(f, par)
+            i_compass += 1
         # 8 to 12: each phase says what is due; one place fuses
         for phase in range(4):
             rotation(x, r)

@@ -53,6 +53,7 @@ from attlog.estimators.ekf3.state import (
     SPEED_LOW_PASS,
     START_GYRO_BIAS,
     STATIC_YAW,
+    STILL_RATE,
     T_AIRSPEED,
     T_BAD_IMU,
     T_BAD_RATIO,
@@ -274,7 +275,7 @@ def use_compass(
         w.z[OBS_DECLINATION], w.noise[OBS_DECLINATION] = declination, FIRST_DECLINATION_SIGMA**2
     predicted = present_heading(f)
     turning = math.sqrt(f.rate[0] ** 2 + f.rate[1] ** 2 + f.rate[2] ** 2)
-    still = c[ON_GROUND] > 0.0 and turning < 0.1
+    still = c[ON_GROUND] > 0.0 and turning < STILL_RATE
     if not still:
         c[STATIC_YAW] = predicted
     if known.compass == 0.0 or par.src1_yaw != YAW_BY_COMPASS:

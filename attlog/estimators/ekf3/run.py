@@ -268,6 +268,7 @@ def samples_of(
         final_resets=events["final_reset"],
         anomaly_resets=events["anomaly_reset"],
         gnss_starts=events["gnss_on"],
+        compass_changes=events["compass"],
     )
 
 

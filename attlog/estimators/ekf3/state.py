@@ -135,6 +135,8 @@ MAX_TILT_VARIANCE = math.radians(30.0) ** 2
 BAD_IMU_NOISE = 5.0
 # On the ground an accelerometer's bias learns where its axis has more than this share of gravity.
 OBSERVABLE_SHARE = 0.8
+# A vehicle on the ground that turns less is at rest, rad/s.
+STILL_RATE = 0.1
 # Body x of the air velocity from which on sideslip is fused, m/s.
 MIN_SIDESLIP_SPEED = 5.0
 
@@ -271,6 +273,14 @@ def reset_field(f: Filter, par: Parameters, known: Known, w: Work, mx: float, my
     if c[IN_FLIGHT] > 0.0:
         c[FINAL_MAG] = 1.0
     mark_reset(f, w)
+
+
+def change_compass(f: Filter, par: Parameters) -> None:
+    """Forget what belongs to the last compass; the earth field is reset at the next sample."""
+    x, c = f.x, f.c
+    x[19] = x[20] = x[21] = 0.0
+    forget_rows(f.P, MB, 3, c[MAG_LEARN] * par.mag_m_nse**2)
+    c[RESET_FIELD], c[FIELD_LEARNED] = 1.0, 0.0
 
 
 def set_origin(f: Filter, known: Known) -> None:

@@ -98,7 +98,8 @@ class Ekf3Inputs:
 
     ``t``, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2: IMU records. ``gyro_late``, ``acc_late`` s: delay of the
     low-pass filters ahead of the logger; the EKF's own increments are not filtered. Aids are mappings of columns,
-    empty if not logged. ``innovations``: from XKF3 by aid. ``events``: times by the names in :data:`EVENT_TEXTS`.
+    empty if not logged. ``innovations``: from XKF3 by aid. ``events``: times by the names in :data:`EVENT_TEXTS`,
+    and ``compass``: another one in use.
     ``step_s``: filter step by XKT, None if not logged. ``antenna``: of GNSS from the IMU, m in body axes.
     """
 
@@ -394,9 +395,9 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
     step_s = None
     if len(timing["t"]) > 2 and (timing["count"] > 0).all():
         step_s = float(np.median(np.diff(timing["t"]) / timing["count"][1:]))
-    mag = _selected(
-        builder, "MAG", _chosen(builder, core, "MI", "MI"), {"x": "MagX", "y": "MagY", "z": "MagZ", "healthy": "Health"}
-    )
+    compass = _chosen(builder, core, "MI", "MI")
+    mag = _selected(builder, "MAG", compass, {"x": "MagX", "y": "MagY", "z": "MagZ", "healthy": "Health"})
+    changes = compass["t"][1:][np.diff(compass["unit"]) != 0]
     baro = _selected(builder, "BARO", _chosen(builder, core, "BI"), {"alt": "Alt", "sms": "SMS"})
     sampled = baro.pop("sms") * 1e-3
     baro["t_sample"] = np.where(np.abs(baro["t"] - sampled) < 0.5, sampled, baro["t"])
@@ -424,7 +425,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         armed=_armed(builder, t0),
         landed=_line(log.state.landed, t0),
         touch_down=_touch_down(builder, core, gnss, t0),
-        events=_events(log, builder, unit),
+        events=_events(log, builder, unit) | {"compass": changes},
         states=_states(builder, core, log.parameters.trim),
         lanes=_read(builder, builder.messages.first("XKF4"), {"primary": "PI"}),
         innovations=_innovations(builder, core),

@@ -50,6 +50,7 @@ def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **
         "gnss_on",
         "gnss_off",
         "origin",
+        "compass",
     )
     values: dict[str, object] = {
         "core": 0,
@@ -135,6 +136,17 @@ def test_a_compass_that_disagrees_on_the_ground_resets_the_heading_after_five_se
     found = run.rerun(replace(inputs, mag={**inputs.mag, "x": field}), {"YAW_M_NSE": 0.05})
     before, after = np.searchsorted(found.t, [34.0, 37.0])
     assert yaw_deg(found.q[[before, after]]) == pytest.approx([HEADING_DEG, HEADING_DEG + 80.0], abs=25.0)
+
+
+def test_another_compass_begins_with_a_body_field_of_zero() -> None:
+    inputs = made(60.0, turn_dps=20.0)
+    offset = np.where(inputs.mag["t"][:, None] < 40.0, [0.05, 0.0, 0.0], [0.0, 0.05, 0.0])
+    other = replace(inputs, mag={**inputs.mag, "x": inputs.mag["x"] + offset})
+    found = run.rerun(replace(other, events={**other.events, "compass": np.array([40.0])}), {"MAG_CAL": 4.0})
+    before, after, end = np.searchsorted(found.t_step, [39.5, 40.0, 59.0])
+    assert found.states["body_field"][before] == pytest.approx([0.05, 0.0, 0.0], abs=0.01)
+    assert np.abs(found.states["body_field"][after]).max() < 0.005
+    assert found.states["body_field"][end] == pytest.approx([0.0, 0.05, 0.0], abs=0.01)
 
 
 def test_a_gnss_antenna_ahead_of_a_turning_imu_moves_in_a_circle() -> None:
