@@ -34,6 +34,7 @@ from attlog.compare.diff import Tolerances, difference_interval
 from attlog.compare.paired import paired
 from attlog.metrics import Metric, definitions, ranking
 from attlog.metrics.metric import Answer
+from attlog.metrics.rerun import METRIC_GROUPS
 from attlog.result import Check, EstimatorRow, Result
 from attlog.result.document import as_written
 from attlog.segments.model import WINDOWS
@@ -64,7 +65,7 @@ STATUS_CHECK = "status"
 # Estimators drawn for comparison, whose errors are no fault: they diverge on any long flight.
 BASELINE_ESTIMATORS = ("gyro", "accel_mag")
 # Metrics of the onboard filter run again, which other rows do not have.
-RERUN_METRICS = "rerun_"
+RERUN_METRICS = frozenset(m.name for group in METRIC_GROUPS for m in group.metrics)
 LOST_STATUSES = ("failed", "diverged")
 WILDCARDS = frozenset("*?[")
 # Sensor name in the outcome of a gate whose check is missing in the log.
@@ -123,7 +124,8 @@ class Gate:
     """Limits on a metric for selected rows.
 
     ``window`` None: the first of the metric's windows with an answer. ``filters`` None: every estimator row but
-    ``gyro`` and ``accel_mag``, and the re-run for ``rerun_`` metrics. ``baseline``: file or folder for relative limits.
+    ``gyro`` and ``accel_mag``, and the re-run for metrics of :mod:`attlog.metrics.rerun`. ``baseline``: file or
+    folder for relative limits.
     """
 
     metric: str
@@ -177,7 +179,7 @@ def judge_gates(gates: Gates, result: Result, baselines: Mapping[Path, Baseline]
         baseline = (baselines or {}).get(gate.baseline) if gate.baseline is not None else None
         beside = "no baseline was given" if baseline is None else baseline.of(result.log)
         meant, unmatched = select_rows(rows, gate.filters)
-        if gate.filters is None and gate.metric.startswith(RERUN_METRICS):
+        if gate.filters is None and gate.metric in RERUN_METRICS:
             meant = [row for row in rows if row.kind == "rerun"]
         if gate.filters is None and not meant:
             unmatched = ["*"]

@@ -28,6 +28,7 @@ from attlog.core.errors import EXIT_BUG, UsageError, error_message, exit_code
 from attlog.core.machine import versions
 from attlog.core.workers import Died, in_processes
 from attlog.metrics import definitions
+from attlog.metrics.heading import GNSS_HEADING_NAME
 from attlog.metrics.metric import named
 from attlog.pipeline import evaluate, prepare
 from attlog.pipeline.config import Config
@@ -223,7 +224,8 @@ def row_difference(
     if a is None or b is None:
         return replace(nothing, reason="not asked in this window")
     for row, answer in ((first[0], a), (second[0], b)):
-        if answer.value is not None and not answer.ranked:
+        # By GNSS acceleration all rows share its errors, which cancel between two rows.
+        if answer.value is not None and not answer.ranked and question.metric != GNSS_HEADING_NAME:
             return replace(nothing, reason=f"{row.name}: {answer.reason}")
     found = paired(a, b, question.better)
     if found.value is not None and found.scale != question.scale:

@@ -238,3 +238,12 @@ def test_modes_of_several_logs_are_one_phrase() -> None:
     assert modes_text(["own", "flown", "own"]) == (
         "resets and GNSS use by the filter's own rules on 2 of 3 logs, else as logged"
     )
+
+
+def test_a_turned_heading_is_seen_in_gnss_acceleration_without_a_reference(corpus: Path) -> None:
+    turned = select_words(["EKF2_DECL_TYPE=0,EKF2_MAG_DECL=20"]).configurations
+    found = compare([corpus / "sitl" / "px4" / "px4_wind.ulg"], turned, metrics=["gnss_heading_deg", "attitude_resets"])
+    d = found.questions[0].contrasts[0].logs[0]
+    assert d.direction == "worse"
+    assert 5.0 < (d.value or 0.0) < 20.0
+    assert found.questions[1].contrasts[0].logs[0].value == 0.0
