@@ -441,7 +441,7 @@ def run_fork_program(descriptor: int, preloaded: Sequence[str]) -> None:
         importlib.import_module(name)
     gc.freeze()  # a collection in a fork would copy every page that they share
     forks: set[int] = set()
-    with socket.socket(fileno=descriptor) as control:
+    with suppress(ConnectionError), socket.socket(fileno=descriptor) as control:  # closed before its answer
         channel = Channel(control)
         while True:
             message, descriptors, _, _ = socket.recv_fds(control, ORDER.size, 1)
@@ -464,8 +464,8 @@ def run_fork_program(descriptor: int, preloaded: Sequence[str]) -> None:
                 channel.send(pid)
             else:
                 channel.send(_reap(forks, pid, order == END))
-        for pid in list(forks):
-            _reap(forks, pid, True)
+    for pid in list(forks):
+        _reap(forks, pid, True)
 
 
 def _reap(forks: set[int], pid: int, kill: bool) -> Exit | None:
