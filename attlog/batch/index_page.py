@@ -47,14 +47,14 @@ def write_index(folder: Path, found: Iterable[Record], *, title: str = "", resul
 
 def render(found: Iterable[Record], *, title: str = "", results: str = "") -> str:
     """Return the page: template, style, script and packed data."""
-    from attlog.report.templates import template
+    from attlog.report.shell import load_template
 
     lines = index_rows(found)
     data, thumbnails = page_data(lines)
     style = "\n".join((file).read_text(encoding="utf-8") for file in (REPORT / "style.css", WEB / "index.css"))
     parts = [file.read_text(encoding="utf-8") for file in SCRIPTS]
     script = "\n".join(["'use strict';(() => {", *parts, "})();", ""])
-    return template("index.html", {"typeset": typeset, "counted": counted}, WEB).render(
+    return load_template("index.html", {"typeset": typeset, "counted": counted}, WEB).render(
         policy=policy(style, script),
         style=style,
         script=script,

@@ -35,7 +35,6 @@ PRELOADED = (
     "attlog.formats.dataflash.reader",
     "attlog.formats.ulog.reader",
     "attlog.report.page",
-    "attlog.report.templates",
     "llvmlite.binding",
     "numpy.fft",
     "numpy.ma",

@@ -7,7 +7,7 @@ from pathlib import Path
 import jinja2
 import pytest
 
-from attlog.report import templates
+from attlog.report import shell
 
 
 @pytest.fixture
@@ -15,7 +15,7 @@ def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder that compiled templates are kept in."""
     folder = tmp_path / "kept"
     folder.mkdir()
-    monkeypatch.setattr(templates, "private_folder", lambda kind, version: folder)
+    monkeypatch.setattr(shell, "private_folder", lambda kind, version: folder)
     return folder
 
 
@@ -29,7 +29,7 @@ def own(tmp_path: Path) -> Path:
 
 
 def filled(folder: Path) -> str:
-    return templates.template("own.html", {"loud": str.upper}, folder).render(word="<hi>")
+    return shell.load_template("own.html", {"loud": str.upper}, folder).render(word="<hi>")
 
 
 def test_a_template_is_compiled_once(kept: Path, own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,5 +56,5 @@ def test_a_damaged_file_is_made_again(kept: Path, own: Path) -> None:
 def test_a_folder_that_cannot_be_written_is_no_error(kept: Path, own: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept.rmdir()
     assert filled(own) == "<p>&lt;HI&gt;</p>"
-    monkeypatch.setattr(templates, "private_folder", lambda kind, version: None)
+    monkeypatch.setattr(shell, "private_folder", lambda kind, version: None)
     assert filled(own) == "<p>&lt;HI&gt;</p>"

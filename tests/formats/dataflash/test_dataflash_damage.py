@@ -130,15 +130,6 @@ def test_damage_is_told_with_its_bytes(raw: bytes, clean: RecordIndex, tmp_path:
     assert found.damage_bytes == sum(d.length for d in found.damage) == hole.length + tail
 
 
-@pytest.mark.parametrize("cut", [1, 2, 3, 4, 50, 1000])
-def test_a_file_cut_anywhere_keeps_its_whole_records(raw: bytes, clean: RecordIndex, cut: int) -> None:
-    end = len(raw) - cut
-    found = index_records(np.frombuffer(raw[:end], np.uint8))
-    whole = clean.offsets + lengths_of(clean) <= end
-    np.testing.assert_array_equal(found.offsets, clean.offsets[whole])
-    assert found.losses.bytes == end - int((clean.offsets + lengths_of(clean))[whole].max())
-
-
 def test_a_lost_format_costs_its_message_only(raw: bytes, clean: RecordIndex, tmp_path: Path) -> None:
     kind = next(fmt for fmt in clean.layouts if fmt.name == "IMU")
     log = Damaged.of(raw)
