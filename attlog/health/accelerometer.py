@@ -23,7 +23,7 @@ from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
 from attlog.health.flown import EDGE_S, flight_spans, still_spans
 from attlog.health.gravity import STANDARD_GRAVITY, expected_gravity
 from attlog.health.imu import FLOOR_M_S2, SensorBias, axes_text, smoothed_acc_bias, stream_blocks, usable_imus
-from attlog.health.imu_pairs import MIN_FLOWN_HZ, difference_in_flight
+from attlog.health.imu_checks import MIN_FLOWN_HZ, difference_in_flight
 from attlog.health.regression import RobustFit, interval_text, robust_fit
 from attlog.health.settings import accelerometer_proposal
 from attlog.reference import alignment

@@ -95,6 +95,19 @@ class Check:
         return self
 
 
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of a quantity: ok up to ``ok``, fault above ``fault``; ``floor``: error added to every sigma."""
+
+    question: str
+    unit: str
+    ok: float
+    fault: float
+    text: str
+    source: str
+    floor: float = 0.0
+
+
 def unknown(question: str, why: str, threshold: str = "", *, sensor: str = "", source: str = "") -> Check:
     """Return a check with verdict ``unknown`` and its reason."""
     return Check(question, "unknown", why, threshold=threshold, sensor=sensor, source=source)

@@ -110,7 +110,10 @@ def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: Mag
     earth = 1e6 * np.array(model.ned_t)
     power = power_at(drive, t[where])
     idle = _idle_motors(case.log.state.armed, t[where], power, hover)
-    before, after = (_enough_ground(t[where], mask[where] & idle) for mask in ground)
+    rests = [mask[where] & idle for mask in ground]
+    for rest in rests:
+        if rest.sum() < MIN_GROUND_SAMPLES or np.ptp(t[where][rest]) < MIN_GROUND_S:
+            rest[:] = False
     return FieldSamples(
         mag=mag,
         t=t[where],
@@ -120,8 +123,8 @@ def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: Mag
         sigma_heading=sigma,
         power=power,
         air=air[where],
-        before=before,
-        after=after,
+        before=rests[0],
+        after=rests[1],
         earth=earth,
         hover=hover,
         power_kind=kind,
@@ -147,11 +150,6 @@ def _idle_motors(armed: TimeLine | None, t: Array, power: Array, hover: float) -
     if not np.isfinite(hover) or hover <= 0:
         return off
     return np.asarray(np.where(np.isfinite(power), power < IDLE_SHARE * hover, off))
-
-
-def _enough_ground(t: Array, use: Mask) -> Mask:
-    few = use.sum() < MIN_GROUND_SAMPLES or np.ptp(t[use]) < MIN_GROUND_S
-    return np.zeros(len(t), bool) if few else use
 
 
 def thinned(use: Mask, most: int) -> Mask:
@@ -325,12 +323,6 @@ def rms_deg(angle: Array) -> float:
     return math.degrees(float(np.sqrt(np.mean(angle**2)))) if len(angle) else math.nan
 
 
-def flight_halves(samples: FieldSamples) -> tuple[Mask, Mask]:
-    """Select the samples in the air of the first and of the second half of the flight."""
-    middle = np.cumsum(samples.air) <= np.count_nonzero(samples.air) // 2
-    return samples.air & middle, samples.air & ~middle
-
-
 def cross_validate(samples: FieldSamples, parts: tuple[Mask, Mask], error: tuple[Array, Array]) -> HeadingProof:
     """Return heading errors of two parts, each corrected by the fit to the other.
 
@@ -447,24 +439,23 @@ def compass_studies(case: HealthCase) -> tuple[list[CompassStudy], str]:
         if compass.dead_reason(mag, case.log.replay_imu):
             continue
         samples = field_samples(case, mag, case.motion, model)
-        if samples is not None and samples.seconds >= MIN_HEADING_S and is_alive(samples):
-            study = study_samples(samples)
-            found += [study] if study is not None else []
+        if samples is None or samples.seconds < MIN_HEADING_S:
+            continue
+        field = samples.measured[samples.air]
+        alive = (
+            np.median(np.linalg.norm(field, axis=1)) > MIN_ALIVE_UT and (np.std(field, axis=0) > MIN_MOVING_UT).any()
+        )
+        if alive and (study := study_samples(samples)) is not None:
+            found.append(study)
     if not found:
         why = f"No compass has {MIN_HEADING_S:.0f} s in flight with a heading known to 5 deg. {FLY_ADVICE}"
     return found, why
 
 
-def is_alive(samples: FieldSamples) -> bool:
-    """Return whether the compass measures a changing field."""
-    field = samples.measured[samples.air]
-    size = float(np.median(np.linalg.norm(field, axis=1)))
-    return size > MIN_ALIVE_UT and bool(np.any(np.std(field, axis=0) > MIN_MOVING_UT))
-
-
 def study_samples(samples: FieldSamples) -> CompassStudy | None:
     """Fit the offsets and motor field of one compass; None where flight data is too little."""
-    parts = flight_halves(samples)
+    middle = np.cumsum(samples.air) <= np.count_nonzero(samples.air) // 2
+    parts = samples.air & middle, samples.air & ~middle
     air, first, second = (fit_offset(samples, use) for use in (samples.air, *parts))
     if air is None or first is None or second is None:
         return None

@@ -21,7 +21,7 @@ from attlog.core.spans import Span, inside
 from attlog.flight import aiding
 from attlog.flight.aiding import DelayParameter
 from attlog.flight.model import FIX_3D, Array, Gnss, Imu
-from attlog.health.check import Check, HealthCase, Setting, graded
+from attlog.health.check import Check, HealthCase, Limits, Setting, graded
 from attlog.health.flown import driven_spans
 from attlog.health.regression import RobustFit, interval_text, robust_fit
 from attlog.reference import alignment
@@ -270,37 +270,20 @@ def _rate_delay(imu: Imu, reference: Reference | None) -> Check:
 # Delay of an aid against the onboard estimator's parameter.
 
 
-@dataclass(frozen=True, slots=True)
-class DelayLimits:
-    """Limits of an aid's delay; wrong beyond ``off_ms`` and 3 sigma.
-
-    ``floor_ms``: error added to every sigma. ``source``: origin of the limits. ``fly``: manoeuvres for a better fit.
-    """
-
-    question: str
-    off_ms: float
-    floor_ms: float
-    source: str
-    fly: str
-
-    @property
-    def text(self) -> str:
-        """The limits in words."""
-        return f"ok within {self.off_ms:.0f} ms or {SIGMAS:.0f} sigma of what is set"
-
-
 # Significance of a delay.
 SIGMAS = 3.0
 # Resolution of proposed parameters, the accuracy of a delay.
 ROUND_MS = 5.0
-# On 24 simulated flights fits and smoothers are within 18 ms of the true GNSS delay, with a standard deviation of 8 ms;
-# compass delays scatter by 5 ms (44 to 53, and -2 to 2 ms).
-GNSS = DelayLimits("gnss_delay", 20.0, 8.0, "planted delays on 24 simulated flights", "accelerate and brake more")
-COMPASS = DelayLimits("magnetometer_delay", 20.0, 5.0, "24 simulated flights", "turn more")
+# Wrong beyond this and 3 sigma. On 24 simulated flights fits and smoothers are within 18 ms of the true GNSS delay,
+# with a standard deviation of 8 ms; compass delays scatter by 5 ms (44 to 53, and -2 to 2 ms).
+OFF_MS = 20.0
+DELAY_TEXT = f"ok within {OFF_MS:.0f} ms or {SIGMAS:.0f} sigma of what is set"
+GNSS = Limits("gnss_delay", "ms", OFF_MS, math.inf, DELAY_TEXT, "planted delays on 24 simulated flights", 8.0)
+COMPASS = Limits("magnetometer_delay", "ms", OFF_MS, math.inf, DELAY_TEXT, "24 simulated flights", 5.0)
 
 
 def delay_check(
-    limits: DelayLimits,
+    limits: Limits,
     sensor: str,
     late: float,
     sigma: float,
@@ -320,9 +303,10 @@ def delay_check(
         return check
     check.text = f"{text}; {parameter.words}."
     off = max(parameter.low - late, late - parameter.high, 0.0)
-    if off <= max(limits.off_ms, SIGMAS * sigma):
-        if off > limits.off_ms:
-            check.evidence.append(f"A difference of {off:.0f} ms is within {SIGMAS:.0f} sigma: {limits.fly}.")
+    if off <= max(limits.ok, SIGMAS * sigma):
+        if off > limits.ok:
+            fly = "accelerate and brake more" if limits is GNSS else "turn more"
+            check.evidence.append(f"A difference of {off:.0f} ms is within {SIGMAS:.0f} sigma: {fly}.")
         if limits is GNSS and parameter.low < parameter.high:
             check.verdict = "unknown"
             check.why_no_setting = "The log does not name the receiver's hardware: log from boot on."
@@ -378,7 +362,7 @@ def _gnss_delay(case: HealthCase, receiver: Gnss, path: AttitudePath | None, flo
     own = 1e3 * found.delay
     every = [own, *smoothed]
     apart = 0.5 * (max(every) - min(every))
-    sigma = math.sqrt((STANDARD_ERRORS * 1e3 * found.sigma) ** 2 + GNSS.floor_ms**2 + apart**2)
+    sigma = math.sqrt((STANDARD_ERRORS * 1e3 * found.sigma) ** 2 + GNSS.floor**2 + apart**2)
     begin = flown[0][0]
     parameter, buffer = aiding.gnss_delay_parameter(case.log, receiver, begin), aiding.buffer(case.log, begin)
     check = delay_check(GNSS, receiver.source, sum(every) / len(every), sigma, parameter, buffer)
@@ -453,7 +437,7 @@ def compass_delay(case: HealthCase) -> list[Check]:
         return [made("unknown", "Too few samples of the compass in flight fit the attitude to find their delay.")]
     if why := compass_reason_unsure(found):
         return [made("unknown", why)]
-    sigma = math.hypot(STANDARD_ERRORS * 1e3 * found.sigma, COMPASS.floor_ms)
+    sigma = math.hypot(STANDARD_ERRORS * 1e3 * found.sigma, COMPASS.floor)
     check = delay_check(COMPASS, field.source, 1e3 * found.delay, sigma, aiding.of_compass(log, flown[0][0]))
     check.n, check.seconds = found.n, round(found.seconds, 1)
     check.evidence = [f"Found by {path.name} in {found.seconds:.0f} s of flight.", *check.evidence]

@@ -20,7 +20,7 @@ from attlog.flight.model import Array, FlightLog, Imu
 from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
 from attlog.health.flown import before_crashes, flight_spans, still_spans
 from attlog.health.imu import SensorBias, axes_text, dead_reason, smoothed_gyro_bias, stream_blocks, usable_imus
-from attlog.health.imu_pairs import difference_in_flight
+from attlog.health.imu_checks import difference_in_flight
 from attlog.health.regression import BLOCK_S, RobustFit, interval_text, robust_fit
 from attlog.health.timing import frozen_gyro_reason
 from attlog.reference.model import GyroJump, Reference

@@ -17,11 +17,10 @@ from attlog.health import (
     gnss,
     gravity,
     gyro,
-    imu_pairs,
+    imu_checks,
     innovations,
     notch,
     sources,
-    temperature,
     timing,
     vibration,
 )
@@ -127,11 +126,11 @@ CHECKS: Mapping[str, Row] = {
     "gnss_interference": Row("GNSS interference", gnss.gnss_checks, "gnss"),
     "innovations": Row("test ratios", innovations.innovation_checks, "estimator"),
     "crash": Row("crash", attitude.crash_checks, "crash", fault="serious"),
-    "imu_instances": Row("IMUs against each other", imu_pairs.imu_differences, "accelerometer"),
+    "imu_instances": Row("IMUs against each other", imu_checks.imu_differences, "accelerometer"),
     "accelerometer_temperature": Row(
-        "accelerometer and temperature", temperature.accelerometer_temperature, "accelerometer"
+        "accelerometer and temperature", imu_checks.accelerometer_temperature, "accelerometer"
     ),
-    "gyro_temperature": Row("gyro bias and temperature", temperature.gyro_temperature, "gyro_bias"),
+    "gyro_temperature": Row("gyro bias and temperature", imu_checks.gyro_temperature, "gyro_bias"),
     "gyro_spectrum": Row("gyro spectrum", notch.gyro_spectrum, "vibration"),
     "notch": Row("notch filter", notch.notch_filter, "vibration"),
     "gnss_delay": Row("GNSS delay", delays.gnss_delays, "estimator"),

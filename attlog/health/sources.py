@@ -133,25 +133,32 @@ def errors_of_both(
     """
     if reference is None or reference.kind not in REFERENCE_NAMES:
         return None
-    if about == "heading" and reference.heading.by != "own":
-        return None
     found = []
     for attitude in (log.onboard_attitude, log.attitudes[name]):
         assert attitude is not None
         late = attitude.t >= since
-        tilt, heading = trimmed_differences_deg(reference, attitude, attitude.t[late], attitude.q[late])
-        size = np.abs(tilt if about == "tilt" else heading)
-        size = size[np.isfinite(size)]
-        if len(size) < MIN_SAMPLES:
+        errors = median_errors_deg(reference, attitude, attitude.t[late], attitude.q[late])
+        size = np.nan if errors is None else errors[about != "tilt"]
+        if not np.isfinite(size):
             return None
-        found.append(float(np.median(size)))
+        found.append(float(size))
     return found[0], found[1]
 
 
-def trimmed_differences_deg(reference: Reference, attitude: Attitude, t: Array, q: Array) -> tuple[Array, Array]:
-    """Return tilt and heading differences (n,) deg to the reference, with its trim."""
+def median_errors_deg(reference: Reference, attitude: Attitude, t: Array, q: Array) -> tuple[float, float, int] | None:
+    """Return median tilt and heading errors in deg of ``q`` (n, 4) at ``t`` s, and the number of samples.
+
+    With the reference's trim. The heading is NaN without one of the reference's own; None from too few samples.
+    """
     trim = reference.alignment.trim
-    return differences_deg(reference, t, q if trim is None or attitude.has_trim else alignment.apply_trim(q, trim))
+    q = q if trim is None or attitude.has_trim else alignment.apply_trim(q, trim)
+    tilt, heading = differences_deg(reference, t, q)
+    known = np.isfinite(tilt)
+    if known.sum() < MIN_SAMPLES:
+        return None
+    size = np.abs(heading[known & np.isfinite(heading)])
+    own = reference.heading.by == "own" and len(size) >= MIN_SAMPLES
+    return float(np.median(tilt[known])), float(np.median(size)) if own else np.nan, int(known.sum())
 
 
 def wrong_source_text(errors: tuple[float, float] | None, flew: str, others: str, reference: Reference | None) -> str:
@@ -265,13 +272,8 @@ def _lane_switches(lane: TimeLine, flown: list[Span]) -> str:
 
 
 def _lane_error(log: FlightLog, reference: Reference, number: int, name: str, flown: list[Span]) -> LaneError | None:
-    tilt, heading = trimmed_differences_deg(reference, log.attitudes[name], *_lane_attitude(log, name, flown))
-    known = np.isfinite(tilt)
-    if known.sum() < MIN_SAMPLES:
-        return None
-    own = reference.heading.by == "own"
-    size = float(np.median(np.abs(heading[known]))) if own else float("nan")
-    return LaneError(number, float(np.median(tilt[known])), size, int(known.sum()))
+    errors = median_errors_deg(reference, log.attitudes[name], *_lane_attitude(log, name, flown))
+    return None if errors is None else LaneError(number, *errors)
 
 
 def _lane_attitude(log: FlightLog, name: str, flown: list[Span]) -> tuple[Array, Array]:

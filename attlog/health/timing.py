@@ -12,7 +12,7 @@ from attlog.core.timestamps import gap_indices
 from attlog.flight import compass
 from attlog.flight.frozen import equal_runs, turned_deg
 from attlog.flight.imu import LOW_RATE_HZ, REPLAY_MIN_HZ, is_replayable_rate
-from attlog.flight.model import Array, FlightLog, Gnss, Stream
+from attlog.flight.model import Array, FlightLog, Stream
 from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded
 from attlog.reference.sensor_faults import COMPASS, FRAME, GYRO, LATE
 from attlog.segments import model
@@ -210,15 +210,13 @@ def _frozen_barometer(log: FlightLog, segments: Segments) -> list[Span]:
     """
     if not log.baro:
         return []
-    flown = intersect(frozen_spans(log.baro[0], FROZEN_BARO_S), segments.spans("airborne"))
-    return [s for s in flown if max((_climbed_m(gnss, s) for gnss in log.gnss), default=0.0) >= CLIMBED_M]
-
-
-def _climbed_m(gnss: Gnss, span: Span) -> float:
-    """Return the height range in m of a receiver in a span, 0 without any."""
-    height = gnss.alt[slice(*np.searchsorted(gnss.t, span))]
-    height = height[np.isfinite(height)]
-    return float(np.ptp(height)) if len(height) else 0.0
+    found = []
+    for span in intersect(frozen_spans(log.baro[0], FROZEN_BARO_S), segments.spans("airborne")):
+        heights = [g.alt[slice(*np.searchsorted(g.t, span))] for g in log.gnss]
+        known = [h[np.isfinite(h)] for h in heights]
+        if any(len(h) and np.ptp(h) >= CLIMBED_M for h in known):
+            found.append(span)
+    return found
 
 
 def _turned_deg(log: FlightLog, span: Span) -> float:

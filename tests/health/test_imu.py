@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from attlog.flight.model import FlightLog, Stream
-from attlog.health import gyro, imu, temperature
+from attlog.health import gyro, imu
+from attlog.health import imu_checks as temperature
+from attlog.health.check import Limits
 from attlog.health.imu import blocks, stream_blocks
-from attlog.health.imu_pairs import difference, imu_differences
-from attlog.health.temperature import ACC, GYRO, SlopeLimits, TemperatureSlope
+from attlog.health.imu_checks import ACC, GYRO, TemperatureSlope, difference, imu_differences
 from attlog.reference.model import Reference
 from attlog.segments import Segment, Segments
 from tests.health.imu_cases import AIR_S, REST_S, case, log_of, phases, told, unit
@@ -131,7 +132,7 @@ def test_times_that_run_backwards_and_missing_numbers_do_no_harm() -> None:
 NO_LIMIT_BIAS = (0.0, 0.0, 0.0)
 
 
-def told_of(question: SlopeLimits, size: float, sigma: float, span: float):
+def told_of(question: Limits, size: float, sigma: float, span: float):
     """The answer to a slope of so much, deg/s or m/s^2 per kelvin, with one sigma."""
     factor = np.radians(1.0) if question == GYRO else 1.0
     each = np.array([0.1 * size, size, -0.2 * size]) if question == GYRO else np.array([size])
@@ -156,7 +157,7 @@ def told_of(question: SlopeLimits, size: float, sigma: float, span: float):
     ],
 )
 def test_a_slope_is_judged_by_its_change_over_the_span_beyond_four_sigmas(
-    question: SlopeLimits, size: float, sigma: float, span: float, verdict: str
+    question: Limits, size: float, sigma: float, span: float, verdict: str
 ) -> None:
     found = told_of(question, size, sigma, span)
     assert (found.verdict, bool(found.why_no_setting)) == (verdict, verdict != "ok")

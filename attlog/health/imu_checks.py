@@ -1,4 +1,4 @@
-"""Differences between the IMUs of a vehicle, and the faulty one of a pair.
+"""IMUs against each other, with the faulty one of a pair, and over temperature.
 
 The faster IMU is interpolated to the samples of the slower one; medians over blocks of 5 s suppress noise and
 vibration. The faulty IMU is the one further from gravity or zero rate at rest, else the one with the larger bias by the
@@ -8,18 +8,19 @@ smoother.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
 
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
-from attlog.core.spans import Span
+from attlog.core.spans import Span, inside
 from attlog.flight.model import Array, Imu, Stream
 from attlog.health import gravity
-from attlog.health.check import Check, HealthCase, Verdict, unknown
+from attlog.health.check import Check, HealthCase, Limits, Verdict, graded, unknown
 from attlog.health.flown import flight_spans, still_spans
-from attlog.health.gravity import expected_gravity
+from attlog.health.gravity import expected_gravity, force_size
 from attlog.health.imu import (
     Blocks,
     axes_text,
@@ -30,36 +31,21 @@ from attlog.health.imu import (
     stream_blocks,
     usable_imus,
 )
+from attlog.health.regression import interval_text
 
 Kind = Literal["acc", "gyro"]
 
 
-@dataclass(frozen=True, slots=True)
-class PairLimits:
-    """Limits of a difference: ok up to ``off``, fault above ``far``.
-
-    ``least``: minimum error of the faulty IMU. ``floor``: error added to every difference.
-    """
-
-    unit: str
-    off: float
-    far: float
-    least: float
-    floor: float
-    source: str
-
-    @property
-    def text(self) -> str:
-        """The limits in words."""
-        return f"ok up to {self.off:g} {self.unit} or {SIGMAS:.0f} sigma, fault above {self.far:g}"
-
-
 # Significance of a difference.
 SIGMAS = 4.0
-PAIR_LIMITS: dict[Kind, PairLimits] = {
-    "acc": PairLimits("m/s^2", 0.5, 0.75, 0.15, 0.02, "3 deg of tilt; arming checks refuse from 0.7 to 0.75 m/s^2"),
-    "gyro": PairLimits("deg/s", 1.0, 5.0, 0.5, 0.02, "the limit of a gyro's bias; arming checks refuse from 5 deg/s"),
-}
+PAIR_LIMITS: dict[Kind, Limits] = {
+    "acc": Limits("imu_instances", "m/s^2", 0.5, 0.75, "ok up to 0.5 m/s^2 or 4 sigma, fault above 0.75",
+                  "3 deg of tilt; arming checks refuse from 0.7 to 0.75 m/s^2", 0.02),
+    "gyro": Limits("imu_instances", "deg/s", 1.0, 5.0, "ok up to 1 deg/s or 4 sigma, fault above 5",
+                   "the limit of a gyro's bias; arming checks refuse from 5 deg/s", 0.02),
+}  # fmt: skip
+# Minimum error of the faulty IMU.
+MIN_ERRORS: dict[Kind, float] = {"acc": 0.15, "gyro": 0.5}
 # Maximum difference of duplicate streams in m/s^2 or rad/s, a hundredth of that of simulated sensors without noise.
 DUPLICATE_DIFFERENCE = 1e-5
 # Minimum rate in flight: vibration is aliased in slower ones (difference of 1.3 m/s^2 at 2 Hz, none at rest).
@@ -76,11 +62,9 @@ def imu_differences(case: HealthCase) -> list[Check]:
     pairs = [(kind, units[0], other) for other in units[1:] for kind in PAIR_LIMITS]
     if found := [one for pair in pairs if (one := _pair_check(case, *pair)) is not None]:
         return found
-    why, limits = (
-        "The units share too little time, at rest or in flight, or shake too much to be compared.",
-        PAIR_LIMITS,
-    )
-    return [unknown("imu_instances", why, limits["acc"].text, sensor=units[0].acc.source, source=limits["acc"].source)]
+    limits = PAIR_LIMITS["acc"]
+    why = "The units share too little time, at rest or in flight, or shake too much to be compared."
+    return [unknown("imu_instances", why, limits.text, sensor=units[0].acc.source, source=limits.source)]
 
 
 def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
@@ -143,7 +127,7 @@ def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDi
         if more is not None:
             sigma = np.hypot(factor * more.sigma(0.0), limits.floor)
             found.append(ImuDifference(factor * more.middle, sigma, more, phase))
-    return [d for d in found if 1.96 * d.unsure <= limits.off or d.size > SIGMAS * d.unsure]
+    return [d for d in found if 1.96 * d.unsure <= limits.ok or d.size > SIGMAS * d.unsure]
 
 
 def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
@@ -154,9 +138,9 @@ def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
     worst = max(every, key=lambda one: one.size - SIGMAS * one.unsure)
     verdict: Verdict = "ok"
     wrong, why, remedy = None, "", case.log.remedy("accelerometer" if kind == "acc" else "gyro_bias")
-    if worst.size > max(limits.off, SIGMAS * worst.unsure):
-        verdict = "fault" if worst.size - 1.96 * worst.unsure > limits.far else "warning"
-        if worst.phase == IN_FLIGHT and any(d.size + 1.96 * d.unsure <= limits.off for d in every):
+    if worst.size > max(limits.ok, SIGMAS * worst.unsure):
+        verdict = "fault" if worst.size - 1.96 * worst.unsure > limits.fault else "warning"
+        if worst.phase == IN_FLIGHT and any(d.size + 1.96 * d.unsure <= limits.ok for d in every):
             verdict, why = "warning", "On the ground they agree, so vibration parts them."
             remedy = case.log.remedy("vibration")
         else:
@@ -176,7 +160,7 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
 
     ``apart`` (3,) m/s^2 or deg/s: ``b`` minus ``a``.
     """
-    least = PAIR_LIMITS[kind].least
+    least = MIN_ERRORS[kind]
     if kind == "acc":
         g = expected_gravity(case.log)
         shown = [gravity.size_at_rest(case, imu) for imu in (a, b)]
@@ -206,3 +190,119 @@ def _larger_index(sizes: list[float], least: float) -> int | None:
         return None
     k = int(np.argmax(sizes))
     return k if sizes[k] >= max(least, LARGER_FACTOR * sizes[1 - k]) else None
+
+
+# Gyro bias and size of gravity against temperature, at rest. Block medians are averaged over bins of 1 K, so that each
+# temperature has equal weight, and a line is fitted to the bins. The gyro uses all rests; the size of gravity only the
+# rest with the widest span, because another place may be less level.
+
+# Minimum temperature span for a slope.
+SPAN_K, BIN_K, MIN_BINS = 5.0, 1.0, 4
+# Significance: 4 sigma of 1.5 standard errors, because neighbouring bins are correlated.
+SLOPE_SIGMAS, STANDARD_ERRORS = 4.0, 1.5
+SLOPE_SOURCE = "limits of a bias at rest; the span is what the log holds at rest"
+COLD_START_ADVICE = "Log from a cold start for ten minutes, standing still."
+
+
+SPAN_TEXT = "over the span, fault above"
+GYRO = Limits("gyro_temperature", "deg/s", 1.0, 3.0, f"ok up to 1 deg/s {SPAN_TEXT} 3", SLOPE_SOURCE)
+ACC = Limits("accelerometer_temperature", "m/s^2", 0.3, 1.0, f"ok up to 0.3 m/s^2 {SPAN_TEXT} 1", SLOPE_SOURCE)
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureSlope:
+    """Line through bins of 1 K: ``slope`` per kelvin with its ``sigma`` (k,), from ``low`` to ``high`` degC."""
+
+    slope: Array
+    sigma: Array
+    low: float
+    high: float
+    samples: int
+    seconds: float
+
+    @property
+    def span(self) -> float:
+        """Kelvin from the coldest bin to the warmest."""
+        return self.high - self.low
+
+
+def temperature_checks(case: HealthCase, limits: Limits) -> list[Check]:
+    """Check the temperature slope of each IMU; one ``unknown`` where none is known."""
+    units = usable_imus(case)
+    if not units:
+        return []
+    spans = still_spans(case.segments)[0]
+    found, widest = [], 0.0
+    for imu in units:
+        near = spans if limits is GYRO or not spans else [max(spans, key=lambda span: _reach_k(imu, [span]))]
+        widest = max(widest, _reach_k(imu, near))
+        line = fit_temperature(imu.gyro if limits is GYRO else force_size(imu.acc), imu.temperature, near)
+        if line is not None:
+            found.append(_slope_check(case, imu, limits, line))
+    if found:
+        return found
+    why = f"At rest the temperature spans {widest:.1f} K; {SPAN_K:.0f} are needed, seen at several temperatures."
+    if all(imu.temperature is None for imu in units):
+        why = "The log holds no temperature of its inertial units."
+    elif not spans:
+        why = "The vehicle never stands still on the ground in this log."
+    one = unknown(limits.question, why, limits.text, sensor=units[0].gyro.source, source=limits.source)
+    one.action = COLD_START_ADVICE
+    return [one]
+
+
+gyro_temperature = partial(temperature_checks, limits=GYRO)
+accelerometer_temperature = partial(temperature_checks, limits=ACC)
+
+
+def fit_temperature(stream: Stream, temperature: Stream | None, spans: list[Span]) -> TemperatureSlope | None:
+    """Fit a line over temperature to a stream at rest; None below 5 K or 4 bins."""
+    values = stream_blocks(stream, spans)
+    if temperature is None or values is None:
+        return None
+    t, celsius = finite_samples(temperature, spans)
+    if len(t) < 2:
+        return None
+    at = np.interp(values.t, t, celsius[:, 0])
+    bins = np.floor(at / BIN_K)
+    numbers = np.unique(bins)
+    warm = np.array([np.mean(at[bins == k]) for k in numbers])
+    if len(numbers) < MIN_BINS or np.ptp(warm) < SPAN_K:
+        return None
+    mean = np.array([np.median(values.x[bins == k], axis=0) for k in numbers])
+    around = warm - warm.mean()
+    line = around @ (mean - mean.mean(axis=0)) / (around @ around)
+    left = mean - mean.mean(axis=0) - np.outer(around, line)
+    scatter = np.sqrt(np.sum(left**2, axis=0) / (len(numbers) - 2))
+    sigma = STANDARD_ERRORS * scatter / np.sqrt(around @ around)
+    return TemperatureSlope(line, sigma, float(warm.min()), float(warm.max()), values.samples, values.seconds)
+
+
+def _reach_k(imu: Imu, spans: list[Span]) -> float:
+    """Return the temperature range in K within spans."""
+    if imu.temperature is None or not spans:
+        return 0.0
+    celsius = imu.temperature.x[inside(imu.temperature.t, spans), 0]
+    celsius = celsius[np.isfinite(celsius)]
+    return float(np.ptp(celsius)) if len(celsius) else 0.0
+
+
+def _slope_check(case: HealthCase, imu: Imu, limits: Limits, line: TemperatureSlope) -> Check:
+    factor = float(np.degrees(1.0)) if limits is GYRO else 1.0
+    each, sigma = factor * line.slope, factor * line.sigma
+    worst = int(np.argmax(np.abs(each)))
+    size, unsure = float(each[worst]), float(sigma[worst])
+    significant = abs(size) > SLOPE_SIGMAS * unsure
+    verdict = graded(line.span * abs(size), limits.ok, limits.fault) if significant else "ok"
+    source, about = (imu.gyro.source, f" about {'xyz'[worst]}") if limits is GYRO else (imu.acc.source, "")
+    text = f"{source} changes by {size:+.3f} {limits.unit} per K{about} ({interval_text(size, unsure, 3)}, 95 %), "
+    text += f"{line.low:.0f} to {line.high:.0f} degC."
+    check = Check(limits.question, verdict, text, unit=f"{limits.unit}/K", threshold=limits.text, sensor=source)
+    check.n, check.seconds, check.source = line.samples, round(line.seconds, 1), limits.source
+    check.measure(size, unsure, 4)
+    if limits is GYRO:
+        check.measure_axes(each, sigma, 4)
+    if verdict != "ok":
+        check.why_no_setting = "A calibration over temperature measures it, a flight does not."
+        check.action = case.log.remedy("temperature")
+    return check
