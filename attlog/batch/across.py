@@ -25,12 +25,11 @@ if TYPE_CHECKING:
 ALL = ("all", "airborne", "rest")
 # Windows in which a metric is looked up, as on the page of one log: noise by phase, errors and steps in the air.
 WINDOWS = {c.metric: c.windows for c in (*ERRORS, *STEPS, DRIFT_REST, *AXIS_COLUMNS)}
-AGAINST_REFERENCE = ("tilt_", "heading_", "total_", "lag_", "step_", "distortion_", "overshoot_", "settling_")
+AGAINST_REFERENCE = ("tilt_", "heading_", "total_", "lag_", "step_", "distortion_")
 FAMILIES = (
     ("noise_", PHASES),
     ("drift_rest", REST),
     ("drift_air", AIR),
-    ("leak_", AIR),
     *((start, AIR) for start in AGAINST_REFERENCE),
 )
 # Smallest number of values in a usable window, as a share of the number in the fullest window.

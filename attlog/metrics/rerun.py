@@ -125,12 +125,6 @@ def rerun_traces(case: Case, row: Track, logged: Mapping[str, Array]) -> list[Tr
 
 
 # Innovations of a re-run onboard filter by aid, and its attitude resets.
-#
-# An innovation is a measurement minus its prediction: the filter's own prediction error, known without any reference.
-# Its
-# root mean square is smaller for a better filter. The test ratio is relative to the gate, so that a larger noise or
-# gate
-# lowers the ratio by itself.
 
 # Length of blocks: innovations of GNSS at 5 Hz are correlated over some 2 s.
 BLOCK_S = 5.0
@@ -181,13 +175,6 @@ STATISTICS: Mapping[str, Statistic] = {
         worst axis: the root of the mean test ratio. 1 is at the gate. A larger noise or gate lowers it by itself.""",
     ),
     "rejected_pct": Statistic("rejected", "%", "Share of the aid's samples with a test ratio above 1 in any axis."),
-    "innovation_bias": Statistic("innovation bias", None, "Length of the vector of the axes' mean innovations."),
-    "innovation_correlation": Statistic(
-        "innovation correlation",
-        "1",
-        """Correlation of successive innovations, mean of the axes. A filter that predicts all that can be predicted
-        leaves none; a wrong delay or too small a gain leaves much.""",
-    ),
 }
 RESETS = Metric(
     "attitude_resets",
@@ -205,7 +192,7 @@ def _metric(statistic: str, aid: str) -> Metric:
         f"{statistic}.{aid}",
         title,
         group.unit if known.unit is None else known.unit,
-        "zero" if statistic == "innovation_correlation" else "low",
+        "low",
         paragraph(known.definition),
         scale="ratio" if statistic.endswith("_rms") else "difference",
     )
@@ -213,12 +200,11 @@ def _metric(statistic: str, aid: str) -> Metric:
 
 @dataclass(frozen=True, slots=True)
 class AidSamples:
-    """Innovations ``e`` (n,) of one aid at ``t`` (n,) s."""
+    """Innovations ``e`` (n,) of all axes of one aid at ``t`` (n,) s, and their test ratios."""
 
     t: Array
     e: Array
     ratio: Array
-    channel: NDArray[np.int64]
 
 
 @per_row
@@ -227,12 +213,11 @@ def _samples(case: Case, row: Track) -> dict[str, AidSamples]:
     tables = innovations(row.aux)
     found = {}
     for aid, group in AID_GROUPS.items():
-        some = [(k, tables[name]) for k, name in enumerate(group.channels) if name in tables]
+        some = [tables[name] for name in group.channels if name in tables]
         if some:
-            table = np.concatenate([t for _, t in some])
-            channel = np.concatenate([np.full(len(t), k) for k, t in some])
+            table = np.concatenate(some)
             good = np.isfinite(table).all(axis=1) & (table[:, 2] > 0.0)
-            found[aid] = AidSamples(table[good, 0], group.factor * table[good, 1], table[good, 3], channel[good])
+            found[aid] = AidSamples(table[good, 0], group.factor * table[good, 1], table[good, 3])
     return found
 
 
@@ -243,7 +228,7 @@ def compute_innovations(case: Case, row: Track, window: str) -> dict[str, Answer
     for aid, samples in aids.items():
         inside = case.segments.mask(samples.t, window)
         if np.count_nonzero(inside) >= MIN_SAMPLES:
-            some = AidSamples(*(getattr(samples, name)[inside] for name in ("t", "e", "ratio", "channel")))
+            some = AidSamples(*(x[inside] for x in (samples.t, samples.e, samples.ratio)))
             answers |= _answers(aid, some, window)
     if aids:
         times = row.t[increments.find_resets(Attitude(row.t, row.q, row.name), row.imu)[0]]
@@ -259,44 +244,22 @@ def _answers(aid: str, s: AidSamples, window: str) -> dict[str, Answer]:
     np.maximum.at(ratio, sample, s.ratio)
     rejected = 100.0 * (ratio > 1.0)
     block, place, count = np.unique(np.floor(t / BLOCK_S), return_inverse=True, return_counts=True)
-    ids, units = make_ids(BLOCK_S * block), {}
-    for name, x, kind in (
-        ("innovation_rms", square, "mean_square"),
-        ("test_ratio_rms", ratio, "mean_square"),
-        ("rejected_pct", rejected, "slope_group"),
-    ):
-        units[name] = UnitValues(kind, ids, np.bincount(place, x) / count)  # type: ignore[arg-type]
-    channels = [s.e[s.channel == k] for k in np.unique(s.channel)]
-    correlations = [r for e in channels if (r := _lag_one(e)) is not None]
-    values = {
-        "innovation_rms": math.sqrt(np.mean(square)),
-        "test_ratio_rms": math.sqrt(np.mean(ratio)),
-        "rejected_pct": float(np.mean(rejected)),
-        "innovation_bias": math.hypot(*(float(np.mean(e)) for e in channels)),
-    }
-    if correlations:
-        values["innovation_correlation"] = float(np.mean(correlations))
-    answers = {}
-    for statistic, value in values.items():
-        metric = METRICS[f"{statistic}.{aid}"]
+    ids, answers = make_ids(BLOCK_S * block), {}
+    for name, x in (("innovation_rms", square), ("test_ratio_rms", ratio), ("rejected_pct", rejected)):
+        metric, rms, mean = METRICS[f"{name}.{aid}"], name.endswith("_rms"), float(np.mean(x))
+        value = math.sqrt(mean) if rms else mean
+        units = UnitValues("mean_square" if rms else "slope_group", ids, np.bincount(place, x) / count)
         answers[metric.name] = Answer(
             value,
             metric.unit,
             window,
             len(block),
             BLOCK_S * len(block),
-            _rms_interval(units[statistic].values, value) if statistic.endswith("_rms") else None,
+            _rms_interval(units.values, value) if rms else None,
             "blocks of 5 s",
-            units=units.get(statistic),
+            units=units,
         )
     return answers
-
-
-def _lag_one(e: Array) -> float | None:
-    """Return the correlation of successive values (n,), None if undefined."""
-    d = e - np.mean(e)
-    power = float(d @ d)
-    return float(d[1:] @ d[:-1]) / power if len(e) >= MIN_SAMPLES and power > 0.0 else None
 
 
 def _rms_interval(squares: Array, value: float) -> tuple[float, float] | None:
