@@ -86,13 +86,6 @@ class Rerun:
         )
 
 
-def check_version(name: str, first: str, last: str, known: bool, version: str) -> None:
-    """UsageError for a parameter that the log's firmware version does not have; ``last`` is empty for none."""
-    if not known:
-        span = f"from {first} on" if not last else f"from {first} to {last}"
-        raise UsageError(f"{name} exists {span}; this log is of version {version}.")
-
-
 def check_start(changes: Mapping[str, float], at_start: Collection[str], start: str) -> None:
     """UsageError where all changed parameters act on a cold start alone and the run starts warm."""
     if start == "warm" and changes and all(name in at_start for name in changes):

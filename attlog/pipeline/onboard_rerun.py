@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from attlog import estimators, reference
 from attlog.core import rotation
 from attlog.core.errors import UsageError
-from attlog.estimators.ekf2 import parameters as ekf2
-from attlog.estimators.ekf3 import parameters as ekf3
+from attlog.estimators.ekf2.parameters import TABLE as EKF2
+from attlog.estimators.ekf3.parameters import TABLE as EKF3
 from attlog.estimators.interface import Estimate
 from attlog.estimators.registry import FLOWN
 from attlog.estimators.rerun import Mode, Rerun
@@ -78,14 +78,14 @@ def flown_inputs(case: Case, imu: Imu) -> Any:
 
 def check_changes(name: str, changes: Iterable[str], version: tuple[int, int]) -> None:
     """UsageError for parameters (full names) of a flown filter that a firmware version does not have."""
-    table = ekf2 if name == "px4_ekf2" else ekf3
-    table.check_changes([n.removeprefix(table.PREFIX) for n in changes], version)
+    table = EKF2 if name == "px4_ekf2" else EKF3
+    table.check([table.short(n) for n in changes], version)
 
 
 def start_parameters(name: str) -> set[str]:
     """Return the full names of a flown filter's parameters that act on a cold start alone."""
-    table = ekf2 if name == "px4_ekf2" else ekf3
-    return {table.PREFIX + short for short, p in table.TABLE.items() if p.start}
+    table = EKF2 if name == "px4_ekf2" else EKF3
+    return {table.full(short) for short in table.at_start}
 
 
 @per_case
@@ -191,13 +191,13 @@ def run_again(
 
         if not isinstance(inputs, Ekf3Inputs):
             raise UsageError("ap_ekf3 needs an ArduPilot log that EKF3 flew.")
-        return rerun_ekf3(inputs, {key.removeprefix(ekf3.PREFIX): value for key, value in changes.items()}, mode=mode)
+        return rerun_ekf3(inputs, {EKF3.short(key): value for key, value in changes.items()}, mode=mode)
     from attlog.estimators.ekf2.run import rerun as rerun_ekf2
     from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
 
     if not isinstance(inputs, Ekf2Inputs):
         raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
-    short = {key.removeprefix(ekf2.PREFIX): value for key, value in changes.items()}
+    short = {EKF2.short(key): value for key, value in changes.items()}
     return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""), mode=mode)
 
 

@@ -5,39 +5,25 @@ Ranges and meanings: PX4 parameter reference of 1.8 to 1.17. :func:`settings_of`
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import NamedTuple
+from collections.abc import Mapping
 
 from attlog.estimators.ekf2.state import ERA_A, ERA_B, ERA_C, ERA_D
-from attlog.estimators.rerun import check_version
+from attlog.estimators.firmware import LAST, ParameterTable, Version
 
-PREFIX = "EKF2_"
-
-
-class Ekf2Parameter(NamedTuple):
-    """A parameter by its short name; ``eras`` from first to last; ``start``: acts only on a cold start."""
-
-    name: str
-    unit: str
-    default: float
-    low: float
-    high: float
-    meaning: str
-    first: int = ERA_A
-    last: int = ERA_D
-    start: bool = False
-
+# First and last versions of the eras.
+A, B, C, D = (1, 8), (1, 12), (1, 14), (1, 15)
+A_END, B_END = (1, 11), (1, 13)
 
 _ROWS = (
-    ("PREDICT_US", "us", 10000, 1000, 20000, "time between predictions of the filter", ERA_B, ERA_D, False),
+    ("PREDICT_US", "us", 10000, 1000, 20000, "time between predictions of the filter", B),
     ("GYR_NOISE", "rad/s", 0.015, 0.0001, 0.1, "gyro noise of the covariance prediction"),
     ("ACC_NOISE", "m/s^2", 0.35, 0.01, 1.0, "accelerometer noise of the covariance prediction"),
     ("GYR_B_NOISE", "rad/s^2", 0.001, 0.0, 0.01, "process noise of the gyro bias"),
     ("ACC_B_NOISE", "m/s^3", 0.003, 0.0, 0.01, "process noise of the accelerometer bias"),
-    ("GYR_B_LIM", "rad/s", 0.15, 0.0, 0.4, "largest gyro bias", ERA_C),
-    ("GBIAS_INIT", "rad/s", 0.1, 0.0, 0.2, "sigma of the gyro bias at switch-on", ERA_A, ERA_D, True),
-    ("ABIAS_INIT", "m/s^2", 0.2, 0.0, 0.5, "sigma of the accelerometer bias at switch-on", ERA_A, ERA_D, True),
-    ("ANGERR_INIT", "rad", 0.1, 0.0, 0.5, "sigma of the tilt after the first alignment", ERA_A, ERA_D, True),
+    ("GYR_B_LIM", "rad/s", 0.15, 0.0, 0.4, "largest gyro bias", C),
+    ("GBIAS_INIT", "rad/s", 0.1, 0.0, 0.2, "sigma of the gyro bias at switch-on", A, LAST, True),
+    ("ABIAS_INIT", "m/s^2", 0.2, 0.0, 0.5, "sigma of the accelerometer bias at switch-on", A, LAST, True),
+    ("ANGERR_INIT", "rad", 0.1, 0.0, 0.5, "sigma of the tilt after the first alignment", A, LAST, True),
     ("ABL_LIM", "m/s^2", 0.4, 0.0, 0.8, "largest accelerometer bias"),
     ("ABL_ACCLIM", "m/s^2", 25, 20, 200, "no accelerometer bias is learnt above this force"),
     ("ABL_GYRLIM", "rad/s", 3, 2, 20, "no accelerometer bias is learnt above this rate"),
@@ -48,17 +34,17 @@ _ROWS = (
     ("MAG_B_NOISE", "gauss/s", 0.0001, 0.0, 0.1, "process noise of the body field"),
     ("MAG_TYPE", "", 0, 0, 6, "0 automatic, 1 heading, 2 three axes (to 1.14), 5 none, 6 at the start (1.15+)"),
     ("MAG_ACCLIM", "m/s^2", 0.5, 0.0, 5.0, "horizontal acceleration that makes heading observable"),
-    ("MAG_YAWLIM", "rad/s", 0.2, 0.0, 1.0, "yaw rate from which three axes are fused", ERA_A, ERA_C),
+    ("MAG_YAWLIM", "rad/s", 0.2, 0.0, 1.0, "yaw rate from which three axes are fused", A, C),
     ("MAG_GATE", "sigma", 3, 1, 1000, "gate of the magnetometer's axes"),
     ("HDG_GATE", "sigma", 2.6, 1, 1000, "gate of a magnetic heading"),
     ("DECL_TYPE", "bits", 7, 0, 7, "1 declination of the world model, 2 kept in MAG_DECL, 4 fused"),
     ("MAG_DECL", "deg", 0, -180, 180, "declination where no model is used"),
     ("MAG_CHECK", "bits", 1, 0, 7, "1 strength is checked against the model"),
-    ("MAG_CHK_STR", "gauss", 0.2, 0.0, 1.0, "allowed difference of the strength", ERA_D),
-    ("MAGBIAS_X", "gauss", 0, -0.5, 0.5, "field subtracted from x", ERA_A, ERA_A),
-    ("MAGBIAS_Y", "gauss", 0, -0.5, 0.5, "field subtracted from y", ERA_A, ERA_A),
-    ("MAGBIAS_Z", "gauss", 0, -0.5, 0.5, "field subtracted from z", ERA_A, ERA_A),
-    ("MIN_OBS_DT", "ms", 20, 10, 50, "least time between samples of one sensor", ERA_A, ERA_A),
+    ("MAG_CHK_STR", "gauss", 0.2, 0.0, 1.0, "allowed difference of the strength", D),
+    ("MAGBIAS_X", "gauss", 0, -0.5, 0.5, "field subtracted from x", A, A_END),
+    ("MAGBIAS_Y", "gauss", 0, -0.5, 0.5, "field subtracted from y", A, A_END),
+    ("MAGBIAS_Z", "gauss", 0, -0.5, 0.5, "field subtracted from z", A, A_END),
+    ("MIN_OBS_DT", "ms", 20, 10, 50, "least time between samples of one sensor", A, A_END),
     ("GPS_V_NOISE", "m/s", 0.3, 0.01, 5.0, "least noise of the GNSS velocity"),
     ("GPS_P_NOISE", "m", 0.5, 0.01, 10.0, "least noise of the GNSS position"),
     ("GPS_V_GATE", "sigma", 5, 1, 1000, "gate of the GNSS velocity"),
@@ -71,13 +57,13 @@ _ROWS = (
     ("MAG_DELAY", "ms", 0, 0, 300, "delay of the magnetometer against the IMU"),
     ("BARO_DELAY", "ms", 0, 0, 300, "delay of the barometer against the IMU"),
     ("ASP_DELAY", "ms", 100, 0, 300, "delay of the airspeed against the IMU"),
-    ("DELAY_MAX", "ms", 200, 0, 1000, "longest delay of any aid: how late the filter runs", ERA_D),
-    ("AID_MASK", "bits", 1, 0, 511, "1 GNSS", ERA_A, ERA_B),
-    ("HGT_MODE", "", 0, 0, 3, "height by 0 barometer, 1 GNSS", ERA_A, ERA_B),
-    ("GPS_CTRL", "bits", 7, 0, 15, "GNSS: 1 position, 2 height, 4 velocity", ERA_C),
-    ("BARO_CTRL", "", 1, 0, 1, "barometer in use", ERA_C),
-    ("HGT_REF", "", 1, 0, 3, "height reference: 0 barometer, 1 GNSS", ERA_C),
-    ("IMU_CTRL", "bits", 7, 0, 7, "4 gravity is fused without GNSS", ERA_C),
+    ("DELAY_MAX", "ms", 200, 0, 1000, "longest delay of any aid: how late the filter runs", D),
+    ("AID_MASK", "bits", 1, 0, 511, "1 GNSS", A, B_END),
+    ("HGT_MODE", "", 0, 0, 3, "height by 0 barometer, 1 GNSS", A, B_END),
+    ("GPS_CTRL", "bits", 7, 0, 15, "GNSS: 1 position, 2 height, 4 velocity", C),
+    ("BARO_CTRL", "", 1, 0, 1, "barometer in use", C),
+    ("HGT_REF", "", 1, 0, 3, "height reference: 0 barometer, 1 GNSS", C),
+    ("IMU_CTRL", "bits", 7, 0, 7, "4 gravity is fused without GNSS", C),
     ("REQ_EPH", "m", 3, 2, 100, "horizontal accuracy that GNSS needs to start"),
     ("REQ_EPV", "m", 5, 2, 100, "vertical accuracy that GNSS needs to start"),
     ("REQ_SACC", "m/s", 0.5, 0.5, 5.0, "speed accuracy that GNSS needs to start"),
@@ -86,7 +72,7 @@ _ROWS = (
     ("GPS_POS_X", "m", 0, -10, 10, "antenna forward of the IMU"),
     ("GPS_POS_Y", "m", 0, -10, 10, "antenna right of the IMU"),
     ("GPS_POS_Z", "m", 0, -10, 10, "antenna below the IMU"),
-    ("GRAV_NOISE", "", 1, 0.1, 10, "noise of the direction of gravity", ERA_C),
+    ("GRAV_NOISE", "", 1, 0.1, 10, "noise of the direction of gravity", C),
     ("ARSP_THR", "m/s", 0, 0, 50, "airspeed is fused above this; 0 never"),
     ("EAS_NOISE", "m/s", 1.4, 0.5, 5.0, "noise of the airspeed"),
     ("TAS_GATE", "sigma", 3, 1, 1000, "gate of the airspeed"),
@@ -95,10 +81,9 @@ _ROWS = (
     ("BETA_GATE", "sigma", 5, 1, 1000, "gate of the sideslip"),
     ("WIND_NSD", "m/s^2/sqrt(Hz)", 0.05, 0.0, 1.0, "process noise of the wind"),
 )  # fmt: skip
-TABLE = {row[0]: Ekf2Parameter(*row) for row in _ROWS}
 
 # Names that another version uses for the same thing.
-ALIASES = {
+_ALIASES = {
     "EKF2_WIND_NOISE": "WIND_NSD",
     "EKF2_GB_LIM": "GYR_B_LIM",
     "EKF2_CHECK_MAG": "MAG_CHECK",
@@ -108,7 +93,7 @@ ALIASES = {
     "SENS_GPS0_OFFZ": "GPS_POS_Z",
 }
 # Parameters of EKF2 that the re-run does not offer, and why.
-NOT_OFFERED = {
+_NOT_OFFERED = {
     "EKF2_MULTI_": "other IMUs and magnetometers are logged too slowly",
     "EKF2_SEL_": "the choice of the lane is taken from the log",
     "EKF2_OF_": "optical flow is not modelled",
@@ -123,45 +108,31 @@ NOT_OFFERED = {
 }
 
 
-def era_of(version: tuple[int, int]) -> int:
-    """Return the era of a firmware version (major, minor)."""
-    if version <= (1, 11):
+TABLE = ParameterTable("EKF2_", "PX4 parameter reference", ParameterTable.rows_of(_ROWS, A), _ALIASES, _NOT_OFFERED)
+
+
+def era_of(version: Version) -> int:
+    """Return the era of a firmware version."""
+    if version <= A_END:
         return ERA_A
-    if version <= (1, 13):
+    if version <= B_END:
         return ERA_B
-    return ERA_C if version == (1, 14) else ERA_D
+    return ERA_C if version == C else ERA_D
 
 
 def settings_of(params: Mapping[str, float], version: tuple[int, int]) -> dict[str, float]:
     """Return the settings by short name: those of ``params`` (full names), else the defaults of the version."""
     era = era_of(version)
-    found = {name: float(p.default) for name, p in TABLE.items()}
+    found = {name: float(p.default) for name, p in TABLE.rows.items()}
     if era == ERA_A:
         found |= {"GPS_V_NOISE": 0.5}
         if version <= (1, 10):
             found |= {"BARO_NOISE": 2.0, "REQ_EPH": 5.0, "REQ_EPV": 8.0, "REQ_SACC": 1.0}
     if era <= ERA_B:
         found |= {"GYR_B_LIM": 0.35}
-    found |= {short: float(params[name]) for name, short in ALIASES.items() if name in params}
-    found |= {name: float(params[PREFIX + name]) for name in TABLE if PREFIX + name in params}
+    found |= TABLE.logged(params)
     if era <= ERA_B:
         # AID_MASK and HGT_MODE choose the aids; before 1.14 height has one source
         found["GPS_CTRL"] = 7.0 if int(found["AID_MASK"]) & 1 else (2.0 if found["HGT_MODE"] == 1.0 else 0.0)
         found["HGT_REF"], found["BARO_CTRL"], found["IMU_CTRL"] = found["HGT_MODE"], 1.0, 3.0
     return found
-
-
-# First and last version of each era.
-ERA_VERSIONS = (("1.8", "1.11"), ("1.12", "1.13"), ("1.14", "1.14"), ("1.15", ""))
-
-
-def check_changes(changes: Collection[str], version: tuple[int, int]) -> None:
-    """UsageError for a parameter (short name) that this version of the firmware does not have."""
-    era = era_of(version)
-    for name in changes:
-        p = TABLE[name]
-        first, last = ERA_VERSIONS[p.first][0], ERA_VERSIONS[p.last][1]
-        check_version(PREFIX + name, first, last, p.first <= era <= p.last, f"{version[0]}.{version[1]}")
-
-
-START_PARAMETERS = tuple(name for name, p in TABLE.items() if p.start)

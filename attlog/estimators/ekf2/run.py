@@ -13,7 +13,7 @@ from attlog.core import jit
 from attlog.core.jit import F1, F2, Out1, Out2
 from attlog.estimators.ekf2 import state as s
 from attlog.estimators.ekf2.loop import Samples, run_filter
-from attlog.estimators.ekf2.parameters import START_PARAMETERS, check_changes, era_of, settings_of
+from attlog.estimators.ekf2.parameters import TABLE, era_of, settings_of
 from attlog.estimators.ekf2.start import logged_gnss, logged_resets, warm_starts
 from attlog.estimators.error_state import NEVER, new_filter, rotation, turn_body
 from attlog.estimators.rerun import Mode, Rerun, check_start, held, innovation_tables, local_ned, side_by_side
@@ -51,13 +51,13 @@ def rerun(
     holds states.
     """
     era = era_of(inputs.version)
-    check_changes(changes or {}, inputs.version)
+    TABLE.check(changes or {}, inputs.version)
     setting = settings_of(inputs.params, inputs.version) | dict(changes or {})
     steps = steps_of(inputs.imu, predict_seconds(inputs.version, setting))
     t_step, step_s = steps[:, 0].copy(), float(np.median(steps[:, 7]))
     fill_flags(steps, inputs, era)
     starts = [] if cold else warm_starts(inputs, era, step_s)
-    check_start(changes or {}, START_PARAMETERS, "warm" if starts else "cold")
+    check_start(changes or {}, TABLE.at_start, "warm" if starts else "cold")
     bias = starts[0].x[10:13] if starts else np.zeros(3)
     gnss, gnss_logged_hz = gnss_samples(inputs, setting["GPS_DELAY"], step_s)
     gnss_hz = gnss_hz or receiver_rate(inputs.gnss, gnss_logged_hz)

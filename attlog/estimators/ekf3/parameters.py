@@ -5,29 +5,11 @@ Ranges and meanings: ArduPilot parameter lists of 3.6 to 4.8. :func:`settings_of
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import NamedTuple
+from collections.abc import Mapping
 
-from attlog.estimators.rerun import check_version
+from attlog.estimators.firmware import ParameterTable, Version
 
-PREFIX = "EK3_"
-Version = tuple[int, int]
-FIRST, SOURCES, LAST = (3, 6), (4, 1), (9, 9)
-
-
-class Ekf3Parameter(NamedTuple):
-    """A parameter by its short name; versions from ``first`` to ``last``; ``start``: acts only on a cold start."""
-
-    name: str
-    unit: str
-    default: float
-    low: float
-    high: float
-    meaning: str
-    first: Version = FIRST
-    last: Version = LAST
-    start: bool = False
-
+FIRST, SOURCES = (3, 6), (4, 1)
 
 _ROWS = (
     ("VELNE_M_NSE", "m/s", 0.3, 0.05, 5.0, "least noise of the horizontal GNSS velocity"),
@@ -71,16 +53,13 @@ _ROWS = (
     ("ALT_SOURCE", "", 0, 0, 3, "source of the height: 0 barometer, 2 GNSS", FIRST, (4, 0)),
     ("GPS_DELAY_MS", "ms", 0, 0, 250, "lag of the receiver; 0: that of its driver"),
 )  # fmt: skip
-TABLE = {row[0]: Ekf3Parameter(*row) for row in _ROWS}
-# Parameters that are not EKF3's own, by their full names.
-OUTSIDE = ("GPS_DELAY_MS",)
 # Defaults of planes.
 PLANE_DEFAULTS = {"VELNE_M_NSE": 0.5, "VELD_M_NSE": 0.7, "ALT_M_NSE": 3.0, "CHECK_SCALE": 150.0, "MAG_CAL": 0.0}
 
 # Names that another version uses for the same thing.
-ALIASES = {"GPS1_DELAY_MS": "GPS_DELAY_MS"}
+_ALIASES = {"GPS1_DELAY_MS": "GPS_DELAY_MS"}
 # Parameters of EKF3 that the re-run does not offer, and why.
-NOT_OFFERED = {
+_NOT_OFFERED = {
     "EK3_IMU_MASK": "the cores are those that flew",
     "EK3_PRIMARY": "the core is the one that flew",
     "EK3_AFFINITY": "the choice of sensors is taken from the log",
@@ -103,23 +82,26 @@ NOT_OFFERED = {
 }
 
 
-def full_name(short: str) -> str:
-    """Return the firmware's name of a parameter."""
-    return short if short in OUTSIDE else PREFIX + short
+TABLE = ParameterTable(
+    "EK3_",
+    "ArduPilot parameters",
+    ParameterTable.rows_of(_ROWS, FIRST),
+    _ALIASES,
+    _NOT_OFFERED,
+    outside=("GPS_DELAY_MS",),
+)
 
 
 def settings_of(params: Mapping[str, float], version: Version, plane: bool) -> dict[str, float]:
     """Return the settings by short name: those of ``params`` (full names), else the defaults of the version."""
-    found = {name: float(p.default) for name, p in TABLE.items()}
+    found = {name: float(p.default) for name, p in TABLE.rows.items()}
     if plane:
         found |= PLANE_DEFAULTS
     elif version < SOURCES:
         found |= {"VELNE_M_NSE": 0.5}
     if version < (4, 0):
         found |= {"MAG_EF_LIM": 0.0}
-    found |= {short: float(params[name]) for name, short in ALIASES.items() if name in params}
-    found |= {name: float(params[full_name(name)]) for name in TABLE if full_name(name) in params}
-    return found
+    return found | TABLE.logged(params)
 
 
 def sources_of(setting: Mapping[str, float], version: Version) -> dict[str, float]:
@@ -133,15 +115,3 @@ def sources_of(setting: Mapping[str, float], version: Version) -> dict[str, floa
         found["SRC1_POSZ"] = 3.0 if setting["ALT_SOURCE"] == 2.0 else 1.0
         found["SRC1_YAW"] = 0.0 if setting["MAG_CAL"] >= 5.0 else 1.0
     return found
-
-
-def check_changes(changes: Collection[str], version: Version) -> None:
-    """UsageError for a parameter (short name) that this version of the firmware does not have."""
-    for name in changes:
-        p = TABLE[name]
-        last = "" if p.last == LAST else _text(p.last)
-        check_version(full_name(name), _text(p.first), last, p.first <= version <= p.last, _text(version))
-
-
-def _text(version: Version) -> str:
-    return f"{version[0]}.{version[1]}"

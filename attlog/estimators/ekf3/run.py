@@ -17,7 +17,7 @@ from attlog.core import earth, rotation
 from attlog.core.errors import UsageError
 from attlog.estimators.ekf3 import state as s
 from attlog.estimators.ekf3.loop import Samples, run_filter
-from attlog.estimators.ekf3.parameters import check_changes, settings_of, sources_of
+from attlog.estimators.ekf3.parameters import TABLE, settings_of, sources_of
 from attlog.estimators.error_state import (
     BA,
     BG,
@@ -87,7 +87,7 @@ def rerun(
     ``mode``: resets and the use of GNSS as ``flown``, or by the filter's ``own`` rules. ``cold``: start from gravity
     although the log holds states.
     """
-    check_changes(changes or {}, inputs.version)
+    TABLE.check(changes or {}, inputs.version)
     setting = settings_of(inputs.params, inputs.version, inputs.plane) | dict(changes or {})
     setting = sources_of(setting, inputs.version)
     if int(setting["MAG_MASK"]) >> inputs.core & 1:

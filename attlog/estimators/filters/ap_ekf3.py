@@ -13,34 +13,16 @@ that the log holds, or from gravity where the log begins before the filter. It r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NoReturn
 
 from attlog.core.errors import UsageError
-from attlog.estimators.ekf3 import parameters as ekf3
-from attlog.estimators.ekf3.parameters import TABLE, full_name
-from attlog.estimators.interface import LogInfo, Parameter
+from attlog.estimators.ekf3.parameters import TABLE
 
 SOURCE = "ArduPilot libraries/AP_NavEKF3 (3.6 to 4.8), facts and equations"
 NEEDS = {"gyro", "acc"}
-PARAMETERS = tuple(
-    Parameter(
-        full_name(p.name), float(p.default), p.unit, float(p.low), float(p.high), p.meaning, "ArduPilot parameters"
-    )
-    for p in TABLE.values()
-)
-
-
-ALIASES = {name: full_name(short) for name, short in ekf3.ALIASES.items()}
-NOT_OFFERED = ekf3.NOT_OFFERED
-
-
-def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float]:
-    """Return the parameters that the vehicle flew with, where they lie in the documented range."""
-    known = {own: params[name] for name, own in ALIASES.items() if name in params}
-    known |= {full_name(name): params[full_name(name)] for name in TABLE if full_name(name) in params}
-    ranges = {p.name: (p.low, p.high) for p in PARAMETERS}
-    return {name: float(v) for name, v in known.items() if ranges[name][0] <= v <= ranges[name][1]}
+PARAMETERS = TABLE.declared
+ALIASES, NOT_OFFERED = TABLE.renamed, TABLE.not_offered
+from_log = TABLE.flown
 
 
 def run(*_: Any) -> NoReturn:

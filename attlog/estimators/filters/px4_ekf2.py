@@ -13,34 +13,16 @@ states that the log holds, or from gravity where the log begins at switch-on. It
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, NoReturn
 
 from attlog.core.errors import UsageError
-from attlog.estimators.ekf2 import parameters as ekf2
-from attlog.estimators.ekf2.parameters import PREFIX, TABLE
-from attlog.estimators.interface import LogInfo, Parameter
+from attlog.estimators.ekf2.parameters import TABLE
 
 SOURCE = "PX4 src/modules/ekf2 and PX4-ECL EKF (1.8 to 1.18), facts and equations"
 NEEDS = {"gyro", "acc"}
-PARAMETERS = tuple(
-    Parameter(
-        PREFIX + p.name, float(p.default), p.unit, float(p.low), float(p.high), p.meaning, "PX4 parameter reference"
-    )
-    for p in TABLE.values()
-)
-
-
-ALIASES = {name: PREFIX + short for name, short in ekf2.ALIASES.items()}
-NOT_OFFERED = ekf2.NOT_OFFERED
-
-
-def from_log(params: Mapping[str, float], info: LogInfo) -> dict[str, float]:
-    """Return the parameters that the vehicle flew with, where they lie in the documented range."""
-    known = {own: params[name] for name, own in ALIASES.items() if name in params}
-    known |= {PREFIX + name: params[PREFIX + name] for name in TABLE if PREFIX + name in params}
-    ranges = {p.name: (p.low, p.high) for p in PARAMETERS}
-    return {name: float(v) for name, v in known.items() if ranges[name][0] <= v <= ranges[name][1]}
+PARAMETERS = TABLE.declared
+ALIASES, NOT_OFFERED = TABLE.renamed, TABLE.not_offered
+from_log = TABLE.flown
 
 
 def run(*_: Any) -> NoReturn:

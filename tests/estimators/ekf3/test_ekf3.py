@@ -14,7 +14,7 @@ from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.estimators.ekf3 import run
 from attlog.estimators.ekf3.loop import run_filter
-from attlog.estimators.ekf3.parameters import check_changes, settings_of, sources_of
+from attlog.estimators.ekf3.parameters import TABLE, settings_of, sources_of
 from attlog.estimators.error_state import G
 from attlog.estimators.rerun import EARTH_RADIUS_M
 from attlog.flight.ardupilot.ekf3_inputs import Ekf3Inputs
@@ -238,9 +238,9 @@ def test_settings_follow_version_and_vehicle() -> None:
 
 
 def test_parameters_of_another_version_are_refused() -> None:
-    check_changes(["SRC1_YAW"], (4, 5))
+    TABLE.check(["SRC1_YAW"], (4, 5))
     with pytest.raises(UsageError, match=r"EK3_SRC1_YAW exists from 4.1 on; this log is of version 4.0"):
-        check_changes(["SRC1_YAW"], (4, 0))
+        TABLE.check(["SRC1_YAW"], (4, 0))
 
 
 # Simulated flights of the firmware: median and 95 % of tilt, median of heading in deg, in the air.
