@@ -119,9 +119,8 @@ CONTROL = (
 
 # Modes of the compass, as XKFS.MAG_FUSION counts them.
 MAG_NONE, MAG_YAW, MAG_3D = 0, 1, 2
-# Sources of EK3_SRC1_YAW and of the other EK3_SRC1_*.
-YAW_BY_COMPASS, YAW_BY_GSF = 1.0, 8.0
-BY_BARO, BY_GNSS = 1.0, 3.0
+# Sources of EK3_SRC1_YAW, and GNSS in the other EK3_SRC1_*.
+YAW_BY_COMPASS, YAW_BY_GSF, BY_GNSS = 1.0, 8.0, 3.0
 # Kinds of a heading that is fused: of the compass, of the yaw estimator, held at rest, its own prediction.
 HEADING_COMPASS, HEADING_GSF, HEADING_HELD, HEADING_PREDICTED = 0.0, 1.0, 2.0, 3.0
 

@@ -63,12 +63,9 @@ INNOVATION_COLUMNS = {
 # Beginnings of a core's messages ("EKF3 IMU0 ...") and the events that they report.
 EVENT_TEXTS = {
     "initialised": "initialised",
-    "tilt alignment complete": "tilt_aligned",
-    "initial yaw alignment complete": "yaw_aligned",
     "in-flight yaw alignment complete": "final_reset",
     "ground mag anomaly, yaw re-aligned": "anomaly_reset",
     "is using GPS": "gnss_on",
-    "stopped aiding": "gnss_off",
     "origin set": "origin",
 }
 
@@ -121,13 +118,11 @@ class Ekf3Inputs:
     touch_down: Mapping[str, Array]
     events: Mapping[str, Array]
     states: Ekf3States | None
-    lanes: Mapping[str, Array]
     innovations: Mapping[str, Array]
     step_s: float | None
     gnss_lag_ms: float
     antenna: tuple[float, float, float]
     plane: bool
-    simulated: bool
     params: dict[str, float] = field(default_factory=dict)
     version: tuple[int, int] = (0, 0)
 
@@ -307,7 +302,8 @@ def _line(line: TimeLine | None, t0: float) -> dict[str, Array]:
 def _armed(builder: DataflashBuilder, t0: float) -> dict[str, Array]:
     """Return arming over time, with an initial state before the first record.
 
-    Initially armed are planes whose first record is a disarming, and other vehicles whose motors turn.
+    Initially armed are planes whose first record is a disarming, because their first outputs are servos, and other
+    vehicles whose motors turn.
     """
     armed = _line(builder.log.state.armed, t0)
     outputs = builder.messages.first("RCOU")
@@ -396,7 +392,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
     if len(timing["t"]) > 2 and (timing["count"] > 0).all():
         step_s = float(np.median(np.diff(timing["t"]) / timing["count"][1:]))
     compass = _chosen(builder, core, "MI", "MI")
-    mag = _selected(builder, "MAG", compass, {"x": "MagX", "y": "MagY", "z": "MagZ", "healthy": "Health"})
+    mag = _selected(builder, "MAG", compass, {"x": "MagX", "y": "MagY", "z": "MagZ"})
     changes = compass["t"][1:][np.diff(compass["unit"]) != 0]
     baro = _selected(builder, "BARO", _chosen(builder, core, "BI"), {"alt": "Alt", "sms": "SMS"})
     sampled = baro.pop("sms") * 1e-3
@@ -427,13 +423,11 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         touch_down=_touch_down(builder, core, gnss, t0),
         events=_events(log, builder, unit) | {"compass": changes},
         states=_states(builder, core, log.parameters.trim),
-        lanes=_read(builder, builder.messages.first("XKF4"), {"primary": "PI"}),
         innovations=_innovations(builder, core),
         step_s=step_s,
         gnss_lag_ms=gnss_lag(builder),
         antenna=antenna_of(builder, core, unit),
         plane=plane,
-        simulated=log.simulated,
         params=dict(values),
         version=version_number(log.firmware.version),
     )

@@ -41,17 +41,7 @@ def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **
     gnss |= {"hacc": full(len(g), 0.5), "vacc": full(len(g), 0.8), "sacc": full(len(g), 0.3)}
     nothing = {"t": np.zeros(0)}
     none = np.zeros(0)
-    names = (
-        "initialised",
-        "tilt_aligned",
-        "yaw_aligned",
-        "final_reset",
-        "anomaly_reset",
-        "gnss_on",
-        "gnss_off",
-        "origin",
-        "compass",
-    )
+    names = ("initialised", "final_reset", "anomaly_reset", "gnss_on", "origin", "compass")
     values: dict[str, object] = {
         "core": 0,
         "unit": 0,
@@ -71,13 +61,11 @@ def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **
         "touch_down": nothing | {"on": none},
         "events": dict.fromkeys(names, none),
         "states": None,
-        "lanes": nothing,
         "innovations": nothing,
         "step_s": None,
         "gnss_lag_ms": 120.0,
         "antenna": (0.0, 0.0, 0.0),
         "plane": False,
-        "simulated": True,
         "params": {"COMPASS_AUTODEC": 0.0, "COMPASS_DEC": float(np.arctan2(FIELD[1], FIELD[0]))},
         "version": (4, 5),
     }
