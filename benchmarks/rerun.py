@@ -26,11 +26,9 @@ from numpy.typing import NDArray
 import attlog
 from attlog.core import rotation
 from attlog.core.errors import AttlogError, UsageError
-from attlog.estimators.ekf2 import logged as logged_ekf2
 from attlog.estimators.ekf2 import run as ekf2
-from attlog.estimators.ekf3 import logged as logged_ekf3
 from attlog.estimators.ekf3 import run as ekf3
-from attlog.estimators.rerun import Mode, Rerun
+from attlog.estimators.rerun import Mode, Rerun, logged_tables
 from attlog.flight.px4.ekf2_inputs import Ekf2Inputs
 from attlog.metrics.metric import Case
 from attlog.pipeline import onboard_rerun
@@ -83,16 +81,12 @@ def sigma_ratios(found: Rerun, inputs: Any) -> Array:
     """Return medians of re-run over logged sigmas (6,); NaN if they are not logged."""
     if inputs.states is None:
         return np.full(6, np.nan)
+    sigma = logged_tables(inputs)["sigma"]
     if isinstance(inputs, Ekf2Inputs):
-        sigma, t, logged = logged_ekf2.logged_tables(inputs)["sigma"], inputs.states.t, inputs.states.covariances
+        t, logged = inputs.states.t, inputs.states.covariances
         first, per_step = (3, False) if found.facts["era"] > 2 else (4, True)
     else:
-        sigma, t, logged = (
-            logged_ekf3.logged_tables(inputs)["sigma"],
-            inputs.states.t_variances,
-            inputs.states.variances,
-        )
-        first, per_step = 4, True
+        t, logged, first, per_step = inputs.states.t_variances, inputs.states.variances, 4, True
     theta, v, bg, ba = (found.states[f"{n}_variance"] for n in ("attitude", "velocity", "gyro_bias", "acc_bias"))
     scale = found.facts["step_s"] ** 2 if per_step else 1.0
 

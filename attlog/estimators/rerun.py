@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 Mode = Literal["flown", "own"]
 # The earth's radius of the firmwares' map projections.
 EARTH_RADIUS_M = 6371000.0
+# More logged sigmas are thinned: those of a quaternion take a fit each.
+MAX_LOGGED_SIGMAS = 500
 INNOVATION = "innovation."
 INNOVATION_COLUMNS = ("t", "innovation", "variance", "ratio")
 # Aids in the order of the numbers that the loops write, with the unit of their innovations.
@@ -102,6 +104,28 @@ def innovation_tables(log: Array) -> dict[str, Array]:
 def innovations(aux: Mapping[str, Array]) -> dict[str, Array]:
     """Return the tables (m, 4) of an estimate's ``aux`` by aid."""
     return {name.removeprefix(INNOVATION): table for name, table in aux.items() if name.startswith(INNOVATION)}
+
+
+def logged_tables(inputs: Any) -> dict[str, Array]:
+    """Return what a filter logged of itself, in tables with times (s since boot) in the first column.
+
+    ``sigma``: of tilt and heading in rad. Innovations are named as in a re-run's ``aux``, those of aids that were never
+    fused are left out.
+    """
+    found = {}
+    if inputs.states is not None:
+        t, q, variances = (x[:: max(len(x) // MAX_LOGGED_SIGMAS, 1)] for x in inputs.states.attitude())
+        if variances.shape[1] == 3:
+            both = np.column_stack([variances[:, 0] + variances[:, 1], variances[:, 2]])
+        else:
+            fitted = [attitude_variances(*one) for one in zip(q, variances, strict=True)]
+            both = np.array(fitted).reshape(-1, 2) * (2.0, 1.0)
+        if len(t):
+            found["sigma"] = np.column_stack([t, np.sqrt(np.maximum(both, 0.0))])
+    for aid, values in inputs.innovations.items():
+        if aid != "t" and np.any(np.nan_to_num(values) != 0.0):
+            found[INNOVATION + aid] = np.column_stack([inputs.innovations["t"], values])
+    return found
 
 
 def attitude_variances(q: Array, variances: Array) -> tuple[float, float]:

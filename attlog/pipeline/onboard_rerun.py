@@ -18,7 +18,7 @@ from attlog.estimators.ekf2.parameters import TABLE as EKF2
 from attlog.estimators.ekf3.parameters import TABLE as EKF3
 from attlog.estimators.interface import Estimate
 from attlog.estimators.registry import FLOWN
-from attlog.estimators.rerun import Mode, Rerun
+from attlog.estimators.rerun import Mode, Rerun, logged_tables
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.rerun import DIFFERENCE, rerun_traces
@@ -273,13 +273,8 @@ def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | N
 
 def traces_of(case: Case, row: Track) -> list[Trace]:
     """Return traces of a re-run beside the logged states of the onboard filter."""
-    from attlog.estimators.ekf2.logged import logged_tables as logged_ekf2
-    from attlog.estimators.ekf3.logged import logged_tables as logged_ekf3
-
-    if case.log.firmware.name == "ArduPilot" and row.imu is not None:
-        logged = logged_ekf3(inputs_of(case, str(row.imu.index)))
-    else:
-        logged = logged_ekf2(inputs_of(case, ""))
+    imu = row.imu
+    logged = logged_tables(flown_inputs(case, imu) if imu is not None else inputs_of(case, ""))
     for table in logged.values():
         table[:, 0] -= case.log.t0_us * 1e-6
     return rerun_traces(case, row, logged)

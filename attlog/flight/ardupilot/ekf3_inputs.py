@@ -88,6 +88,13 @@ class Ekf3States:
     t_mag_fusion: Array
     mag_fusion: Array
 
+    def attitude(self) -> tuple[Array, Array, Array]:
+        """Return times, attitudes (n, 4) and the variances of their quaternions (n, 4)."""
+        if not len(self.t):
+            return np.zeros(0), np.zeros((0, 4)), np.zeros((0, 4))
+        last = np.clip(np.searchsorted(self.t, self.t_variances), 0, len(self.t) - 1)
+        return self.t_variances, self.x[last, :4], self.variances[:, :4]
+
 
 @dataclass(slots=True)
 class Ekf3Inputs:

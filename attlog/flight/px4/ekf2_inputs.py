@@ -68,6 +68,10 @@ class EstimatorStates:
     covariances: Array
     n_states: int
 
+    def attitude(self) -> tuple[Array, Array, Array]:
+        """Return times, attitudes (n, 4) and their variances: of three errors from 1.15 on, else of the quaternion."""
+        return self.t, self.states[:, :4], self.covariances[:, : 3 if self.n_states > 24 else 4]
+
 
 @dataclass(slots=True)
 class Ekf2Inputs:
