@@ -9,7 +9,6 @@ with GNSS.
 from __future__ import annotations
 
 import math
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,15 +102,21 @@ def interval_rates(imu: Imu, reference: Reference) -> tuple[Array, Array, Array]
 
 def _smoother_step_check(imu: Imu, jumps: tuple[GyroJump, ...]) -> Check:
     """Check the bias steps that the smoother found by likelihood."""
-    made = partial(Check, "gyro_bias_step", threshold=STEP_LIMIT)
     if not jumps:
-        return made("ok", f"The smoother finds no step of the bias of {imu.gyro.source}.")
+        text = f"The smoother finds no step of the bias of {imu.gyro.source}."
+        return Check("gyro_bias_step", "ok", text, threshold=STEP_LIMIT)
     jump = jumps[0]
     axis = int(np.argmax(np.abs(jump.size_dps)))
     size, sigma = jump.size_dps[axis], math.hypot(jump.sigma_dps[axis], STEP_FLOOR_DPS)
+    return _step_found(imu, size, sigma, axis, jump.t, "by the smoother, which models it")
+
+
+def _step_found(imu: Imu, size: float, sigma: float, axis: int, t: float, by: str) -> Check:
+    """Return the check of a bias step in deg/s about an axis at ``t`` s."""
     text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
-    text += f"({interval_text(size, sigma, 2)}, 95 %) at {jump.t:.0f} s by the smoother, which models it."
-    check = made(graded(abs(size), STEP_DPS, STEP_FAR_DPS), text, unit="deg/s", t=round(jump.t, 1))
+    text += f"({interval_text(size, sigma, 2)}, 95 %) at {t:.0f} s {by}."
+    verdict = graded(abs(size), STEP_DPS, STEP_FAR_DPS)
+    check = Check("gyro_bias_step", verdict, text, unit="deg/s", threshold=STEP_LIMIT, t=round(t, 1))
     return check.measure(size, sigma, 2)
 
 
@@ -168,12 +173,9 @@ def _step_check(
         text += f"{'x, y and z' if reference.kind == 'truth' else 'x and y'} in flight."
         return Check("gyro_bias_step", "ok", text, round(size, 2), "deg/s", STEP_LIMIT)
     when = _step_time(t, left[:, axis], float(numbers[at]) * BLOCK_S)
-    text = f"The bias of {imu.gyro.source} steps by {size:+.2f} deg/s about {'xyz'[axis]} "
-    text += f"({interval_text(size, sigma, 2)}, 95 %) at {when:.0f} s against {reference.source}."
-    n, verdict = len(t), graded(abs(size), STEP_DPS, STEP_FAR_DPS)
-    check = Check("gyro_bias_step", verdict, text, unit="deg/s", threshold=STEP_LIMIT, t=round(when, 1), n=n)
-    check.seconds = round(n * INTERVAL_S, 1)
-    return check.measure(size, sigma, 2)
+    check = _step_found(imu, size, sigma, axis, when, f"against {reference.source}")
+    check.n, check.seconds = len(t), round(len(t) * INTERVAL_S, 1)
+    return check
 
 
 def largest_step(bias: Array) -> tuple[float, float, int, int]:

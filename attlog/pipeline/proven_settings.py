@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from attlog import estimators
+from attlog.core.errors import UsageError
+from attlog.estimators.interface import Estimator
 from attlog.flight.recalibration import calibrates
 from attlog.health import Check
 from attlog.metrics.metric import Case
@@ -26,18 +28,28 @@ def prove_settings(case: Case, checks: list[Check]) -> list[Check]:
     be run again, are returned unchanged.
     """
     name, imu = flown_filter(case.log), case.log.replay_imu
-    if not name or imu is None or not any(map(_is_concerned, checks)):
+    if not name or imu is None:
         return checks
-    trials = trials_of(case, imu, estimators.get(name))
+    estimator = estimators.get(name)
+    concerned = [_is_concerned(check, estimator) for check in checks]
+    trials = trials_of(case, imu, estimator) if any(concerned) else None
     if trials is None:
         return checks
-    return [_proven(trials, check, checks) if _is_concerned(check) else check for check in checks]
+    proven = []
+    for check, tried in zip(checks, concerned, strict=True):
+        try:
+            proven.append(_proven(trials, check, checks) if tried else check)
+        except UsageError:  # a parameter that the re-run of this version does not take
+            proven.append(check)
+    return proven
 
 
-def _is_concerned(check: Check) -> bool:
-    """Return whether a check of a sensor in use offers something, or reports a rejected aid."""
+def _is_concerned(check: Check, estimator: Estimator) -> bool:
+    """Return whether a check of a sensor in use offers inputs of the filter, or reports a rejected aid."""
+    names, known = [s.name for s in check.settings], {p.name for p in estimator.parameters} | set(estimator.aliases)
+    offered = not known.isdisjoint(names) or calibrates(names) or check.other_compass
     rejected = check.question == "innovations" and check.is_trouble and check.t is not None
-    return check.in_use and bool(check.settings or check.other_compass or rejected)
+    return check.in_use and bool(offered or rejected)
 
 
 def _proven(trials: Trials, check: Check, checks: Sequence[Check]) -> Check:

@@ -118,7 +118,11 @@ def test_a_rejected_compass_carries_the_gate_that_accepts_it_as_evidence_only(at
 
 @pytest.mark.parametrize(
     ("setting", "more"),
-    [(Setting("INS_HNTCH_FREQ", 0.0, 80.0), {}), (Setting("EKF2_GPS_DELAY", 110.0, 250.0), {"in_use": False})],
+    [
+        (Setting("INS_HNTCH_FREQ", 0.0, 80.0), {}),
+        (Setting("EKF2_MAGBIAS_X", 0.0, 0.1), {}),  # of versions to 1.11
+        (Setting("EKF2_GPS_DELAY", 110.0, 250.0), {"in_use": False}),
+    ],
 )
 def test_settings_that_the_filter_does_not_read_stay(setting: Setting, more: dict[str, object]) -> None:
     found = tried(PX4, setting, **more)
