@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from attlog.result import Reproduction, Result
+from attlog.result import Event, Reproduction, Result
 from attlog.words.names import flown_name, truth_name
 from attlog.words.numbers import duration, moment
 from attlog.words.text import typeset
@@ -157,9 +156,8 @@ def level_name(level: int) -> str:
     return LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
 
 
-# Events of a flight for display: time, sentence, severity, evidence.
+# Events of a flight.
 
-EVENT_STYLES = {"serious": "bad", "warning": "warn"}
 # Label of an event by its kind.
 EVENT_LABELS = {
     "armed": "armed",
@@ -190,22 +188,11 @@ EVENT_LABELS = {
 MINOR_EVENTS = ("power_up", "reset")
 
 
-@dataclass(slots=True)
-class ShownEvent:
-    """An event for display: ``t`` s, sentence, style, and its sources."""
-
-    t: float
-    text: str
-    style: str
-    evidence: str
-
-
-def shown_events(result: Result) -> tuple[list[ShownEvent], list[ShownEvent]]:
+def shown_events(result: Result) -> tuple[list[Event], list[Event]]:
     """Return events in time order, and events of minor kinds."""
-    listed: list[ShownEvent] = []
-    details: list[ShownEvent] = []
+    listed: list[Event] = []
+    details: list[Event] = []
     for event in result.events:
-        shown = ShownEvent(event.t, event.text, EVENT_STYLES.get(event.severity, ""), "; ".join(event.evidence))
         minor = event.kind in MINOR_EVENTS or (event.kind == "message" and event.severity == "note")
-        (details if minor else listed).append(shown)
+        (details if minor else listed).append(event)
     return listed, details
