@@ -72,27 +72,28 @@ def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
     ]
 
 
-def test_a_better_compass_whose_offsets_are_zero_is_to_be_calibrated_first() -> None:
-    case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    other = studies[1].samples.mag
-    other.offsets = replace(other.field, x=np.zeros_like(other.field.x))
+@pytest.mark.parametrize(
+    ("used", "other", "switches", "zero", "why"),
+    [
+        (12.0, 0.0, True, True, "MAG.1 was never calibrated: calibrate it first."),
+        (30.0, 9.0, True, False, "MAG.1 is better, but errs too: calibrate both."),
+        (
+            12.0,
+            0.0,
+            False,
+            False,
+            "The log holds no parameter that switches a compass: give that one a higher priority.",
+        ),
+    ],
+)
+def test_a_better_compass_is_not_offered_for_one_reason(
+    used: float, other: float, switches: bool, zero: bool, why: str
+) -> None:
+    case, studies = two((used, 0.0, 0.0), (0.0, other, 0.0), switches)
+    mag = studies[1].samples.mag
+    mag.offsets = replace(mag.field, x=np.zeros_like(mag.field.x)) if zero else None
     (found,) = compass.choice_checks(case, studies)
-    assert (found.verdict, found.settings) == ("warning", [])
-    assert found.why_no_setting == "MAG.1 was never calibrated: calibrate it first."
-
-
-def test_a_better_compass_that_errs_too_is_not_to_be_used() -> None:
-    case, studies = two((30.0, 0.0, 0.0), (0.0, 9.0, 0.0))
-    (found,) = compass.choice_checks(case, studies)
-    assert (found.verdict, found.settings) == ("warning", [])
-    assert found.why_no_setting == "MAG.1 is better, but errs too: calibrate both."
-
-
-def test_without_switches_the_choice_is_words() -> None:
-    case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0), switches=False)
-    (found,) = compass.choice_checks(case, studies)
-    assert not found.settings
-    assert "priority" in found.why_no_setting
+    assert (found.verdict, found.settings, found.why_no_setting) == ("warning", [], why)
 
 
 def test_without_an_attitude_the_size_of_the_field_decides() -> None:
@@ -231,54 +232,44 @@ def test_a_field_of_the_place_is_not_taken_for_the_motors() -> None:
     assert not ASKED
 
 
-def test_without_samples_on_the_ground_no_number_is_offered() -> None:
-    one, two = answers(samples((10.0, 0.0, 0.0), ground=(False, False)))
-    assert one.verdict == "warning"
-    assert "No sample on the ground" in one.why_no_setting
-    assert two.verdict == "unknown"
-    assert not ASKED
+IRON = (10.0, 0.0, 0.0)
 
 
-def test_a_compensation_needs_the_ground_on_both_ends() -> None:
-    _, two = answers(samples(motor=(0.5, 0.0, 0.0), ground=(True, False)))
-    assert "after landing is not logged" in two.why_no_setting
-    made = samples(motor=(0.5, 0.0, 0.0))
-    made.measured[made.after] += [4.0, 0.0, 0.0]
-    _, two = answers(made)
-    assert "differ" in two.why_no_setting
-    assert not ASKED
+def changed(made: FieldSamples, use: np.ndarray, ut: float) -> FieldSamples:
+    made.measured[use] += [ut, 0.0, 0.0]
+    return made
 
 
-def test_an_offset_of_one_half_is_not_constant() -> None:
-    made = samples((10.0, 0.0, 0.0))
-    made.measured[made.t > 70.0] -= [14.0, 0.0, 0.0]
+@pytest.mark.parametrize(
+    ("made", "why"),
+    [
+        (samples(IRON, ground=(False, False)), "No sample on the ground"),
+        (samples(IRON, calibrated=False), "never calibrated"),
+        (changed(samples(IRON), samples().t > 70.0, -14.0), "none is constant"),
+        # On one heading a turn looks like an offset, on the ground as in the air.
+        (samples(turn_deg=25.0, turns=0.03), "askew"),
+        # With a heading known to 4 deg the difference is within four sigmas, and the offset little more.
+        (samples((9.0, 0.0, 0.0), place=(-5.0, 0.0, 0.0), sigma_deg=4.0), "does not confirm"),
+        (samples((0.0, 0.0, -2.5), noise=0.05), "does not improve the heading"),
+    ],
+)
+def test_an_offset_is_not_offered_for_one_reason(made: FieldSamples, why: str) -> None:
     one, _ = answers(made)
-    assert "none is constant" in one.why_no_setting
-    assert not ASKED
+    assert one.verdict in ("warning", "unknown")
+    assert (one.settings, ASKED) == ([], [])
+    assert why in one.why_no_setting
 
 
-def test_a_compass_mounted_askew_gets_no_offset() -> None:
-    """On one heading a turn looks like an offset, on the ground as in the air."""
-    one, _ = answers(samples(turn_deg=25.0, turns=0.03))
-    assert one.verdict == "warning"
-    assert "askew" in one.why_no_setting
-    one, _ = answers(samples(turn_deg=25.0))
-    assert not one.settings
-    assert not ASKED
-
-
-def test_a_ground_that_shows_half_of_it_confirms_nothing() -> None:
-    """With a heading known to 4 deg the difference is within four sigmas, and the offset little more."""
-    one, _ = answers(samples((9.0, 0.0, 0.0), place=(-5.0, 0.0, 0.0), sigma_deg=4.0))
-    assert one.verdict == "warning"
-    assert "does not confirm" in one.why_no_setting
-    assert not ASKED
-
-
-def test_an_offset_that_hardly_turns_the_heading_is_not_offered() -> None:
-    one, _ = answers(samples((0.0, 0.0, -2.5), noise=0.05))
-    assert one.verdict == "warning"
-    assert "does not improve the heading" in one.why_no_setting
+@pytest.mark.parametrize(
+    ("made", "why"),
+    [
+        (samples(motor=(0.5, 0.0, 0.0), ground=(True, False)), "after landing is not logged"),
+        (changed(samples(motor=(0.5, 0.0, 0.0)), samples().after, 4.0), "differ"),
+        (samples(motor=(0.5, 0.0, 0.0), power=False), "no current and no throttle"),
+    ],
+)
+def test_a_compensation_needs_power_and_the_ground_on_both_ends(made: FieldSamples, why: str) -> None:
+    assert why in answers(made)[1].why_no_setting
     assert not ASKED
 
 
