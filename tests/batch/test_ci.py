@@ -12,16 +12,7 @@ import xmlschema
 from junitparser import Error, Failure, JUnitXml, Skipped
 
 from attlog.batch import ci
-from attlog.batch.ci import (
-    MAX_SUMMARY_BYTES,
-    GatedLog,
-    Gating,
-    github_commands,
-    publish,
-    read_gating,
-    summary,
-    write_summary,
-)
+from attlog.batch.ci import MAX_SUMMARY_BYTES, GatedLog, Gating, github_commands, publish, read_gating, summary
 from attlog.batch.job import Record
 from attlog.compare.gates import GateLimit, Gates, SensorGate
 from attlog.core.errors import OutputError, UsageError
@@ -96,6 +87,7 @@ def test_baselines_are_read_beforehand(tmp_path: Path) -> None:
 
 def test_everybody_who_asks_is_told(tmp_path: Path) -> None:
     out, err, step = io.StringIO(), io.StringIO(), tmp_path / "step.md"
+    step.write_text("before\n")
     publish(some(), tmp_path / "j.xml", True, environment={}, out=out, err=err)
     assert len(list(JUnitXml.fromfile(str(tmp_path / "j.xml")))) == 4
     assert out.getvalue().startswith("## ❌ attlog: 3 of 4 logs failed")
@@ -113,7 +105,7 @@ def test_everybody_who_asks_is_told(tmp_path: Path) -> None:
     assert [line.startswith("::error ") for line in lines] == [True] * 4
     assert lines[0].endswith("::gone.ulg: cannot be read%0A(no such file)")
     assert "c: lag_ms 45 ms (airborne), at most 5 ms" in lines[1]
-    assert step.read_text(encoding="utf-8").startswith("## ❌")
+    assert step.read_text(encoding="utf-8").startswith("before\n## ❌")
     out, err = io.StringIO(), io.StringIO()
     publish(some(), environment={"GITHUB_STEP_SUMMARY": str(step)}, out=out, err=err)
     assert out.getvalue() == err.getvalue() == ""
@@ -268,17 +260,3 @@ def test_a_long_summary_stays_within_the_limit_and_counts_what_is_left() -> None
     assert f"... and {12_000 - shown:,} more failures: the reports of these logs show them." in text
     few = summary(logs[:1])
     assert "... and 10 more failures" in few  # of one log so many are kept
-
-
-def test_where_it_goes(tmp_path: Path) -> None:
-    step, file = tmp_path / "step.md", tmp_path / "own.md"
-    step.write_text("before\n")
-    whole = summary(some())
-    assert write_summary(whole, None, {}) == whole
-    assert write_summary(whole, None, {"GITHUB_STEP_SUMMARY": str(step)}) == ""
-    assert step.read_text(encoding="utf-8") == "before\n" + whole
-    assert write_summary(whole, file, {"GITHUB_STEP_SUMMARY": str(step)}) == ""
-    assert file.read_text(encoding="utf-8") == whole
-    assert step.read_text(encoding="utf-8") == "before\n" + whole * 2
-    with pytest.raises(OutputError, match="cannot be written"):
-        write_summary(whole, None, {"GITHUB_STEP_SUMMARY": str(tmp_path / "no" / "step.md")})

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import errno
 import fcntl
-import gzip
 import json
 import os
-import re
 import socket
 import subprocess
 import sys
@@ -44,22 +41,6 @@ def test_report_and_json_are_named_after_the_log_with_its_suffix(tmp_path: Path)
     assert Result.load(done.json).to_json() == done.result.to_json()
     assert "copter_yaw_turns.bin" in done.report.read_text(encoding="utf-8")
     assert done.result.traces
-
-
-def test_the_document_is_made_once_for_both_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-    to_dict = Result.to_dict
-
-    def counted(result: Result, deterministic: bool = False) -> dict[str, Any]:
-        made.append(deterministic)
-        return to_dict(result, deterministic)
-
-    monkeypatch.setattr(Result, "to_dict", counted)
-    done = analyze_to_files(COPTER_LOG, GYRO, tmp_path, deterministic=True)
-    assert made == [True]
-    block = re.search(r'id="result">([^<]+)<', done.report.read_text(encoding="utf-8"))
-    assert block is not None
-    assert json.loads(gzip.decompress(base64.b64decode(block[1]))) == json.loads(done.json.read_text(encoding="utf-8"))
 
 
 def test_nothing_is_written_of_a_log_that_fails(tmp_path: Path) -> None:

@@ -6,7 +6,6 @@ import csv
 import importlib.util
 import json
 import math
-import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,6 @@ import numpy as np
 import pytest
 
 from attlog import Config, Result, analyze
-from attlog.batch import results_file
 from attlog.batch.index_row import SENSOR_WINDOW, THUMBNAIL_POINTS, encoded, index_row, numbers, sensors_of, thumbnail
 from attlog.batch.job import Record
 from attlog.batch.results_file import COLUMNS, CSV, PARQUET, write_results
@@ -258,30 +256,6 @@ def test_csv_says_the_same_where_pyarrow_is_missing(tmp_path: Path, without_pyar
     values = expected(make_result(with_traces=False))
     found = {(x["row"], x["window"], x["metric"]): x["value"] for x in lines}
     assert {key: float(text) if text else None for key, text in found.items()} == values
-
-
-def test_records_are_released_as_lines_are_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A thousand rows are never held together."""
-    monkeypatch.setattr(results_file, "GROUP_LINES", 300)
-
-    class Row(dict):  # type: ignore[type-arg]
-        pass
-
-    rows: weakref.WeakSet[Row] = weakref.WeakSet()
-    Row.__hash__ = object.__hash__  # type: ignore[method-assign, assignment]
-    most = 0
-
-    def found() -> Iterator[Record]:
-        nonlocal most
-        for k in range(40):
-            one = flown_with_numbers(f"{k}.ulg")
-            held = Row(one.row)
-            rows.add(held)
-            most = max(most, len(rows))
-            yield replace(one, row=held)
-
-    write_results(tmp_path, found())
-    assert most <= 5
 
 
 def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:

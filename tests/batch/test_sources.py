@@ -167,15 +167,6 @@ def test_an_encrypted_member_is_one_failure_with_its_reason(tmp_path: Path) -> N
     assert "unpack it with its password first" in str(error)
 
 
-def test_an_archive_in_which_nothing_can_be_looked_at_says_so(tmp_path: Path) -> None:
-    """Nothing tells whether "photos" is a log; among the files of a folder it is none."""
-    path = locked(tmp_path / "locked.zip", "photos")
-    (wrong,) = sources([path])[1]
-    assert "1 file in it cannot be looked at: encrypted" in str(wrong)
-    (tmp_path / "a.bin").write_bytes(LOG)
-    assert names(sources([tmp_path])[0], tmp_path) == ["a.bin"]
-
-
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 def test_two_members_of_one_name_are_two_logs_and_a_copy_is_none(tmp_path: Path) -> None:
     path, other = tmp_path / "cards.zip", LOG[: len(LOG) // 2]
@@ -212,17 +203,6 @@ def test_a_damaged_member_is_one_failure_and_the_others_are_read(zipped: Path, t
     assert "damaged in its archive" in str(failure(bad))
     assert [content(s) for s in found if s.member.startswith(("..", "/"))] == [LOG, LOG]
     assert not list(temporary.iterdir())
-
-
-def test_a_member_packed_in_an_unknown_way_is_not_called_damaged(zipped: Path, temporary: Path) -> None:
-    entry = zipfile.ZipFile(zipped).infolist()[0]
-    raw = bytearray(zipped.read_bytes())
-    method = 97  # WavPack: a real method that Python does not know
-    raw[entry.header_offset + 8 : entry.header_offset + 10] = method.to_bytes(2, "little")
-    raw[(at := raw.index(b"PK\x01\x02")) + 10 : at + 12] = method.to_bytes(2, "little")
-    zipped.write_bytes(raw)
-    with pytest.raises(LogUnusable, match=r"cannot be unpacked .*not supported"):
-        archive.extract(str(zipped), entry.filename, temporary / "x.ulg")
 
 
 def test_a_cut_archive_is_told(zipped: Path) -> None:
@@ -377,13 +357,6 @@ def test_a_stamp_changes_with_the_content(tmp_path: Path, zipped: Path, web: Web
     assert not set(before) & {s.stamp() for s in places}
 
 
-def test_a_copy_stands_for_a_place_out_of_reach(tmp_path: Path) -> None:
-    (tmp_path / "copy").write_bytes(LOG)
-    source = Source("/out/of/reach.zip", "a.bin", copy=str(tmp_path / "copy"))
-    assert content(source) == LOG
-    assert source.name == "/out/of/reach.zip/a.bin"
-
-
 # Which logs a name means: by content in folders and patterns, as it stands otherwise.
 
 
@@ -454,15 +427,6 @@ def test_a_folder_that_cannot_be_read_is_told_and_hides_no_other(folder: Path, c
         logs, (error,) = find([name])
         assert logs == []
         assert str(error) == f"{closed}: cannot be read (Permission denied)"
-
-
-def test_a_link_to_nothing_among_logs_is_told_where_it_has_the_name_of_one(folder: Path) -> None:
-    whole = find([str(folder)])
-    (folder / "more.txt").symlink_to(folder / "gone.txt")
-    (folder / "lost.ulg").symlink_to(folder / "moved.ulg")
-    logs, wrong = find([str(folder)])
-    assert logs == whole[0]
-    assert [str(error) for error in wrong] == [f"{folder / 'lost.ulg'}: is a link to nothing"]
 
 
 @pytest.mark.parametrize("url", ["https://example.org/a.ulg", "s3://bucket/a.ulg?X-Amz-Signature=secret", "ftp://h/*"])

@@ -165,16 +165,6 @@ def test_the_table_of_analyze_is_printed_for_a_paper(attlog, tmp_path: Path) -> 
     assert "report: " in found["tex"].err
 
 
-def test_files_are_written_together_or_the_old_ones_stay(attlog, tmp_path: Path) -> None:
-    for name in ("compare.html", "compare.json"):
-        (tmp_path / name).write_text("old")
-    (tmp_path / "compare.csv").mkdir()
-    done = attlog("compare", str(STEPS), "gyro", "mahony", "--reference", "onboard", "-o", str(tmp_path))
-    assert (done.code, "compare.csv: cannot be written" in done.err) == (73, True), done.err
-    assert [(tmp_path / name).read_text() for name in ("compare.html", "compare.json")] == ["old", "old"]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["compare.csv", "compare.html", "compare.json"]
-
-
 def test_the_sentence_stands_first_and_last_and_several_configurations_side_by_side() -> None:
     found = comparison({"tilt_rmse_deg": [(0.3, 0.01)] * 9, "noise_tilt_deg": [(3.0, 0.01)] * 9})
     lines = [line.text for line in comparison_lines(found, 80)]

@@ -91,25 +91,6 @@ def test_compare_ends_with_the_code_of_a_filter_that_took_too_long_when_a_metric
     assert list((tmp_path / "out").rglob("*.html"))
 
 
-@pytest.mark.slow
-def test_an_analysis_with_built_in_filters_needs_no_compiler_once_kernels_are_at_hand(samples, tmp_path):
-    code = (
-        "import sys\nfrom attlog.cli import main\n"
-        f"sys.argv = ['attlog', {str(samples / 'copter_yaw_turns.bin')!r}, '-q', '-o', {str(tmp_path)!r}]\n"
-        "try:\n    main()\nexcept SystemExit as end:\n    assert not end.code\n"
-        "print('numba' in sys.modules)"
-    )
-    environment = {name: value for name, value in os.environ.items() if name != "ATTLOG_NO_JIT"}
-    for _ in range(2):  # the first may compile what is not at hand
-        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-        assert (tmp_path / "copter_yaw_turns.bin.html").exists()
-        if done.stdout.split()[-1] == "False":
-            break
-        if "cannot" in done.stderr:
-            pytest.skip(f"no objects can be made here: {done.stderr.strip()}")
-    assert done.stdout.split()[-1] == "False"
-
-
 def test_a_filter_of_an_installed_package_that_crashes_is_a_failed_row(attlog, samples, tmp_path, monkeypatch):
     about = tmp_path / "evil-1.0.dist-info"
     about.mkdir()
@@ -200,13 +181,6 @@ def test_json_tells_all_of_every_filter(attlog):
     assert mahony["accuracy"]["broad"]["version"]
 
 
-def test_a_filter_of_ones_own_is_not_measured(attlog, tmp_path):
-    file = str(tmp_path / "mine.py")
-    attlog("new", file)
-    assert attlog("estimators", file).out.rstrip().endswith("not measured")
-    assert json.loads(attlog("estimators", file, "--json").out)["accuracy"] is None
-
-
 def test_one_filter_is_explained_with_parameters_and_presets(attlog):
     done = attlog("estimators", "mahony")
     assert done.code == 0
@@ -230,15 +204,6 @@ def test_the_template_passes_the_checks_and_runs_in_an_analysis(attlog, samples,
     rows = {r["name"]: r for r in json.loads(done.out)["estimators"]}
     assert rows["my_filter"]["status"] in ("ok", "not_converged")
     assert rows["my_filter"]["parameters"]
-
-
-@pytest.mark.slow
-def test_the_template_for_whole_segments_passes_the_checks(attlog, tmp_path):
-    mine = tmp_path / "my_filter.py"
-    assert attlog("new", "--run", mine).code == 0
-    done = attlog("check-estimator", mine)
-    assert done.code == 0, done.out
-    assert "takes whole segments" in done.out
 
 
 def test_the_template_for_whole_segments_agrees_with_the_filter_it_is(attlog, tmp_path):

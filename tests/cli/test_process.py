@@ -204,18 +204,17 @@ def test_order_of_hashes_zone_locale_folder_and_jobs_change_no_bit(tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "darwin", reason="its file systems keep UTF-8 names only")
-@pytest.mark.parametrize(("encoding", "sign"), few([("ascii", b" deg"), ("cp1252", "°".encode("cp1252"))], 1))
-def test_analyze_works_where_signs_and_names_cannot_be_shown(samples, tmp_path, encoding, sign):
+def test_analyze_works_where_signs_and_names_cannot_be_shown(samples, tmp_path):
     log = os.path.join(os.fsencode(tmp_path), b"a\xff.bin")
     shutil.copy(samples / "copter_steps_stabilize.bin", log)
     done = subprocess.run(
         [sys.executable, "-m", "attlog", "analyze", "--no-color", "--estimators", "gyro", "-o", str(tmp_path), log],
         capture_output=True,
-        env={**os.environ, "PYTHONIOENCODING": encoding},
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
     )
     assert done.returncode == 0, done.stderr[-500:]
     assert b"a\\xff.bin" in done.stdout
-    assert sign in done.stdout
+    assert b" deg" in done.stdout
     assert b"\x1b" not in done.stdout
     assert [line for line in done.stdout.splitlines() if line != line.rstrip()] == []
     document = json.loads((tmp_path / "a_.bin.json").read_text(encoding="utf-8"))

@@ -253,7 +253,7 @@ def test_what_no_paper_is_and_logs_that_it_cannot_use_are_refused(attlog, tmp_pa
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("width", [70, 80, 200])
+@pytest.mark.parametrize("width", [70, 200])
 def test_claims_are_a_table_that_fits_the_terminal(width: int) -> None:
     lines = [line.text for line in paper_lines(paper(), Path("a.html"), width=width)]
     assert max(map(len, lines)) <= width

@@ -29,7 +29,7 @@ from attlog.result.document import complete_answers
 from attlog.result.schema import schema
 from tests.conftest import SAMPLES, corpus_root
 from tests.fuzz.mutate import mutated
-from tests.fuzz.values import any_fault, hostile, swept
+from tests.fuzz.values import any_fault, hostile
 
 DAY_S = limits.LONGEST_S
 BY_UNIT = {
@@ -136,9 +136,8 @@ def _refused(word: str) -> float:
 
 SUFFIXES = (".ulg", ".bin", ".tlog", ".log", ".mavlink")
 COMMANDS = ("analyze", "analyze", "analyze", "analyze", "default", "report", "info", "extract")
-KINDS = ("bytes", "columns", "sensors", "fields")
-"""Broken bytes, broken columns of a sound file, whole sensors that fail as they do on vehicles, and each field that is
-read with each value that no sensor gives."""
+KINDS = ("bytes", "columns", "sensors")
+"""Broken bytes, broken columns of a sound file, whole sensors that fail as they do on vehicles."""
 CODES = {
     "analyze": {0, 65, 66},
     "default": {0, 65, 66},
@@ -267,7 +266,7 @@ def _attempt(trial: Trial, path: Path, folder: Path, out: io.TextIOBase) -> int:
     from attlog import formats
 
     opened = formats.open
-    change = {"columns": hostile, "sensors": any_fault, "fields": swept}.get(trial.kind)
+    change = {"columns": hostile, "sensors": any_fault}.get(trial.kind)
     broken = opened if change is None else (lambda *a, **k: change(opened(*a, **k), trial.seed))
     output = tempfile.mkdtemp(dir=folder)
     with mock.patch.object(formats, "open", broken):

@@ -22,7 +22,7 @@ from attlog.health import HealthCase, answerable, run_checks
 from attlog.metrics.metric import Case
 from attlog.reference import smoother
 from tests.conftest import SAMPLES, few
-from tests.fuzz import campaign, values
+from tests.fuzz import campaign
 from tests.fuzz.campaign import Trial, run, trials
 from tests.fuzz.mutate import LARGEST, WAYS, Way, mutated
 from tests.fuzz.values import AXES, FAULTS, any_fault, faulty, hostile, without_truth
@@ -50,12 +50,12 @@ VALUE_LOGS = ("px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.t
 
 
 @functools.cache
-def opened_for_values(name: str) -> Messages:
+def opened(name: str) -> Messages:
     return formats.open(SAMPLES / name)
 
 
 def of_hostile(name: str, seed: int) -> FlightLog | None:
-    broken = hostile(opened_for_values(name), seed)
+    broken = hostile(opened(name), seed)
     with mock.patch.object(formats, "open", return_value=broken):
         try:
             return flight.read(Path(name))
@@ -145,61 +145,6 @@ def test_only_what_is_possible_reaches_the_flight(name: str) -> None:
     assert told > 5, "the damage was seen"
 
 
-# Each field that is read, with each value: the list is whole, a number gives the same log, and attlog takes it.
-
-FIELD_LOGS = ("px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog")
-STRIDE = 401
-"""Every so manieth number in the suite; ``make fuzz`` draws from all of them."""
-
-
-@functools.cache
-def opened_for_fields(name: str) -> tuple[Messages, list[values.Read]]:
-    messages = formats.open(SAMPLES / name)
-    return messages, values.read_fields(messages)
-
-
-GYROS = (("sensor_combined", "gyro_rad"), ("IMU", "GyrX"), ("RAW_IMU", "xgyro"))
-
-
-@pytest.mark.parametrize(("name", "gyro"), list(zip(FIELD_LOGS, GYROS, strict=True)))
-def test_the_list_holds_what_a_flight_is_read_from(name: str, gyro: tuple[str, str]) -> None:
-    read = opened_for_fields(name)[1]
-    assert gyro in [(message, field) for (message, _), field in read]
-    assert len(read) == len(set(read)) > 50
-
-
-def test_a_number_changes_one_field_and_leaves_the_others() -> None:
-    messages, read = opened_for_fields("copter_yaw_turns.bin")
-    number = read.index((("IMU", 0), "GyrX")) * len(values.VALUES) + list(values.VALUES).index("nan")
-    assert values.name(read, number) == "IMU:0.GyrX nan"
-    broken = values.swept(messages, number, read)
-    assert np.isnan(broken["IMU", 0]["GyrX"]).all()
-    np.testing.assert_array_equal(broken["IMU", 0]["GyrY"], messages["IMU", 0]["GyrY"])
-    assert np.isnan(broken["IMU", 0].rows(slice(10, 20))["GyrX"]).all()
-
-
-@pytest.mark.parametrize("kind", ["u1", "i4", "u8", "f4", "f8"])
-def test_every_value_changes_a_field_of_any_type(kind: str) -> None:
-    x = np.arange(9, 1, -1).astype(kind)
-    for value, change in values.VALUES.items():
-        with np.errstate(all="ignore"):
-            changed = change(x)
-        assert (changed.dtype, changed.shape) == (x.dtype, x.shape), value
-        assert not np.array_equal(changed, x), value
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", few(FIELD_LOGS, 1))
-def test_fields_as_no_sensor_gives_them_end_as_documented(name: str, tmp_path: Path) -> None:
-    campaign.warm()
-    read = opened_for_fields(name)[1]
-    faults = []
-    for number in range(FIELD_LOGS.index(name), values.count(read), STRIDE):
-        trial = Trial(SAMPLES / name, "fields", number, "analyze")
-        faults += [f"{values.name(read, number)}: {fault}" for fault in run(trial, tmp_path).faults]
-    assert faults == []
-
-
 # A sensor that fails in a way that only physics shows: what then judges the others is right.
 
 PX4, COPTER, TELEMETRY = "px4_steps.ulg", "copter_steps_stabilize.bin", "copter_steps_stabilize.tlog"
@@ -234,13 +179,8 @@ EVERY = [
 
 
 @functools.cache
-def opened_for_sensors(name: str) -> Messages:
-    return formats.open(SAMPLES / name)
-
-
-@functools.cache
 def truth(name: str) -> tuple[float, Attitude]:
-    log = flight.flight_in(opened_for_sensors(name))
+    log = flight.flight_in(opened(name))
     assert log.truth is not None
     return log.t0_us * 1e-6, log.truth
 
@@ -260,7 +200,7 @@ def off_deg(case: Case, name: str) -> float:
 
 
 def honest(name: str, sensor: str, fault: str) -> None:
-    case = prepared(faulty(opened_for_sensors(name), sensor, fault))
+    case = prepared(faulty(opened(name), sensor, fault))
     if case.reference.kind == "onboard" and sensor == "attitude":
         return  # nothing else was there to judge by; agreement with it is called agreement
     off, own = off_deg(case, name), smoother.sigma_deg(case.reference, "tilt")
@@ -276,7 +216,7 @@ def test_what_judges_after_a_fault_of_a_sensor_is_right(name: str, sensor: str, 
 def test_a_fault_that_would_mislead_a_smoother_is_told_and_none_is_made(
     name: str, sensor: str, fault: str, check: str, said: str
 ) -> None:
-    case = prepared(faulty(opened_for_sensors(name), sensor, fault))
+    case = prepared(faulty(opened(name), sensor, fault))
     told = {c.question: c for c in run_checks(HealthCase(case.log, case.segments, case.reference))}
     assert told[check].verdict == "fault"
     assert said in told[check].text
@@ -288,7 +228,7 @@ def test_a_fault_that_would_mislead_a_smoother_is_told_and_none_is_made(
 @pytest.mark.slow
 def test_what_is_left_to_say_with_an_accelerometer_in_wrong_axes() -> None:
     """The field tells that it is not the attitude that flew: filters are compared with that, and all is led by it."""
-    log = flight.flight_in(without_truth(faulty(opened_for_sensors(PX4), "accelerometer", "reversed")))
+    log = flight.flight_in(without_truth(faulty(opened(PX4), "accelerometer", "reversed")))
     result = pipeline.analyze(log, {"estimators": ["mahony", "eskf"]})
     assert result.reference is not None
     assert result.reference.choice == "onboard"
@@ -300,7 +240,7 @@ def test_what_is_left_to_say_with_an_accelerometer_in_wrong_axes() -> None:
 
 def test_sound_sensors_are_not_accused() -> None:
     for name in SENSOR_LOGS:
-        assert prepared(opened_for_sensors(name)).reference.faults.sensors == {}
+        assert prepared(opened(name)).reference.faults.sensors == {}
 
 
 @pytest.mark.slow
@@ -312,21 +252,21 @@ def test_what_judges_after_any_fault_of_a_sensor_is_right(name: str, sensor: str
 
 @pytest.mark.slow
 def test_what_info_foresees_of_a_gyro_that_is_wrong_is_what_analyze_does() -> None:
-    case = prepared(faulty(opened_for_sensors(PX4), "gyro", "one axis reversed"))
+    case = prepared(faulty(opened(PX4), "gyro", "one axis reversed"))
     assert case.reference.kind == "onboard"
     assert "no smoother: the logged gyro" in smoother.expected_reference(case.log, case.segments, case.reference)
     assert not any(answer.can for answer in answerable(case.log, case))
-    sound = prepared(opened_for_sensors(PX4))
+    sound = prepared(opened(PX4))
     assert any(answer.can for answer in answerable(sound.log, sound))
 
 
 def test_a_fault_changes_all_axes_and_nothing_else() -> None:
-    whole, broken = opened_for_sensors(COPTER), faulty(opened_for_sensors(COPTER), "gyro", "half")
+    whole, broken = opened(COPTER), faulty(opened(COPTER), "gyro", "half")
     for axis in "XYZ":
         assert broken["IMU", 0][f"Gyr{axis}"] == pytest.approx(0.5 * whole["IMU", 0][f"Gyr{axis}"], rel=1e-6)
     assert (broken["IMU", 0]["AccX"] == whole["IMU", 0]["AccX"]).all()
     assert any_fault(whole, 3).tables.keys() == whole.tables.keys()
-    assert faulty(opened_for_sensors(PX4), "gyro", "swapped").path == Path(opened_for_sensors(PX4).path)
+    assert faulty(opened(PX4), "gyro", "swapped").path == Path(opened(PX4).path)
 
 
 # Broken logs through the whole of attlog: documented exit codes, sound JSON, no impossible number, time and memory.

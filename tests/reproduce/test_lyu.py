@@ -21,7 +21,8 @@ def short_flights() -> Iterator[None]:
     """Flights end soon after the sine began: each takes its second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(lyu, "SECONDS", 23.0)
-        patch.setattr(lyu, "bench_seed", functools.cache(lyu.bench_seed))
+        for name in ("bench_seed", "flight_seed"):
+            patch.setattr(lyu, name, functools.cache(getattr(lyu, name)))
         yield
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -18,7 +16,7 @@ from attlog.simulate.fly import fly
 from attlog.simulate.guidance import Navigator
 from attlog.simulate.onboard import Inbox
 from attlog.simulate.scenario import Command, Controller, EstimatorChoice, Scenario, TakeoffPlace, Vehicle, Wind
-from attlog.simulate.sensor_settings import GnssSettings, ImuSettings, MagSettings, SensorSettings
+from attlog.simulate.sensor_settings import GnssSettings, ImuSettings, SensorSettings
 from tests.conftest import few
 from tests.simulate.plant import authority
 
@@ -255,28 +253,3 @@ def test_hover_and_tracking_are_within_the_papers_bounds(name: str, seeds: int) 
     within = 0.005 if name == "truth" else 0.06
     assert np.abs(np.array(delays) + np.angle(expected) / np.pi).max() < within
     assert np.abs(np.array(gains) - np.abs(expected)).max() < (0.01 if name == "truth" else 0.1)
-
-
-# On which sensors' rates the pilot's estimator is set up: those of the first of each kind.
-
-
-def test_the_first_unit_and_the_first_compass_fly(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[Any] = []
-
-    class Stop(Exception):
-        pass
-
-    def live(*given: Any, **named: Any) -> None:
-        seen.append((*given[1:], named))
-        raise Stop
-
-    monkeypatch.setattr(pilot, "Live", live)
-    imus = (ImuSettings(rate_hz=200.0, sampling="instant"), ImuSettings(rate_hz=400.0))
-    for mags, rate in (((MagSettings(rate_hz=20.0), MagSettings(rate_hz=50.0)), 20.0), ((), None)):
-        sensors = SensorSettings(imu=imus, mag=mags)
-        with pytest.raises(Stop):
-            pilot.Pilot(Scenario(name="two", estimator=EstimatorChoice(name="mahony"), sensors=sensors), 9.8, 0.1)
-        imu_hz, mag_hz, named = seen.pop()
-        assert (imu_hz, mag_hz) == (200.0, rate)
-        assert named["sampling"] == "instant"
-        assert named["declination"] == pytest.approx(5.729578)
