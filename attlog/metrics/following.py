@@ -12,9 +12,7 @@ from attlog import estimators
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
 from attlog.estimators.samples import Sampling
-from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_fit as step_solution
-from attlog.metrics import step_turning as steps
+from attlog.metrics import step_fit, step_turning
 from attlog.metrics.metric import Answer, Case, per_object, per_row
 from attlog.metrics.windows import imu_of, within
 from attlog.reference.model import Track
@@ -223,8 +221,8 @@ def why_not_following(case: Case, row: Track, axis: str) -> str | None:
 
 def _gains(case: Case, row: Track, axis: int) -> Iterator[tuple[float, str]]:
     """Yield the known gains of a row about one axis, best first."""
-    step = step_fits.fits(case, row, "all").get(steps.AXES[axis])
-    if step is not None and len(step.events) >= step_solution.MIN_EVENTS:
+    step = step_fit.fits(case, row, "all").get(step_turning.AXES[axis])
+    if step is not None and len(step.events) >= step_fit.MIN_EVENTS:
         yield step.plain_gain, f"in {len(step.events)} steps"
     regression = _regression(case, row)
     if np.isfinite(regression[axis]):

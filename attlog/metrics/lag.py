@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.estimators import is_recorded
-from attlog.metrics import step_turning as steps
+from attlog.metrics import step_turning
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
@@ -20,7 +20,7 @@ from attlog.reference.model import Track
 Array = NDArray[np.float64]
 
 
-AXES = (*steps.AXES, "all")
+AXES = (*step_turning.AXES, "all")
 # Terms of a lag's interval beside the jackknife: error of clock and input delay (common to all rows of a log, s), share
 # of the shape error, share of the delay change by aiding.
 COMMON_S, PER_SHAPE, PER_MOVED = 0.0005, 0.3, 0.15
@@ -179,7 +179,7 @@ def _of_axis(case: Case, row: Track, window: str, axis: str, seen: RowFits | Non
     }
 
 
-def _lag_answer(case: Case, row: Track, window: str, found: Fit, events: list[steps.StepEvent]) -> Answer:
+def _lag_answer(case: Case, row: Track, window: str, found: Fit, events: list[step_turning.StepEvent]) -> Answer:
     delay = input_delay(case, row)
     common = common_s(case)
     lag, half, half_sample = found.delay - delay, half_width(found, common), 0.5 * sample_step(case, row)

@@ -79,7 +79,7 @@ def student_two_sided(t: float, dof: float) -> float:
 
 def students_two_sided(t: Array, dof: float) -> Array:
     """Return :func:`student_two_sided` of values ``t`` (m,)."""
-    return _betas(0.5 * dof, 0.5, dof / (dof + t * t))
+    return np.array([student_two_sided(x, dof) for x in t.tolist()], np.float64)
 
 
 def _invert(rising: Callable[[float], float], target: float) -> float:
@@ -125,8 +125,8 @@ def _lower_gamma(a: float, x: float) -> float:
 
 def _beta(a: float, b: float, x: float) -> float:
     """Return the regularised incomplete beta function I_x(a, b)."""
-    if x <= 0.0 or x >= 1.0:
-        return float(x >= 1.0)
+    if not 0.0 < x < 1.0:
+        return x if math.isnan(x) else float(x >= 1.0)
     if x > (a + 1.0) / (a + b + 2.0):
         return 1.0 - _beta(b, a, 1.0 - x)
     front = math.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * math.log(x) + b * math.log1p(-x)) / a
@@ -143,40 +143,6 @@ def _beta(a: float, b: float, x: float) -> float:
         if abs(d * c - 1.0) < 1e-15:
             break
     return front * h
-
-
-def _betas(a: float, b: float, x: Array) -> Array:
-    """Return :func:`_beta` of values x (m,)."""
-    found, inside = np.where(np.isnan(x), x, x >= 1.0), (x > 0.0) & (x < 1.0)
-    mirrored = inside & (x > (a + 1.0) / (a + b + 2.0))
-    if mirrored.any():
-        found[mirrored] = 1.0 - _betas(b, a, 1.0 - x[mirrored])
-    own = np.flatnonzero(inside & ~mirrored)
-    x = x[own]
-    front = np.exp(math.lgamma(a + b) - math.lgamma(a) - math.lgamma(b) + a * np.log(x) + b * np.log1p(-x)) / a
-    c, d = np.ones(len(x)), 1.0 / _nonzeros(1.0 - (a + b) * x / (a + 1.0))
-    h = d.copy()
-    for m in range(1, _MAX_TERMS if len(own) else 1):
-        for numerator in (
-            m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)),
-            -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)),
-        ):
-            d = 1.0 / _nonzeros(1.0 + numerator * d)
-            c = _nonzeros(1.0 + numerator / c)
-            h *= d * c
-        moving = np.abs(d * c - 1.0) >= 1e-15
-        if not moving.all():
-            found[own[~moving]] = (front * h)[~moving]
-            own = own[moving]
-            x, front, c, d, h = (v[moving] for v in (x, front, c, d, h))
-            if not len(own):
-                break
-    found[own] = front * h
-    return found
-
-
-def _nonzeros(x: Array) -> Array:
-    return np.where(np.abs(x) > _TINY, x, _TINY)
 
 
 def _nonzero(x: float) -> float:

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.metrics import statistics
-from attlog.metrics import step_fit as step_fits
+from attlog.metrics import statistics, step_fit
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, too_few, why_no_events
@@ -58,7 +57,7 @@ class Curve:
 
 def curves(case: Case, row: Track, window: str) -> list[Curve]:
     """Return the window's events that row and reference cover without a gap."""
-    return _curves(case, row, step_fits.first_with(case, row, window))
+    return _curves(case, row, step_fit.first_with(case, row, window))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +77,7 @@ class EventSamples:
 
 @per_row
 def _curves(case: Case, row: Track, window: str) -> list[Curve]:
-    return event_curves(case, row, step_fits.events_in(case, row, window))
+    return event_curves(case, row, step_fit.events_in(case, row, window))
 
 
 def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]:
@@ -87,7 +86,7 @@ def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]
     The error rotation q_est q_ref^* relative to its mean before the onset. All events are computed at once, as a row
     may have hundreds.
     """
-    errors, ref = row.errors, step_fits.reference_turning(case)
+    errors, ref = row.errors, step_fit.reference_turning(case)
     found = [] if errors is None else _all_covered(case, errors, events)
     if errors is None or not found:
         return []
@@ -106,7 +105,7 @@ def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]
 
 def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
     """Return the events that row and reference cover without a gap."""
-    ref, broken = step_fits.reference_turning(case), np.zeros(len(errors.t), np.int64)
+    ref, broken = step_fit.reference_turning(case), np.zeros(len(errors.t), np.int64)
     np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite_rows(errors.q_est)[1:], out=broken[1:])
     found = [_covered(errors.t, broken, ref, event) for event in events]
     return [one for one in found if one is not None]
@@ -145,7 +144,7 @@ def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Arra
 
 def setpoint(case: Case, curve: Curve) -> Array | None:
     """Return the set-point's turning (n,) deg since an event's onset."""
-    wanted, ref = case.log.setpoints.attitude, step_fits.reference_turning(case)
+    wanted, ref = case.log.setpoints.attitude, step_fit.reference_turning(case)
     body = axis_of(ref, curve.event)
     if wanted is None or len(wanted.t) < 2 or body is None:
         return None

@@ -12,9 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from attlog.metrics import step_products as step_groups
-from attlog.metrics import step_sensors
-from attlog.metrics import step_turning as steps
+from attlog.metrics import step_products, step_sensors, step_turning
 from attlog.metrics.metric import Case, per_case, per_object, per_row
 from attlog.metrics.statistics import student
 from attlog.metrics.step_products import EventBatches
@@ -271,7 +269,7 @@ class RowFits:
     """Fits of a row per axis and ``all``, with their events."""
 
     fits: dict[str, Fit]
-    events: list[steps.StepEvent]
+    events: list[step_turning.StepEvent]
 
 
 def evidence(case: Case, row: Track, window: str) -> RowFits | None:
@@ -285,9 +283,9 @@ def first_with(case: Case, row: Track, window: str) -> str:
 
 
 @per_row
-def events_in(case: Case, row: Track, window: str) -> list[steps.StepEvent]:
+def events_in(case: Case, row: Track, window: str) -> list[step_turning.StepEvent]:
     """Return the events of a window in which this row is scored."""
-    return steps.steps_in_window(case, scored_events(case, row), window)
+    return step_turning.steps_in_window(case, scored_events(case, row), window)
 
 
 @per_row
@@ -295,7 +293,7 @@ def _evidence(case: Case, row: Track, window: str) -> RowFits | None:
     track = SummedTurning(row.t, row.q, row.segment, timing(case, row.t))
     seen = seen_by(case, row)
     sensors = None if seen is None else RowSensors(case, row, track, seen)
-    groups = step_groups.event_batches(track, reference_turning(case), events_in(case, row, window), sensors)
+    groups = step_products.event_batches(track, reference_turning(case), events_in(case, row, window), sensors)
     return None if groups is None else RowFits(fit(groups), groups.events)
 
 
@@ -311,12 +309,12 @@ def reference_turning(case: Case) -> SummedTurning:
     return SummedTurning(case.reference.t, case.reference.q, case.reference.segment)
 
 
-def scored_events(case: Case, row: Track) -> list[steps.StepEvent]:
+def scored_events(case: Case, row: Track) -> list[step_turning.StepEvent]:
     """Return the reference's events in which this row is scored."""
     errors = row.errors
     if errors is None or len(errors.t) == 0:
         return []
-    events = steps.reference_steps(case)
+    events = step_turning.reference_steps(case)
     at = np.clip(np.searchsorted(errors.t, [e.onset for e in events]), 0, len(errors.t) - 1)
     return [e for e, i in zip(events, at, strict=True) if errors.scored[i]]
 
@@ -333,7 +331,9 @@ def why_no_events(case: Case, row: Track, window: str) -> tuple[str, str] | None
         where = {"all": "in this log", "airborne": "in flight"}.get(window, f"in {window}")
         if window == "airborne" and not case.segments.spans("airborne"):
             return "no_events", why_never_airborne(case)
-        sizes = f"{steps.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {steps.SMALLEST_DEG[2]:.0f} deg in yaw"
+        sizes = (
+            f"{step_turning.SMALLEST_DEG[0]:.0f} deg in roll or pitch or {step_turning.SMALLEST_DEG[2]:.0f} deg in yaw"
+        )
         start = f"from {case.reference.scoring.start:.0f} s on"
         return "no_events", f"no step {where} {start}; turns of {sizes} within 1 s are needed"
     return None

@@ -11,12 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.flight.model import without_pauses
-from attlog.metrics import allan, drift, setpoint
-from attlog.metrics import drift as drift_air
-from attlog.metrics import drift as drift_rest
-from attlog.metrics import step_error as step_curves
-from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_turning as steps
+from attlog.metrics import allan, drift, setpoint, step_error, step_fit, step_turning
 from attlog.metrics.metric import Case, per_case, per_object
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_products import STRIDE_S
@@ -139,28 +134,30 @@ MIN_EVENTS_DRAWN = 3
 
 def step_traces(case: Case, row: Track) -> list[Trace]:
     """Return a representative step, and statistics over steps by axis."""
-    if row.is_reference or case.reference.rate < step_fits.MIN_REFERENCE_HZ:
+    if row.is_reference or case.reference.rate < step_fit.MIN_REFERENCE_HZ:
         return []
-    curves = step_curves.curves(case, row, "all")
+    curves = step_error.curves(case, row, "all")
     event = representative(case)
     found = [one_step(case, row, curve) for curve in curves if curve.event == event]
     if len(curves) < MIN_EVENTS_DRAWN:
         return found
     axes, (error, moved) = np.array([c.event.axis for c in curves]), in_percent(curves)
-    for axis in (None, *range(len(steps.AXES))):
+    for axis in (None, *range(len(step_turning.AXES))):
         own = np.ones(len(axes), bool) if axis is None else axes == axis
         if np.count_nonzero(own) >= MIN_EVENTS_DRAWN and (axis is not None or len(set(axes.tolist())) > 1):
-            found.append(step_statistics(row, error[own], moved[own], "all axes" if axis is None else steps.AXES[axis]))
+            found.append(
+                step_statistics(row, error[own], moved[own], "all axes" if axis is None else step_turning.AXES[axis])
+            )
     return found
 
 
 @per_case
 def representative(case: Case) -> StepEvent | None:
     """Return the median-stroke event about the axis with most events."""
-    events = steps.reference_steps(case)
+    events = step_turning.reference_steps(case)
     if not events:
         return None
-    count = [sum(e.axis == axis for e in events) for axis in range(len(steps.AXES))]
+    count = [sum(e.axis == axis for e in events) for axis in range(len(step_turning.AXES))]
     own = sorted((e for e in events if e.axis == int(np.argmax(count))), key=lambda e: (abs(e.delta_deg), e.onset))
     return own[(len(own) - 1) // 2]
 
@@ -168,11 +165,11 @@ def representative(case: Case) -> StepEvent | None:
 def one_step(case: Case, row: Track, curve: Curve) -> Trace:
     """Return the turning of row, reference and set-point in one event."""
     columns = {"est": curve.row, "ref": curve.reference}
-    wanted = step_curves.setpoint(case, curve)
+    wanted = step_error.setpoint(case, curve)
     if wanted is not None:
         columns["set"] = wanted
     event = curve.event
-    return Trace("step", row.name, curve.seconds, columns, f"{steps.AXES[event.axis]}@{event.onset:.2f}")
+    return Trace("step", row.name, curve.seconds, columns, f"{step_turning.AXES[event.axis]}@{event.onset:.2f}")
 
 
 def in_percent(curves: list[Curve]) -> tuple[Array, Array]:
@@ -366,12 +363,12 @@ def _tilt(case: Case, q: Array) -> Array:
 
 def drifts(case: Case, row: Track) -> list[Trace]:
     """Return heading block means with their line."""
-    records = [drift_rest.rest_blocks(case, row, usable) for _, usable in drift_rest.usable_rests(case, row, "rest")]
+    records = [drift.rest_blocks(case, row, usable) for _, usable in drift.usable_rests(case, row, "rest")]
     longest = max(records, key=lambda b: len(b.t), default=None)
     keyed = [("rest", longest)]
     if case.segments.spans("airborne") and not row.is_reference:
-        names = [n for n in drift_air.HEADING_REFERENCES if n in case.heading_references or n == case.reference.kind]
-        keyed += [(n, drift_air.error_blocks(case, row, n, "airborne")) for n in names if n != row.name]
+        names = [n for n in drift.HEADING_REFERENCES if n in case.heading_references or n == case.reference.kind]
+        keyed += [(n, drift.error_blocks(case, row, n, "airborne")) for n in names if n != row.name]
     found = []
     for key, blocks in keyed:
         if blocks is not None and len(blocks.t) >= drift.MIN_BLOCKS:

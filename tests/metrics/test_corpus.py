@@ -8,10 +8,7 @@ import pytest
 
 from attlog import estimators, metrics, read, reference, segments
 from attlog.core import rotation
-from attlog.metrics import drift as drift_rest
-from attlog.metrics import lag
-from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_turning as steps
+from attlog.metrics import drift, lag, step_fit, step_turning
 from tests.reference.test_choice import MAG_FAULTS, ROWS
 
 pytestmark = pytest.mark.slow
@@ -45,7 +42,7 @@ def row_of(case, name):
     ],
 )
 def test_the_commanded_movements_are_found(corpus, name, roll, pitch, yaw):
-    events = steps.reference_steps(trial_of(corpus / "sitl" / name))
+    events = step_turning.reference_steps(trial_of(corpus / "sitl" / name))
     found = [sum(e.axis == axis for e in events) for axis in range(3)]
     assert np.abs(np.array(found) - [roll, pitch, yaw]).max() <= 1
 
@@ -103,7 +100,7 @@ def test_with_a_gyro_made_from_truth_no_filter_is_late(corpus, name):
     case = trial_of(corpus / "sitl" / name)
     again = flown_again(case, "gyro,mahony@xu-0.6,mahony@xu-2,complementary:kp=3", gyro_of_truth(case))
     for row in again.rows:
-        found = step_fits.fits(again, row, "all")["all"]
+        found = step_fit.fits(again, row, "all")["all"]
         assert 1000 * found.delay == pytest.approx(0.0, abs=0.05)
         assert found.gain == pytest.approx(1.0, abs=0.002)
 
@@ -114,7 +111,7 @@ def test_an_imu_made_late_is_found_late_by_as_much(corpus, name):
     lag_of = {}
     for late_ms in (0.0, 5.0, 30.0):
         again = flown_again(case, "gyro,mahony@xu-0.6,vqf", late_s=1e-3 * late_ms)
-        lag_of[late_ms] = [1000 * step_fits.fits(again, row, "all")["all"].delay for row in again.rows]
+        lag_of[late_ms] = [1000 * step_fit.fits(again, row, "all")["all"].delay for row in again.rows]
     for late_ms in (5.0, 30.0):
         np.testing.assert_allclose(np.subtract(lag_of[late_ms], lag_of[0.0]), late_ms, atol=0.02)
 
@@ -137,7 +134,7 @@ def test_the_intervals_hold_the_true_lag_of_nearly_every_filter(corpus):
         for row, exact in zip(real.rows, made.rows, strict=True):
             told = lag.LAG.ask(real, row, "all")["lag_ms"]
             assert told.value is not None, (flight, row.name, told.reason)
-            true = 1000 * step_fits.fits(made, exact, "all")["all"].delay
+            true = 1000 * step_fit.fits(made, exact, "all")["all"].delay
             held.append(told.ci95[0] <= true <= told.ci95[1])
             half.append(0.5 * (told.ci95[1] - told.ci95[0]))
     assert np.mean(held) >= 0.9
@@ -149,6 +146,6 @@ def test_integrated_gyro_drifts_at_rest_by_its_offset(corpus, name):
     known = next(r for r in ROWS if r["file"] == name)
     case = trial_of(corpus / "sitl" / name)
     row = row_of(case, "gyro")
-    first = drift_rest.rest_records(case, row, "rest")[0]
+    first = drift.rest_records(case, row, "rest")[0]
     bias_z = float(known["checks.gyro_bias_dps"].split()[2])
     assert first.value / 60.0 == pytest.approx(bias_z, abs=0.1)

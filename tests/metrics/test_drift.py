@@ -10,8 +10,6 @@ from attlog import metrics
 from attlog.core import rotation
 from attlog.flight.model import Attitude
 from attlog.metrics import drift, statistics
-from attlog.metrics import drift as drift_air
-from attlog.metrics import drift as drift_rest
 from attlog.metrics.windows import DRIFT_AIR_S, DRIFT_REST_S
 from attlog.reference.model import HeadingReference, ReferenceSigma, Track
 from attlog.segments.model import Segment
@@ -123,7 +121,7 @@ def turning(dps, seconds=100.0, hz=50.0):
 
 def test_drift_at_rest_is_the_rows_own_turn():
     row = flights.row(*turning(0.03))
-    answer = drift_rest.REST_DRIFT.ask(flights.case([row], REST), row, "rest")["drift_rest_deg_per_min"]
+    answer = drift.REST_DRIFT.ask(flights.case([row], REST), row, "rest")["drift_rest_deg_per_min"]
     assert answer.value == pytest.approx(1.8, abs=1e-6)
 
 
@@ -134,11 +132,11 @@ def test_drift_in_the_air_is_against_the_reference_and_each_heading_reference():
     segment = (t[::5] > 70).astype(np.int64)
     heading = np.degrees(2.5) + 0.01 * t[::5] + 9.0 * segment
     case.heading_references["mag"] = HeadingReference("mag", t[::5], heading, segment, "compass")
-    answers = drift_air.AIR_DRIFT.ask(case, row, "airborne")
+    answers = drift.AIR_DRIFT.ask(case, row, "airborne")
     assert answers["drift_air_deg_per_min.truth"].value == pytest.approx(1.2, abs=1e-3)
     assert answers["drift_air_deg_per_min.mag"].value == pytest.approx(0.6, abs=1e-3)
     assert answers["drift_air_deg_per_min.gnss_yaw"].code == "no_gnss"
-    assert drift_air.AIR_DRIFT.ask(case, row, "rest") == {}
+    assert drift.AIR_DRIFT.ask(case, row, "rest") == {}
 
 
 def test_time_that_is_not_scored_tells_no_drift_in_the_air():
@@ -148,7 +146,7 @@ def test_time_that_is_not_scored_tells_no_drift_in_the_air():
     lost = (row.errors.t > 60.0) & (row.errors.t < 75.0)
     row.errors.heading[lost] += 40.0
     row.errors.scored[lost] = False
-    answers = drift_air.AIR_DRIFT.ask(case, row, "airborne")
+    answers = drift.AIR_DRIFT.ask(case, row, "airborne")
     assert answers["drift_air_deg_per_min.truth"].value == pytest.approx(1.2, abs=0.02)
 
 
@@ -157,7 +155,7 @@ def test_a_nose_that_points_up_or_down_has_no_heading(pitch_deg, known):
     t = np.arange(0.0, 10.0, 0.02)
     row = flights.row(t, rotation.from_euler(0.0, np.radians(pitch_deg), 0.3 + 0.0 * t))
     compass = HeadingReference("mag", t[::5], np.degrees(0.3) + 0 * t[::5], np.zeros(len(t[::5]), np.int64), "compass")
-    error, _ = drift_air.heading_error(row, compass)
+    error, _ = drift.heading_error(row, compass)
     assert np.isfinite(error).all() if known else np.isnan(error).all()
 
 
@@ -166,7 +164,7 @@ def test_the_heading_reference_is_not_measured_against_itself():
     row = flights.row(t, still, "onboard")
     row.kind = "onboard"
     case = flights.case([row], REST, (t[::2], still[::2]), "onboard")
-    assert drift_air.AIR_DRIFT.ask(case, row, "airborne")["drift_air_deg_per_min.onboard"].code == "not_applicable"
+    assert drift.AIR_DRIFT.ask(case, row, "airborne")["drift_air_deg_per_min.onboard"].code == "not_applicable"
 
 
 def test_a_refused_attitude_is_no_heading_reference_and_every_comparison_says_why():
@@ -187,7 +185,7 @@ def test_every_rest_is_listed_with_its_drift_or_what_it_lacks():
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.02) * t))
     rests = [Segment("rest.long", 0, 40), Segment("rest.long", 100, 120), Segment("rest.long", 150, 160)]
     phases = [Segment("continuous", 0, 200), Segment("armed", 40, 100), Segment("armed", 120, 150), *rests]
-    answer = drift_rest.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
+    answer = drift.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
     assert [(r.t0, r.t1, r.usable_s) for r in answer.records] == [(0, 40, 20), (100, 120, 15), (150, 160, 5)]
     assert [r.value for r in answer.records] == [pytest.approx(1.2), pytest.approx(1.2), None]
     assert answer.records[2].reason == "5 s after settling; 8 are needed"
@@ -202,12 +200,12 @@ def test_a_row_that_lacks_one_of_several_rests_tells_no_drift_of_the_others(miss
     row = flights.row(t, rotation.from_euler(0.0, 0.0, np.radians(0.02) * t))
     rests = [Segment("rest.long", 0, 60), Segment("rest.long", 140, 200)]
     phases = [Segment("continuous", 0, 200), Segment("armed", 60, 140), *rests]
-    assert drift_rest.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"].value
+    assert drift.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"].value
     if missed == "begins late":
         late = flights.row(t[t > 100], row.q[t > 100], start=100.0)
     else:
         late = flights.row(t, np.where(((t > 25) & (t < 55))[:, None], np.nan, row.q))
-    answer = drift_rest.REST_DRIFT.ask(flights.case([late], phases), late, "rest")["drift_rest_deg_per_min"]
+    answer = drift.REST_DRIFT.ask(flights.case([late], phases), late, "rest")["drift_rest_deg_per_min"]
     assert (answer.value, answer.code) == (None, "not_covered")
     assert "1 of 2 rests" in answer.reason
     assert [r.value for r in answer.records] == [None, pytest.approx(1.2)]
@@ -222,7 +220,7 @@ def test_rests_that_are_all_too_short_tell_the_longest_and_the_turn_between_them
         Segment("rest.long", 0, 26),
         Segment("rest.long", 80, 91),
     ]
-    answer = drift_rest.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
+    answer = drift.REST_DRIFT.ask(flights.case([row], phases), row, "rest")["drift_rest_deg_per_min"]
     assert answer.code == "rest_too_short"
     assert "6 s after settling; 8 are needed" in answer.reason
     assert "the heading turned by +3.0 deg" in answer.reason
@@ -235,7 +233,7 @@ def test_a_restart_settles_anew():
     row.segment = (t > 40).astype(np.int64)
     phases = [Segment("continuous", 0, 80), Segment("rest.long", 0, 80)]
     case = flights.case([row], phases)
-    ((_, usable),) = drift_rest.usable_rests(case, row, "rest")
+    ((_, usable),) = drift.usable_rests(case, row, "rest")
     assert usable == ((20.0, pytest.approx(40.02, abs=0.021)), (pytest.approx(60.02, abs=0.021), 80.0))
 
 
@@ -248,11 +246,11 @@ def test_a_reset_of_the_onboard_attitude_at_rest_is_no_drift():
     cut = flights.case([onboard], [rest, Segment("reset", 32.28, 32.3)])
     cut.log.attitudes["ATT"] = Attitude(t, q, "ATT")
     cut.log.onboard = "ATT"
-    blocks = drift_rest.rest_blocks(cut, onboard, ((0.0, 60.0),))
+    blocks = drift.rest_blocks(cut, onboard, ((0.0, 60.0),))
     assert abs(drift.fit_drift(blocks).value) < 1e-6
     uncut = flights.case([onboard], [rest])
     uncut.log.attitudes, uncut.log.onboard = cut.log.attitudes, "ATT"
-    assert drift.fit_drift(drift_rest.rest_blocks(uncut, onboard, ((0.0, 60.0),))).value > 1.0
+    assert drift.fit_drift(drift.rest_blocks(uncut, onboard, ((0.0, 60.0),))).value > 1.0
 
 
 def test_the_line_that_is_drawn_is_the_least_squares_line_with_an_offset_for_each_segment():
@@ -328,8 +326,8 @@ def test_told_drifts_at_rest_have_the_sign_of_the_error_against_truth_and_bounds
     case = trial_of(corpus / "sitl" / name, "gyro,mahony,madgwick,complementary")
     told = 0
     for row in (r for r in case.rows if r.kind == "replay"):
-        answer = drift_rest.REST_DRIFT.ask(case, row, "rest")["drift_rest_deg_per_min"]
-        usable = [spans for _, spans in drift_rest.usable_rests(case, row, "rest")]
+        answer = drift.REST_DRIFT.ask(case, row, "rest")["drift_rest_deg_per_min"]
+        usable = [spans for _, spans in drift.usable_rests(case, row, "rest")]
         for record, spans in zip(answer.records, usable, strict=True):
             if record.value is None or record.ci95 is None:
                 continue

@@ -9,12 +9,7 @@ import numpy as np
 import pytest
 
 from attlog.flight.model import Attitude
-from attlog.metrics import drift as drift_rest
-from attlog.metrics import gyro_bias
-from attlog.metrics import step_error as step_curves
-from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_products as step_groups
-from attlog.metrics import step_turning as steps
+from attlog.metrics import drift, gyro_bias, step_error, step_fit, step_products, step_turning
 from attlog.reference import alignment
 from attlog.segments.model import Segment
 from tests.metrics import flights
@@ -56,13 +51,13 @@ def curves(seconds: float) -> Callable[[], object]:
     t, q = np.concatenate([t, more]), np.concatenate([q, np.tile(q[-1], (len(more), 1))])
     row = flights.row(t[::2], q[::2])
     case = flights.case([row], [Segment("continuous", 0, seconds)], (t[::4], q[::4]))
-    events = tuple(steps.reference_steps(case))
+    events = tuple(step_turning.reference_steps(case))
     assert len(events) > 20
-    step_curves.event_curves(case, row, events)  # what the log itself costs is found and kept
+    step_error.event_curves(case, row, events)  # what the log itself costs is found and kept
 
     def anew() -> object:
         case.of_row.clear()
-        return step_curves.event_curves(case, row, events)
+        return step_error.event_curves(case, row, events)
 
     return anew
 
@@ -81,9 +76,9 @@ def test_leaving_out_each_event_solves_once_and_not_event_by_event(monkeypatch):
     for seconds in (20.0, 100.0):
         t, q = motion("steps", seconds)
         row, ref = sampled(t, q, 100.0, 0.005), sampled(t, q, 50.0)
-        columns = step_groups.event_batches(row, ref, steps.find_steps(ref.t, ref.q, ref.segment), None)
+        columns = step_products.event_batches(row, ref, step_turning.find_steps(ref.t, ref.q, ref.segment), None)
         solved.clear()
-        found = step_fits.fit(columns)["all"]
+        found = step_fit.fit(columns)["all"]
         counts.append((len(found.events), len(solved)))
     assert counts[1][0] > 4 * counts[0][0]
     assert counts[1][1] < counts[0][1] + 12  # an iteration more, not a solution for each event
@@ -101,5 +96,5 @@ def test_segments_of_an_onboard_row_are_found_once_and_not_for_each_rest(monkeyp
     real = alignment.usable_samples
     monkeypatch.setattr(alignment, "usable_samples", lambda *a: (found.append(1), real(*a))[1])
     for span in SPANS[::2]:
-        drift_rest.rest_blocks(case, row, (span,))
+        drift.rest_blocks(case, row, (span,))
     assert len(found) == 1

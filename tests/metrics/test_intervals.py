@@ -27,10 +27,9 @@ def test_student_quantiles_are_those_of_scipy(dof):
 
 
 @pytest.mark.parametrize("dof", [*DOFS, 4.0, 35.0])
-def test_tails_of_many_are_those_of_each_and_of_scipy(dof):
+def test_tails_are_those_of_scipy(dof):
     t = np.array([0.0, 1e-300, np.inf, *np.geomspace(1e-6, 1e6, 40), *np.linspace(0.1, 5.0, 40)])
     found = statistics.students_two_sided(t, dof)
-    np.testing.assert_allclose(found, [statistics.student_two_sided(x, dof) for x in t], rtol=1e-12, atol=1e-300)
     np.testing.assert_allclose(found, 2 * stats.t.sf(t, dof), rtol=1e-6, atol=1e-12)
     assert np.isnan(statistics.students_two_sided(np.array([np.nan]), dof)[0])
     assert len(statistics.students_two_sided(t[:0], dof)) == 0

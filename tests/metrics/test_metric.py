@@ -14,8 +14,7 @@ from attlog import metrics
 from attlog.core import rotation
 from attlog.core.plain import to_plain
 from attlog.flight.model import Imu, Stream
-from attlog.metrics import accuracy
-from attlog.metrics import step_turning as steps
+from attlog.metrics import accuracy, step_turning
 from attlog.metrics.metric import CODES, Answer, Case, per_object, per_row
 from attlog.metrics.rerun import AID_GROUPS
 from attlog.metrics.traces import traces
@@ -224,7 +223,7 @@ def test_traces_have_the_columns_that_the_figures_draw(case):
     step = next(t for t in found if t.figure == "step")
     axis, _, onset = step.key.partition("@")
     assert axis in ("roll", "pitch", "yaw")
-    assert any(abs(float(onset) - event.onset) < 0.01 for event in steps.reference_steps(case))
+    assert any(abs(float(onset) - event.onset) < 0.01 for event in step_turning.reference_steps(case))
     assert step.columns["ref"][-1] > step.columns["ref"][0]
     np.testing.assert_allclose(step.columns["est"], step.columns["ref"], atol=0.5)
 

@@ -13,7 +13,6 @@ from scipy.signal import step as step_of
 from attlog.core import rotation
 from attlog.flight.model import Attitude, TimeLine
 from attlog.metrics import setpoint
-from attlog.metrics import setpoint as response
 from attlog.segments.model import Segment
 from tests.conftest import few
 from tests.metrics import flights
@@ -136,7 +135,7 @@ T = STEP * np.arange(6000)
 DELAY, LAG = 0.06, 0.1
 
 
-def flown(gain: float = 1.0, seed: int = 1) -> response.ResponseEquations:
+def flown(gain: float = 1.0, seed: int = 1) -> setpoint.ResponseEquations:
     """Set-points that jump every half second, other ones for each axis, and what follows them."""
     rng = np.random.default_rng(seed)
     wanted = np.repeat(rng.normal(size=(240, 2)) * [10.0, 6.0], 25, axis=0)
@@ -144,17 +143,17 @@ def flown(gain: float = 1.0, seed: int = 1) -> response.ResponseEquations:
     impulse = np.where(after >= DELAY, np.exp(-(after - DELAY) / LAG), 0.0)
     impulse /= impulse.sum()
     follows = np.column_stack([np.convolve(x, impulse)[: len(x)] for x in wanted.T])
-    blocks = response.blocks_of([(T, wanted, gain * follows)])
+    blocks = setpoint.blocks_of([(T, wanted, gain * follows)])
     assert blocks is not None
     return blocks
 
 
 def test_the_response_is_that_of_the_filter_behind_its_delay_and_ends_at_one() -> None:
-    t, step = response.step_response(flown())
+    t, step = setpoint.step_response(flown())
     exact = np.where(t >= DELAY, 1.0 - np.exp(-(t - DELAY + 0.5 * STEP) / LAG), 0.0)
     np.testing.assert_allclose(step, exact, atol=0.04)
     assert np.mean(step[t >= 0.8]) == pytest.approx(1.0)
-    half, rise, peak, settled = response.response_features(t, step)
+    half, rise, peak, settled = setpoint.response_features(t, step)
     assert half == pytest.approx(DELAY + LAG * np.log(2.0) - 0.5 * STEP, abs=0.01)
     assert rise == pytest.approx(LAG * np.log(9.0), abs=0.015)
     assert peak == pytest.approx(1.0, abs=0.02)
@@ -163,6 +162,6 @@ def test_the_response_is_that_of_the_filter_behind_its_delay_and_ends_at_one() -
 
 @pytest.mark.parametrize(("gain", "known"), [(0.25, True), (0.15, False), (-1.0, False)])
 def test_what_follows_a_fifth_of_its_set_point_or_less_has_no_response(gain: float, known: bool) -> None:
-    _, step = response.step_response(flown(gain))
+    _, step = setpoint.step_response(flown(gain))
     assert bool(np.isfinite(step).all()) is known
-    assert bool(np.isfinite(response.response_features(T[: len(step)], step)).all()) is known
+    assert bool(np.isfinite(setpoint.response_features(T[: len(step)], step)).all()) is known

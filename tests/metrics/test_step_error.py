@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from attlog.core import rotation
-from attlog.metrics import step_error
-from attlog.metrics import step_error as step_curves
-from attlog.metrics import step_turning as steps
+from attlog.metrics import step_error, step_turning
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_turning import StepEvent
 from attlog.segments.model import Segment
@@ -20,9 +18,9 @@ def test_a_row_without_a_sample_beside_the_reference_shows_no_movement():
     t, q = motion("steps", 30.0)
     row = flights.row(t + 100.0, q)
     case = flights.case([row], [Segment("continuous", 0, 30.0)], (t[::4], q[::4]))
-    events = tuple(steps.reference_steps(case))
+    events = tuple(step_turning.reference_steps(case))
     assert events
-    assert list(step_curves.event_curves(case, row, events)) == []
+    assert list(step_error.event_curves(case, row, events)) == []
 
 
 # What a row shows around one stroke: errors about its axis, ends and settling, by closed forms in each axis.
@@ -42,7 +40,7 @@ def shown(axis: int, degrees: float, error_deg: np.ndarray, beside_deg: float = 
     vector = np.radians(error_deg)[:, None] * np.eye(3)[axis] + np.radians(beside_deg) * np.eye(3)[(axis + 1) % 3]
     row = flights.row(T, rotation.multiply(q, rotation.from_rotvec(vector)))
     case = flights.case([row], [Segment("continuous", 0, 12)], (T, q))
-    (event,) = steps.reference_steps(case)
+    (event,) = step_turning.reference_steps(case)
     (found,) = step_error.event_curves(case, row, [event])
     assert found.event.axis == axis
     return found

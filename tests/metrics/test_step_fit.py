@@ -4,10 +4,7 @@ from scipy.optimize import least_squares
 
 from attlog.core import rotation
 from attlog.flight.model import Imu, Mag, Stream
-from attlog.metrics import lag
-from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_products as step_groups
-from attlog.metrics import step_turning as steps
+from attlog.metrics import lag, step_fit, step_products, step_turning
 from attlog.segments.model import Segment
 from tests.conftest import few
 from tests.metrics import flights
@@ -17,8 +14,8 @@ DELAY = 0.0073
 
 
 def fit(row, ref, events=None, sensors=None):
-    events = steps.find_steps(ref.t, ref.q, ref.segment) if events is None else events
-    return step_fits.fit(step_groups.event_batches(row, ref, events, sensors))
+    events = step_turning.find_steps(ref.t, ref.q, ref.segment) if events is None else events
+    return step_fit.fit(step_products.event_batches(row, ref, events, sensors))
 
 
 @pytest.mark.parametrize("misaligned_deg", [0.0, 3.5])
@@ -66,7 +63,7 @@ def test_a_first_order_lag_of_50_ms_is_told_as_an_independent_fit_tells_it():
     euler = np.unwrap(rotation.to_euler(q), axis=0)
     late = rotation.from_euler(*(flights.first_order(x, STEP_S, 0.05) for x in euler.T))
     ref, row = sampled(t, q, 50.0), sampled(t, late, 200.0)
-    events = steps.find_steps(ref.t, ref.q, ref.segment)
+    events = step_turning.find_steps(ref.t, ref.q, ref.segment)
     found = fit(row, ref, events)["all"]
     assert 0.040 < found.delay < 0.050
     assert 0.02 < found.distortion < 0.12
@@ -101,11 +98,11 @@ def test_turning_back_to_thrust_is_not_read_as_an_early_estimate(kp, mag):
     case, row = thrust_flight(kp, mag=mag)
     told = lag.LAG.ask(case, row, "all")["lag_ms"]
     assert told.value == pytest.approx(0.0, abs=0.05)
-    fitted = step_fits.fits(case, row, "all")["all"]
+    fitted = step_fit.fits(case, row, "all")["all"]
     assert fitted.gain == pytest.approx(1.0, abs=1e-3)
     case.log.imu = None  # without the accelerometer the turning back bends the answer
     case.forget()
-    blind = step_fits.fits(case, row, "all")["all"]
+    blind = step_fit.fits(case, row, "all")["all"]
     assert blind.delay < -0.001
     assert fitted.delay - fitted.aiding_shift_s == pytest.approx(blind.delay, abs=0.0015 if kp < 1 else 0.008)
 
@@ -127,7 +124,7 @@ def test_the_jackknife_is_that_of_refits_without_each_event():
     ref, row = sampled(t, q, 50.0), sampled(t, q, 200.0, DELAY)
     noisy = rotation.multiply(row.q, rotation.from_rotvec(0.003 * rng.standard_normal((len(row.t), 3))))
     row = type(row)(row.t, noisy, row.segment)
-    events = steps.find_steps(ref.t, ref.q, ref.segment)
+    events = step_turning.find_steps(ref.t, ref.q, ref.segment)
     found = fit(row, ref, events)["all"]
     assert len(found.events) == len(events)
     again = [fit(row, ref, events[:k] + events[k + 1 :])["all"].delay for k in range(len(events))]
@@ -136,7 +133,7 @@ def test_the_jackknife_is_that_of_refits_without_each_event():
 
 def test_the_half_width_is_students_t_on_the_jackknife_error():
     """Values 1, 2, 3, 4: spread 5, error sqrt(3/4 5) = 1.936, t(0.975, 3) = 3.182 (printed tables)."""
-    columns = step_groups.event_batches(*(sampled(*motion("steps", 30.0), 50.0),) * 2, [], None)
+    columns = step_products.event_batches(*(sampled(*motion("steps", 30.0), 50.0),) * 2, [], None)
     assert columns is None
     found = fit(sampled(*motion("steps", 20.0), 200.0), sampled(*motion("steps", 20.0), 50.0))["all"]
     found.left_out = np.array([[1.0], [2.0], [3.0], [4.0]])
@@ -167,7 +164,7 @@ def test_the_slower_row_is_met_at_its_own_times():
 def test_an_event_with_a_gap_is_left_out():
     t, q = motion("steps", 40.0)
     ref, row = sampled(t, q, 50.0), sampled(t, q, 200.0)
-    events = steps.find_steps(ref.t, ref.q, ref.segment)
+    events = step_turning.find_steps(ref.t, ref.q, ref.segment)
     hole = (row.t < events[4].middle) | (row.t > events[4].middle + 0.1)
     found = fit(type(row)(row.t[hole], row.q[hole], row.segment[hole]), ref, events)["all"]
     assert len(found.events) == len(events) - 1
@@ -175,7 +172,7 @@ def test_an_event_with_a_gap_is_left_out():
 
 def test_an_axis_keeps_the_aiding_and_misalignment_of_the_whole():
     case, row = thrust_flight(2.0)
-    found = step_fits.fits(case, row, "all")
+    found = step_fit.fits(case, row, "all")
     for axis in ("roll", "pitch"):
         np.testing.assert_array_equal(found[axis].coefficients[2:], found["all"].coefficients[2:])
         assert found[axis].delay == pytest.approx(0.0, abs=5e-5)

@@ -7,11 +7,7 @@ from scipy.spatial.transform import Rotation
 from attlog.core import rotation
 from attlog.estimators.vectors import field_error, gravity_error
 from attlog.flight.model import Imu, Mag, Stream
-from attlog.metrics import step_fit as step_fits
-from attlog.metrics import step_products as step_columns
-from attlog.metrics import step_products as step_groups
-from attlog.metrics import step_sensors
-from attlog.metrics import step_turning as steps
+from attlog.metrics import step_fit, step_products, step_sensors, step_turning
 from attlog.metrics.step_products import axes_of, axis_of
 from attlog.metrics.step_sensors import RowSensors, samples_of
 from attlog.metrics.step_turning import REACH_AFTER_S, REACH_BEFORE_S, SummedTurning, around, stack_events
@@ -23,7 +19,7 @@ def columns_of(row_hz, ref_hz):
     """The columns of some events; aiding as numbers that mean nothing."""
     t, q = motion("steps", 25.0)
     row, ref = sampled(t, q, row_hz, 0.004), sampled(t, q, ref_hz, offset=0.0013)
-    groups = step_groups.event_batches(row, ref, steps.find_steps(ref.t, ref.q, ref.segment), None)
+    groups = step_products.event_batches(row, ref, step_turning.find_steps(ref.t, ref.q, ref.segment), None)
     (found,) = groups.each()
     part = found.slow if found.slow_row else found.fast
     part.x[:, 1:] = np.cumsum(np.random.default_rng(2).standard_normal(part.x[:, 1:].shape), axis=0)
@@ -94,12 +90,12 @@ def test_pairs_that_reach_beyond_either_end_of_an_event_make_no_line(low: float,
     """Ten samples 0.1 s apart, slopes over 0.02 s on both sides: those from 0.3 s on, those up to 0.6 s."""
     slow, fast = 0.1 * np.arange(10), 0.05 * np.arange(-20, 40)
     out, count = np.zeros((1, 12, 12)), np.zeros(1, np.int64)
-    room = np.empty((10, step_columns.MOVED_COLUMNS)), np.empty((9, step_columns.COLUMNS))
+    room = np.empty((10, step_products.MOVED_COLUMNS)), np.empty((9, step_products.COLUMNS))
     turned, moved = np.tile(np.sin(slow)[:, None], (1, 7)), np.tile(np.sin(fast)[:, None], (1, 4))
     begin = np.arange(9)
     ends = np.array([low]), np.array([high])
     first = np.array([0, 9])
-    step_columns.event_products(
+    step_products.event_products(
         out, count, *room, slow, turned, fast, moved, moved[:, 0].copy(), *ends, begin, begin + 1, first, 0.0, 0.02, 1
     )
     assert count.tolist() == [lines]
@@ -111,16 +107,16 @@ def test_pairs_that_reach_beyond_either_end_of_an_event_make_no_line(low: float,
 def both(seconds):
     t, q = motion("steps", seconds)
     row, ref = sampled(t, q, 200.0, 0.0073), sampled(t, q, 50.0, offset=0.0013)
-    return row, ref, steps.find_steps(ref.t, ref.q, ref.segment)
+    return row, ref, step_turning.find_steps(ref.t, ref.q, ref.segment)
 
 
 @pytest.mark.parametrize("kept", [0, 200_000, 10**9])
 def test_events_in_groups_tell_the_same_as_all_at_once(monkeypatch, kept):
-    whole = step_fits.fit(step_groups.event_batches(*both(60.0), None))["all"]
-    monkeypatch.setattr(step_groups, "BATCH_SAMPLES", 2000)
-    groups = step_groups.event_batches(*both(60.0), None)
+    whole = step_fit.fit(step_products.event_batches(*both(60.0), None))["all"]
+    monkeypatch.setattr(step_products, "BATCH_SAMPLES", 2000)
+    groups = step_products.event_batches(*both(60.0), None)
     groups._room = kept
-    found = step_fits.fit(groups)["all"]
+    found = step_fit.fit(groups)["all"]
     assert len(groups.bounds) >= 5
     assert [k for own in groups.bounds for k in range(own.start, own.stop)] == list(range(len(groups.events)))
     assert found.delay == pytest.approx(whole.delay, abs=1e-10)
@@ -131,7 +127,9 @@ def test_samples_around_an_event_are_those_of_its_segment_and_reach_far_enough()
     t = np.delete(np.arange(0.0, 60.0, 0.01), np.arange(2011, 2061))
     q = rotation.from_euler(0 * t, 0.3 * np.sin(t), 0 * t)
     track = SummedTurning(t, q, (t > 33.333).astype(np.int64))
-    events = [steps.StepEvent(1, at, at + 0.1, at + 0.3, 9.0, at - 0.5, at + 1.3) for at in np.arange(0.2, 59.0, 0.37)]
+    events = [
+        step_turning.StepEvent(1, at, at + 0.1, at + 0.3, 9.0, at - 0.5, at + 1.3) for at in np.arange(0.2, 59.0, 0.37)
+    ]
     for event, found in zip(events, around(track, events, 0.3), strict=True):
         middle = track.segment[np.searchsorted(track.t, event.middle)]
         near = (track.t >= event.begin - 0.3) & (track.t < event.end + 0.3) & (track.segment == middle)

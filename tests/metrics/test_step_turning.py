@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from attlog.core import rotation
-from attlog.metrics import step_turning as steps
+from attlog.metrics import step_turning
 from attlog.metrics.step_turning import (
     StepEvent,
     SummedTurning,
@@ -25,7 +25,7 @@ from tests.metrics.flights import motion, sampled
 
 
 def find(track):
-    return steps.find_steps(track.t, track.q, track.segment)
+    return step_turning.find_steps(track.t, track.q, track.segment)
 
 
 @pytest.mark.parametrize("hz", [10.0, 25.0, 250.0])
@@ -43,7 +43,7 @@ def test_events_count_from_the_scoring_start_and_only_those_that_end_before_the_
     whole = find(track)
     begin, end = whole[1].begin + 0.1, whole[-2].end - 0.1
     reference = SimpleNamespace(t=track.t, q=track.q, segment=track.segment, scoring=Scoring(begin, end))
-    assert steps.scored_steps(reference) == whole[2:-2]
+    assert step_turning.scored_steps(reference) == whole[2:-2]
 
 
 def test_windows_of_neighbouring_events_do_not_overlap():
@@ -69,7 +69,7 @@ def turned(*strokes: tuple[float, float, float]) -> np.ndarray:
 
 
 def found(*strokes: tuple[float, float, float], axis: int = 0) -> list[StepEvent]:
-    return steps._of_axis(T, turned(*strokes), axis)
+    return step_turning._of_axis(T, turned(*strokes), axis)
 
 
 @pytest.mark.parametrize(("axis", "dps"), [(0, 40.0), (1, -40.0), (2, 60.0)])
@@ -128,11 +128,11 @@ def test_no_step_crosses_a_segment_and_a_segment_needs_time_for_one() -> None:
     roll = np.radians(np.concatenate([[0.0], np.cumsum(turned((5.0, 0.5, 40.0)))]))
     q = rotation.from_euler(roll, 0.0 * T, 0.0 * T)
     zeros = np.zeros(len(T), np.int64)
-    assert len(steps.find_steps(T, q, zeros)) == 1
-    assert steps.find_steps(T, q, (T > 5.2).astype(np.int64)) == []
-    assert len(steps.find_steps(T, q, (T > 4.4).astype(np.int64))) == 1
+    assert len(step_turning.find_steps(T, q, zeros)) == 1
+    assert step_turning.find_steps(T, q, (T > 5.2).astype(np.int64)) == []
+    assert len(step_turning.find_steps(T, q, (T > 4.4).astype(np.int64))) == 1
     around = np.where((T > 4.4) & (T < 6.72), 1, np.where(T < 5.0, 0, 2))
-    assert len(steps.find_steps(T, q, around)) == 1
+    assert len(step_turning.find_steps(T, q, around)) == 1
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -141,7 +141,7 @@ def test_a_turn_about_one_body_axis_is_a_step_of_this_axis_alone(axis: int) -> N
     start = rotation.from_euler(0.2, -0.4, 2.0)
     angle = np.radians(np.concatenate([[0.0], np.cumsum(turned((5.0, 0.5, 60.0)))]))
     q = rotation.multiply(np.tile(start, (len(T), 1)), rotation.from_rotvec(angle[:, None] * np.eye(3)[axis]))
-    (event,) = steps.find_steps(T, q, np.zeros(len(T), np.int64))
+    (event,) = step_turning.find_steps(T, q, np.zeros(len(T), np.int64))
     assert (event.axis, event.delta_deg) == (axis, pytest.approx(30.0, abs=1.3))
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from attlog.core import rotation
 from attlog.metrics import windows
-from attlog.metrics import windows as evidence
 from attlog.segments.model import Segment
 from tests.metrics import flights
 
@@ -76,15 +75,15 @@ def test_rest_of_2_to_5_s_is_one_window_and_shorter_flight_is_none():
 def test_stretches_end_at_gaps_and_restarts():
     t = np.concatenate([np.arange(0.0, 5.0, 0.01), np.arange(6.0, 9.0, 0.01)])
     run = (t > 7.5).astype(np.int64)
-    found = evidence.within(t, (1.0, 8.5), run)
+    found = windows.within(t, (1.0, 8.5), run)
     assert [(round(t[s.start], 2), round(t[s.stop - 1], 2)) for s in found] == [(1.0, 4.99), (6.0, 7.5), (7.51, 8.5)]
-    assert evidence.within(t, (5.2, 5.8)) == []
-    assert evidence.within(np.zeros(0), (0.0, 1.0)) == []
+    assert windows.within(t, (5.2, 5.8)) == []
+    assert windows.within(np.zeros(0), (0.0, 1.0)) == []
 
 
 def test_a_heading_that_wanders_is_no_tilt_however_the_vehicle_lies():
     wander = np.radians(np.sin(np.linspace(0.0, 20.0, 400)))
-    found = evidence.deviations(rotation.from_euler(0.6 + 0 * wander, -0.3 + 0 * wander, 1.2 + wander))
+    found = windows.deviations(rotation.from_euler(0.6 + 0 * wander, -0.3 + 0 * wander, 1.2 + wander))
     np.testing.assert_allclose(found[:, :2], 0.0, atol=1e-6)
     np.testing.assert_allclose(found[:, 2], np.degrees(wander - np.mean(wander)), atol=1e-3)
 
@@ -92,6 +91,6 @@ def test_a_heading_that_wanders_is_no_tilt_however_the_vehicle_lies():
 def test_tilt_is_told_about_the_vehicles_own_roll_and_pitch_axis_whatever_its_heading():
     nod = np.radians(np.sin(np.linspace(0.0, 20.0, 400)))
     for axis, q in enumerate((rotation.from_euler(nod, 0 * nod, 2.0), rotation.from_euler(0 * nod, nod, 2.0))):
-        found = evidence.deviations(q)
+        found = windows.deviations(q)
         np.testing.assert_allclose(found[:, axis], np.degrees(nod - np.mean(nod)), atol=1e-3)
         np.testing.assert_allclose(found[:, 1 - axis], 0.0, atol=1e-6)

@@ -12,7 +12,6 @@ from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Imu, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments import airborne, flight_signs, rest
-from attlog.segments import flight_signs as signs
 from attlog.segments.airborne import HeightLevel
 from attlog.segments.flight_signs import Grid
 from tests.flight.made_log import with_fields
@@ -56,10 +55,10 @@ def test_the_slope_is_that_of_least_squares_over_four_seconds() -> None:
     at = 200
     part = slice(at - 20, at + 20)
     g, f = gravity[part, :2] - gravity[part, :2].mean(axis=0), force[part, :2] - force[part, :2].mean(axis=0)
-    assert signs._ground_slope(force, gravity)[at] == pytest.approx(np.sum(g * f) / np.sum(g * g))
-    assert np.isnan(signs._ground_slope(force, 0.01 * gravity)[at])  # gravity's part varies too little
+    assert flight_signs._ground_slope(force, gravity)[at] == pytest.approx(np.sum(g * f) / np.sum(g * g))
+    assert np.isnan(flight_signs._ground_slope(force, 0.01 * gravity)[at])  # gravity's part varies too little
     gravity[at + 5] = np.nan
-    unknown = np.flatnonzero(np.isnan(signs._ground_slope(force, gravity)))
+    unknown = np.flatnonzero(np.isnan(flight_signs._ground_slope(force, gravity)))
     assert (unknown.min(), unknown.max()) == (at + 5 - 19, at + 5 + 20)
 
 
@@ -67,11 +66,11 @@ def test_down_in_body_axes_is_the_last_row_of_the_rotation_and_unknown_far_from_
     q = rotation.from_euler(0.3, -0.5, 1.0)
     log = made_log(attitudes={"A": Attitude(np.array([10.0, 10.1]), np.tile(q, (2, 1)), "A")}, onboard="A")
     t = np.array([8.4, 8.6, 10.05, 11.5, 11.7])
-    down = signs._down_axis(log, t)
+    down = flight_signs._down_axis(log, t)
     wanted = rotation.rotate_inverse(q[None], np.array([0.0, 0.0, 1.0]))[0]
     np.testing.assert_allclose(down[1:4], np.tile(wanted, (3, 1)), atol=1e-12)
     assert np.isnan(down[[0, 4]]).all()
-    assert np.isnan(signs._down_axis(made_log(), t)).all()
+    assert np.isnan(flight_signs._down_axis(made_log(), t)).all()
 
 
 def test_power_is_the_throttle_else_the_mean_of_the_motors_else_of_the_rotors() -> None:
