@@ -24,7 +24,7 @@ from attlog.words.text import clean, encodable, typeset
 
 if TYPE_CHECKING:
     from attlog.result import Check, EstimatorRow, Result, Setting
-    from attlog.words.table import ColumnHeading, FilterTable, TableCell
+    from attlog.words.table import FilterTable, TableCell, TableColumn
 
 VERDICT_STYLES = {"fault": "red", "warning": "yellow"}
 FINDING_STYLES = {"bad": "red", "warn": "yellow"}
@@ -172,7 +172,7 @@ def _filter_rows(
     return list(table(rows, [*first, *head], left=range(len(first))))
 
 
-def _heading(heading: ColumnHeading, cells: Sequence[str], short: bool) -> str:
+def _heading(heading: TableColumn, cells: Sequence[str], short: bool) -> str:
     """Break a heading into lines no wider than its cells or its longest word."""
     if short:
         return f"{heading.short} {heading.unit} ".rstrip() + " "

@@ -15,7 +15,7 @@ from attlog.result import Result
 from attlog.words.findings import shown_checks
 from attlog.words.names import row_names
 from attlog.words.numbers import counted, unit_sign
-from attlog.words.table import ColumnHeading, main_table
+from attlog.words.table import TableColumn, main_table
 from attlog.words.text import clean, escape_markdown
 
 TableForm = Literal["md", "csv", "tex"]
@@ -88,7 +88,7 @@ def analysis_rows(results: Sequence[Result], window: str = "all") -> tuple[list[
     return [*(["log"] if len(results) > 1 else []), "filter", *titles], rows
 
 
-def _column_title(column: ColumnHeading) -> str:
+def _column_title(column: TableColumn) -> str:
     return f"{column.title}, {column.unit}" if column.unit else column.title
 
 

@@ -33,7 +33,8 @@ class TableColumn:
     """Table column of ``metric`` in the first of ``windows`` with a filter's value.
 
     ``contest`` False: never marked best. ``spare``: order in which a narrow terminal drops columns, largest first, 0
-    never. ``short``: title if its question has a single column, or empty.
+    never. ``short``: title if its question has a single column, or empty. ``unit``: its sign, in a filled table, whose
+    columns have one window.
     """
 
     title: str
@@ -42,6 +43,12 @@ class TableColumn:
     contest: bool = True
     spare: int = 0
     short: str = ""
+    unit: str = ""
+
+    @property
+    def window(self) -> str:
+        """The window of a filled column, else the preferred one."""
+        return self.windows[0]
 
 
 NOISE = "noise_tilt_deg"
@@ -113,8 +120,9 @@ class TableCell:
     sort: float | None = None
 
 
-def table_cell(result: Result, row: EstimatorRow, column: TableColumn, window: str) -> TableCell:
+def table_cell(result: Result, row: EstimatorRow, column: TableColumn) -> TableCell:
     """Return the cell of a row in a column."""
+    window = column.window
     answer = row.metrics.get(window, {}).get(column.metric)
     if answer is None:
         word = "failed" if row.status == "failed" else "n/a"
@@ -161,23 +169,11 @@ def sort_key(result: Result, metric: str, answer: Answer) -> float:
 # Comparison as rows and cells for page and terminal.
 
 
-@dataclass(frozen=True, slots=True)
-class ColumnHeading:
-    """Column heading: title, unit, metric, window, ``spare``, short title."""
-
-    title: str
-    unit: str
-    metric: str
-    window: str
-    spare: int = 0
-    short: str = ""
-
-
 @dataclass(slots=True)
 class FilterTable:
-    """Headings, and (row, cells) of every row."""
+    """Columns, and (row, cells) of every row."""
 
-    columns: list[ColumnHeading] = field(default_factory=list)
+    columns: list[TableColumn] = field(default_factory=list)
     rows: list[tuple[EstimatorRow, list[TableCell]]] = field(default_factory=list)
 
     @property
@@ -219,15 +215,12 @@ def window_tables(result: Result) -> dict[str, FilterTable]:
 def fill_table(result: Result, wanted: Iterable[TableColumn]) -> FilterTable:
     """Return the columns with a value, for all rows, each in one window."""
     rows = rows_in_order(result)
-    table, chosen = FilterTable(), []
+    table = FilterTable()
     for column in wanted:
         window = window_of(result, column.metric, column.windows)
         answers = (row.metrics.get(window, {}).get(column.metric) for row in rows)
         first = next((a for a in answers if a is not None and has_value(a)), None)
         if first is not None:
-            table.columns.append(
-                ColumnHeading(column.title, unit_sign(first.unit), column.metric, window, column.spare, column.short)
-            )
-            chosen.append((column, window))
-    table.rows = [(row, [table_cell(result, row, column, window) for column, window in chosen]) for row in rows]
+            table.columns.append(dataclasses.replace(column, windows=(window,), unit=unit_sign(first.unit)))
+    table.rows = [(row, [table_cell(result, row, column) for column in table.columns]) for row in rows]
     return table
