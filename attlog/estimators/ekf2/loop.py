@@ -67,7 +67,6 @@ from attlog.estimators.ekf2.state import (
 from attlog.estimators.error_state import (
     BA,
     BG,
-    NEVER,
     OBS_BARO,
     OBS_GNSS_HEIGHT,
     POS,
@@ -222,22 +221,19 @@ def run_filter(
         if not in_air:
             c[GROUND] = x[9]
             c[T_LANDED] = t
-        if in_air and c[ALIGNED] == 0.0 and c[YAW] > 0.0 and known.flown_alignment == 0.0 and c[GROUND] - x[9] > 1.5:
-            c[ALIGNED] = 1.0
-            c[T_ALIGNED] = t if known.reset_in_climb > 0 else NEVER
-            if known.reset_in_climb > 0 and c[FIELD_N] > 0 and par.mag_type != 5.0:
-                align_field(f, par, known, t, yaw_gsf, var_gsf, False)
-                c[T_ALIGNED] = t
+        align = known.flown_alignment == 0.0 and in_air and c[ALIGNED] == 0.0 and c[GROUND] - x[9] > 1.5
         while i_reset < len(s.resets) and s.resets[i_reset, 0] <= t_now:
             if s.resets[i_reset, 0] > s.steps[k - 1, 0] and c[YAW] > 0.0:
                 if s.resets[i_reset, 1] > 0.0:
                     emergency_heading(f, yaw_gsf, var_gsf)
                 else:
-                    c[ALIGNED] = 1.0
-                    if known.reset_in_climb > 0 and c[FIELD_N] > 0 and par.mag_type != 5.0:
-                        align_field(f, par, known, t, yaw_gsf, var_gsf, False)
-                        c[T_ALIGNED] = t
+                    align = True
             i_reset += 1
+        if align and c[YAW] > 0.0:
+            c[ALIGNED] = 1.0
+            if known.reset_in_climb > 0 and c[FIELD_N] > 0 and par.mag_type != 5.0:
+                align_field(f, par, known, t, yaw_gsf, var_gsf, False)
+                c[T_ALIGNED] = t
         # observations whose time has come
         while i_mag < len(s.mag) and s.mag[i_mag, 0] <= t and s.mag[i_mag, 1] <= t_now:
             if s.mag[i_mag, 0] > t - 0.3:

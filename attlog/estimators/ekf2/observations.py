@@ -48,6 +48,7 @@ from attlog.estimators.ekf2.state import (
     YAW_RATE,
     Known,
     Parameters,
+    low_pass,
 )
 from attlog.estimators.error_state import (
     BG,
@@ -84,6 +85,7 @@ from attlog.estimators.error_state import (
     wrap,
 )
 
+Vector = tuple[float, float, float]
 # Variance of the bank of yaw hypotheses, rad^2, below which a reset takes its heading: 15 deg.
 MAX_BANK_VARIANCE = math.radians(15.0) ** 2
 
@@ -209,13 +211,7 @@ def field_logic(
     x, P, c, r, full, mask, saved = f.x, f.P, f.c, f.r, f.full, f.mask, f.saved
     era = known.era
     kind = par.mag_type
-    if c[FIELD_N] == 0:
-        c[FIELD_X], c[FIELD_Y], c[FIELD_Z] = m[0], m[1], m[2]
-    else:
-        c[FIELD_X] += 0.1 * (m[0] - c[FIELD_X])
-        c[FIELD_Y] += 0.1 * (m[1] - c[FIELD_Y])
-        c[FIELD_Z] += 0.1 * (m[2] - c[FIELD_Z])
-    c[FIELD_N] += 1
+    low_pass(c, FIELD_X, FIELD_N, m)
     strength = math.sqrt(m[0] ** 2 + m[1] ** 2 + m[2] ** 2)
     passes = strength > 0.0
     if int(par.mag_check) & 1 and known.strength > 0.0:
@@ -379,14 +375,7 @@ def fuse_gnss(
         ready = healthy if flown < 0.0 else flown > 0.0
         if (ctrl & 5) and c[TILT] > 0.0 and c[YAW] > 0.0 and ready:
             c[GNSS_ON] = 1.0
-            for i in range(3):
-                x[4 + i] = vel[i]
-                forget_rows(P, VEL + i, 1, v_noise * (2.25 if i == 2 else 1.0))
-            for i in range(2):
-                x[7 + i] = pos[i]
-                forget_rows(P, POS + i, 1, p_noise)
-            c[T_VEL] = t
-            c[T_POS] = t
+            reset_to_gnss(f, vel, pos, v_noise, p_noise, t)
         return
     if era == ERA_D and not healthy:
         return  # left out until the checks pass again
@@ -436,14 +425,18 @@ def fuse_gnss(
     if era <= ERA_B:
         silent = (silent and t - c[T_POS] > 7.0) or t - c[T_POS] > 14.0
     if silent:
-        for i in range(3):
-            x[4 + i] = vel[i]
-            forget_rows(P, VEL + i, 1, v_noise * (2.25 if i == 2 else 1.0))
-        for i in range(2):
-            x[7 + i] = pos[i]
-            forget_rows(P, POS + i, 1, p_noise)
-        c[T_VEL] = t
-        c[T_POS] = t
+        reset_to_gnss(f, vel, pos, v_noise, p_noise, t)
+
+
+def reset_to_gnss(f: Filter, vel: Vector, pos: Vector, v_noise: float, p_noise: float, t: float) -> None:
+    """Reset velocity and horizontal position to a sample."""
+    for i in range(3):
+        f.x[4 + i] = vel[i]
+        forget_rows(f.P, VEL + i, 1, v_noise * (2.25 if i == 2 else 1.0))
+    for i in range(2):
+        f.x[7 + i] = pos[i]
+        forget_rows(f.P, POS + i, 1, p_noise)
+    f.c[T_VEL] = f.c[T_POS] = t
 
 
 def emergency_heading(f: Filter, gsf_yaw: float, gsf_var: float) -> None:

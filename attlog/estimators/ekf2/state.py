@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from attlog.core.jit import Out1
 from attlog.estimators.error_state import BA, BG, MB, MI, N_ERR, N_STATE, POS, TH, VEL, WIND, Filter, G
 
 # Eras of the firmware: up to 1.11, up to 1.13, 1.14, from 1.15 on.
@@ -159,16 +160,18 @@ def limit_states(f: Filter, par: Parameters, known: Known) -> None:
             P[BA + i, BA + i] = max(P[BA + i, BA + i], 5e-8 / known.step_s**2)
 
 
+def low_pass(c: Out1, first: int, count: int, v: Out1) -> None:
+    """Low-pass a vector in ``c`` from ``first`` on by a tenth of each sample; ``count`` are the samples so far."""
+    share = 0.1 if c[count] > 0.0 else 1.0
+    for i in range(3):
+        c[first + i] += share * (v[i] - c[first + i])
+    c[count] += 1.0
+
+
 def gravity_start(f: Filter) -> bool:
     """Low-pass the specific force until the vehicle holds still enough for a first tilt; True once it does."""
     c, force, rate = f.c, f.force, f.rate
-    if c[FORCE_N] == 0.0:
-        c[FORCE_X], c[FORCE_Y], c[FORCE_Z] = force[0], force[1], force[2]
-    else:
-        c[FORCE_X] += 0.1 * (force[0] - c[FORCE_X])
-        c[FORCE_Y] += 0.1 * (force[1] - c[FORCE_Y])
-        c[FORCE_Z] += 0.1 * (force[2] - c[FORCE_Z])
-    c[FORCE_N] += 1.0
+    low_pass(c, FORCE_X, FORCE_N, force)
     size = math.sqrt(c[FORCE_X] ** 2 + c[FORCE_Y] ** 2 + c[FORCE_Z] ** 2)
     spin = math.sqrt(rate[0] ** 2 + rate[1] ** 2 + rate[2] ** 2)
     return 0.8 * G < size < 1.2 * G and spin < math.radians(15.0)
