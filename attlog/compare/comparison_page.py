@@ -9,9 +9,8 @@ from statistics import median, median_low
 from typing import Any
 
 from attlog.compare.comparison import Comparison, Question
-from attlog.compare.pages import WEB_FOLDER
 from attlog.compare.paired import Difference
-from attlog.compare.tables import MatrixRow, matrix
+from attlog.compare.tables import WEB_FOLDER, MatrixRow, matrix
 from attlog.compare.wording import STATUS_WORDS, change_text, scale_unit, signed_text, titled
 from attlog.core.plain import to_plain
 from attlog.report import shell
@@ -85,7 +84,8 @@ def dots(row: MatrixRow) -> list[Dot | None]:
     """Return the dot of each configuration after the first, None without a difference."""
     limit = _scale_limit(row)
     found: list[Dot | None] = []
-    for difference, contrast in zip(row.differences, row.question.contrasts, strict=True):
+    for cell, contrast in zip(row.cells, row.question.contrasts, strict=True):
+        difference = cell.difference
         if difference is None or difference.value is None:
             found.append(None)
             continue
@@ -135,7 +135,7 @@ def _place(difference: Difference, value: float, limit: float) -> float:
 
 def _scale_limit(row: MatrixRow) -> float:
     """Return the limit of a row's scale, unaffected by outliers and wide intervals."""
-    known = [d for d in row.differences if d is not None and d.value is not None]
+    known = [d for d in (cell.difference for cell in row.cells) if d is not None and d.value is not None]
     sizes = [abs(_on_scale(d, d.value or 0.0)) for d in known]
     middle = median_low(sizes)
     kept = [k for k, size in enumerate(sizes) if size <= FAR_RATIO * middle] or list(range(len(sizes)))

@@ -9,8 +9,7 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 from attlog.compare.diff import ABSENT_VALUE, QUESTION_ORDER, NumberChange, RunDifference, TextChange
-from attlog.compare.pages import WEB_FOLDER
-from attlog.compare.tables import table_markdown
+from attlog.compare.tables import WEB_FOLDER, table_markdown
 from attlog.core.plain import to_plain
 from attlog.report import shell
 from attlog.words.numbers import MINUS, counted, half_width, quantity, unit_sign

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -11,13 +12,13 @@ import numpy as np
 
 from attlog.compare.comparison import Question, modes_text
 from attlog.compare.grid import GridAxis, Setting, setting_text
-from attlog.compare.pages import PageSection, render_sections, titled
 from attlog.compare.paired import Difference
 from attlog.compare.search import SettingResult, Sweep, SweepColumn
-from attlog.compare.tables import TableCells
+from attlog.compare.tables import WEB_FOLDER, TableCells
 from attlog.core import files
 from attlog.core.plain import to_plain
 from attlog.estimators.registry import FLOWN
+from attlog.report import shell
 from attlog.report.figures.figure import PageFigure, json_numbers
 from attlog.words.numbers import between, change, change_end, counted, listed, number, quantity, unit_sign
 from attlog.words.text import clean
@@ -253,6 +254,47 @@ def sweep_csv(s: Sweep) -> str:
                 answer = [value, *(a.ci95 or ("", "")), a.n, cell.unsound or cell.status]
                 lines.append([*own, log, q.metric, q.window, q.unit, *answer])
     return files.csv_text(lines)
+
+
+@dataclass(slots=True)
+class PageSection:
+    """Heading with figures, sentences, text to copy and a table.
+
+    ``folded``: show only the heading initially. The first ``left`` columns of the table and the last hold words.
+    """
+
+    title: str
+    code: str = ""
+    figures: Sequence[PageFigure] = ()
+    said: Sequence[str] = ()
+    table: TableCells | None = None
+    left: int = 1
+    folded: bool = False
+
+
+def render_sections(name: str, title: str, document: dict[str, Any], sections: Sequence[PageSection]) -> str:
+    """Return a self-contained page.
+
+    ``name`` begins the file names of saved tables. ``document``: JSON of the page.
+    """
+    return shell.render(
+        "settings.html",
+        WEB_FOLDER,
+        rows=[],
+        figures=[figure for section in sections for figure in section.figures],
+        document=to_plain(document),
+        scripts=("settings.js",),
+        styles=("settings.css",),
+        name=name,
+        title=title,
+        about=document,
+        sections=sections,
+    )
+
+
+def titled(name: str, unit: str) -> str:
+    """Append the unit to a name, behind a comma."""
+    return f"{name}, {unit}" if unit else name
 
 
 def sweep_page(s: Sweep, about: Mapping[str, Any]) -> str:

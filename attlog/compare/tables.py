@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 from typing import Literal
 
@@ -18,6 +19,7 @@ from attlog.words.numbers import counted, unit_sign
 from attlog.words.table import TableColumn, main_table
 from attlog.words.text import clean, escape_markdown
 
+WEB_FOLDER = Path(__file__).parent / "web"
 TableForm = Literal["md", "csv", "tex"]
 TableCells = tuple[Sequence[str], Sequence[Sequence[str]]]
 # Characters missing in LaTeX's fonts, replaced after its special characters were escaped.
@@ -111,18 +113,48 @@ def sensor_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]]:
 
 @dataclass(frozen=True, slots=True)
 class MatrixCell:
-    """Change to the first configuration, its interval and direction.
+    """Change of one configuration to the first in a question, on one log or over all; None if it is not asked."""
 
-    ``direction`` None: no change is known, with ``reason``. ``count``: logs with this sign of all logs with a value.
-    ``better``: logs on which the configuration is better.
-    """
+    question: Question
+    difference: Difference | None
 
-    change: str
-    interval: str = ""
-    count: str = ""
-    better: str = ""
-    direction: Direction | None = None
-    reason: str = ""
+    @property
+    def direction(self) -> Direction | None:
+        """Return the direction, None where no change is known."""
+        return None if self.difference is None or self.difference.value is None else self.difference.direction
+
+    @property
+    def reason(self) -> str:
+        """Return why no change is known."""
+        return "" if self.difference is None else self.difference.reason
+
+    @property
+    def change(self) -> str:
+        """Return the change with its sign."""
+        if self.difference is None or self.difference.value is None:
+            return "–"
+        return "0" if self.direction == "same" else signed_text(self.difference.value, self.question)
+
+    @property
+    def interval(self) -> str:
+        """Return the interval of the change."""
+        if self.difference is None or self.direction is None:
+            return ""
+        return "equal" if self.direction == "same" else interval_text(self.question, self.difference)
+
+    @property
+    def better(self) -> str:
+        """Return on how many logs the configuration is better."""
+        d = self.difference
+        return "" if d is None or self.direction is None else f"{d.better} of {d.logs}"
+
+    @property
+    def count(self) -> str:
+        """Return on how many of several logs the change has this sign."""
+        d = self.difference
+        if d is None or d.value is None or self.direction == "same" or d.logs < 2:
+            return ""
+        return f"{d.better if d.value < d.even else d.worse}/{d.logs}"
 
     @property
     def starred(self) -> str:
@@ -137,7 +169,6 @@ class MatrixRow:
     question: Question
     value: str
     cells: list[MatrixCell]
-    differences: list[Difference | None]
 
 
 def matrix(found: Comparison, line: LogLine | None = None) -> list[MatrixRow]:
@@ -157,7 +188,7 @@ def matrix(found: Comparison, line: LogLine | None = None) -> list[MatrixRow]:
             differences = [next((d for d in c.logs if d.log == line.name), None) for c in question.contrasts]
             shown = bool(value) or any(d is not None and d.value is not None for d in differences)
         if shown:
-            rows.append(MatrixRow(question, value, [_matrix_cell(question, d) for d in differences], differences))
+            rows.append(MatrixRow(question, value, [MatrixCell(question, d) for d in differences]))
     return rows
 
 
@@ -167,27 +198,18 @@ def _median_text(found: Comparison, question: Question) -> str:
     return own_value_text(median(known), question).removeprefix("+") if known else ""
 
 
-def _matrix_cell(question: Question, found: Difference | None) -> MatrixCell:
-    if found is None or found.value is None:
-        return MatrixCell("–", reason="" if found is None else found.reason)
-    better = f"{found.better} of {found.logs}"
-    if found.direction == "same":
-        return MatrixCell("0", "", "equal", better, "same")
-    count = f"{found.better if found.value < found.even else found.worse}/{found.logs}" if found.logs > 1 else ""
-    change, ends = signed_text(found.value, question), interval_text(question, found)
-    return MatrixCell(change, ends, count, better, found.direction)
-
-
 @dataclass(frozen=True, slots=True)
-class PooledTable:
-    """Changes of all questions over all logs, as text cells."""
+class TextTable:
+    """Changes as text cells; ``reasons``: why a row has no difference."""
 
     title: str
     head: tuple[str, ...]
     rows: list[tuple[str, ...]]
+    caption: str = ""
+    reasons: Sequence[str] = ()
 
 
-def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
+def pooled_tables(found: Comparison, width: int) -> list[TextTable]:
     """Return the changes over all logs as tables.
 
     A single configuration has its interval; several are side by side, as many in a table as ``width`` columns hold. A
@@ -210,10 +232,10 @@ def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
             (title, c.change, c.interval, word, *[c.better] * several)
             for (title, c), word in zip(cells, words, strict=True)
         ]
-        return [PooledTable(f"{others[0]} beside {where}", head, lines)]
+        return [TextTable(f"{others[0]} beside {where}", head, lines)]
     columns = [(label, [row.cells[k].starred for row in rows]) for k, label in enumerate(others)]
     titles = [row.question.title for row in rows]
-    made: list[PooledTable] = []
+    made: list[TextTable] = []
     while columns:
         taken, used = 0, max(map(len, titles))
         for label, texts in columns:
@@ -224,31 +246,16 @@ def pooled_tables(found: Comparison, width: int) -> list[PooledTable]:
         some, columns = columns[:taken], columns[taken:]
         lines = [(title, *(texts[i] for _, texts in some), "") for i, title in enumerate(titles)]
         titles_of = ("question", *(label for label, _ in some), "")
-        made.append(PooledTable(f"change beside {where}, * significant", titles_of, [r for r in lines if any(r[1:])]))
+        made.append(TextTable(f"change beside {where}, * significant", titles_of, [r for r in lines if any(r[1:])]))
     return made
 
 
-@dataclass(frozen=True, slots=True)
-class ComparisonTable:
-    """One question for one configuration: a row per log, then all logs.
-
-    ``reasons``: why a row has no difference.
-    """
-
-    question: Question
-    title: str
-    caption: str
-    head: tuple[str, ...]
-    rows: list[tuple[str, ...]]
-    reasons: list[str]
-
-
-def comparison_tables(found: Comparison) -> list[ComparisonTable]:
-    """Return a table for each question and each configuration after the first."""
+def comparison_tables(found: Comparison) -> list[TextTable]:
+    """Return a table for each question and configuration after the first: a row per log, then all logs."""
     return [_comparison_table(found, q, c.configuration) for q in found.questions for c in q.contrasts]
 
 
-def _comparison_table(found: Comparison, question: Question, name: str) -> ComparisonTable:
+def _comparison_table(found: Comparison, question: Question, name: str) -> TextTable:
     first, second = found.first.label, found.labels[name]
     contrast, unit = question.contrast(name), unit_sign(question.unit)
     own = (f"{label}{f', {unit}' if unit else ''}" for label in (first, second))
@@ -268,7 +275,7 @@ def _comparison_table(found: Comparison, question: Question, name: str) -> Compa
         label = f"{counted(over.logs, 'log')} of {len(found.logs)}" if part else f"all {over.logs} logs"
         rows.append((label, "", "", *_difference_cells(question, over, first, second)))
         reasons.append("")
-    return ComparisonTable(question, question.title, _table_caption(question), head, rows, reasons)
+    return TextTable(question.title, head, rows, _table_caption(question), reasons)
 
 
 def _difference_cells(question: Question, found: Difference, first: str, second: str) -> tuple[str, str, str]:

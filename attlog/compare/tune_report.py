@@ -7,16 +7,18 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from attlog.compare.grid import FreeParameter
-from attlog.compare.pages import PageSection, render_sections, titled
 from attlog.compare.paired import Difference
 from attlog.compare.sweep_report import (
+    PageSection,
     agreement_sentence,
     count_references,
     difference_document,
     question_document,
+    render_sections,
     setting_words,
     size_and_interval,
     three_digits,
+    titled,
     with_gains,
 )
 from attlog.compare.tables import TableCells

@@ -36,7 +36,7 @@ def test_values_are_those_of_the_pairs_and_without_a_difference_those_of_each_co
         for name in cells:
             cells[name] = replace(cells[name], value=77.0 if name == found.configurations[0].name else 88.0)
     contrast.logs[1:] = [replace(alone, value=None, reason="no pairs")]
-    (table,) = (t for t in comparison_tables(found) if t.question is question)
+    (table,) = (t for t in comparison_tables(found) if t.title == question.title)
     first, second, over = table.rows
     assert first[:3] == (paired.log, own_value_text(paired.first, question), own_value_text(paired.second, question))
     assert second[:3] == (alone.log, own_value_text(77.0, question), own_value_text(88.0, question))
