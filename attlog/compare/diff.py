@@ -153,10 +153,6 @@ class RunDifference:
         """Return the number of differences that count: numbers, rows, states of rows."""
         return len(self.beyond) + len(self.rows_appeared) + len(self.rows_vanished) + len(self.status)
 
-    def with_verdict(self, verdict: Verdict) -> int:
-        """Return how many numbers have a verdict."""
-        return sum(m.verdict == verdict for m in self.moved)
-
 
 @dataclass(frozen=True, slots=True)
 class ToleranceRule:

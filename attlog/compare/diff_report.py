@@ -132,7 +132,8 @@ def diff_summary(d: RunDifference) -> str:
 
 
 def _quiet_parts(d: RunDifference, within: str) -> list[str]:
-    counts = ((d.with_verdict("within"), within), (d.with_verdict("not_significant"), "not significant"))
+    verdicts = [m.verdict for m in d.moved]
+    counts = ((verdicts.count("within"), within), (verdicts.count("not_significant"), "not significant"))
     return [f"{n:,} {word}" for n, word in counts if n]
 
 

@@ -20,7 +20,6 @@ is worse than zero (for a limit below the baseline: beyond the limit). The inter
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -32,7 +31,7 @@ from attlog.compare.baseline import Baseline, BaselineResult
 from attlog.compare.comparison import select_questions
 from attlog.compare.diff import Tolerances, difference_interval
 from attlog.compare.paired import paired
-from attlog.metrics import Metric, definitions, ranking
+from attlog.metrics import definitions, ranking
 from attlog.metrics.metric import Answer
 from attlog.metrics.rerun import METRIC_GROUPS
 from attlog.result import Check, EstimatorRow, Result
@@ -185,7 +184,10 @@ def judge_gates(gates: Gates, result: Result, baselines: Mapping[Path, Baseline]
             unmatched = ["*"]
         for limit in gate.limits:
             for pattern in unmatched:
-                text = no_filter_text(names) if gate.filters is None else no_row_text(pattern, names)
+                text = f"no row is called {pattern}; the rows are {', '.join(names) or 'none'}"
+                if gate.filters is None:
+                    held = f"the rows are {', '.join(names)}; name them under filters if they are meant"
+                    text = f"the result has no filter to be judged: {held if names else 'it has no row'}"
                 found.append(_without_value(gate, limit, pattern, "no_row", text))
             found += [_limit_outcome(gate, limit, row, rows, beside) for row in meant]
     found += [outcome for gate in gates.health for outcome in judge_sensors(gate, result.checks)]
@@ -228,7 +230,7 @@ def _limit_outcome(
     why = unanswered_text(row, gate.metric, gate.window, answer)
     if answer is None or why:
         return _without_value(gate, limit, row.name, "unanswered", why, window)
-    known = metric_definition(gate.metric)
+    known = definitions()[gate.metric]
     other, why = _compared_answer(limit, gate, gate.metric, row, rows, beside, window)
     if why:
         return _without_value(gate, limit, row.name, "unanswered", f"{row.name}: {why}", window)
@@ -274,12 +276,6 @@ def _row_outcome(row: EstimatorRow) -> GateOutcome:
 def gate_windows(metric: str, window: str | None) -> tuple[str, ...]:
     """Return the windows to search: the named one, else the metric's."""
     return (window,) if window is not None else select_questions((metric,))[0].windows
-
-
-@functools.cache
-def metric_definition(metric: str) -> Metric:
-    """Return a metric's definition. KeyError for one that does not exist."""
-    return definitions()[metric]
 
 
 def first_answer(row: EstimatorRow, metric: str, windows: Iterable[str]) -> tuple[str, Answer | None]:
@@ -465,17 +461,6 @@ def _sensor_unanswered(gate: SensorGate, check: GateLimit | str, sensor: str, wh
     status: Status = "skipped" if gate.unknown_passes else "failed"
     name = gate.check(check)
     return GateOutcome(sensor, name, gate.question, "", status, why, "unanswered")
-
-
-def no_row_text(pattern: str, names: Sequence[str]) -> str:
-    """Return the sentence on a pattern without a matching row."""
-    return f"no row is called {pattern}; the rows are {', '.join(names) if names else 'none'}"
-
-
-def no_filter_text(names: Sequence[str]) -> str:
-    """Return the sentence on a gate without filters that selects no row."""
-    held = f"the rows are {', '.join(names)}; name them under filters if they are meant" if names else "it has no row"
-    return f"the result has no filter to be judged: {held}"
 
 
 def lost_row_text(row: EstimatorRow) -> str:

@@ -130,7 +130,7 @@ def paired(a: Answer, b: Answer, better: str) -> Difference:
     needed = max(statistics.NEEDED[a.units.kind], math.ceil(ranking.MIN_UNITS * most))
     if len(common) < needed:
         reason = f"{len(common)} units of evidence in common; {needed} are needed"
-        return Difference(_scale_of(a.units.kind), reason=reason)
+        return Difference("ratio" if a.units.kind in RATIO_KINDS else "difference", reason=reason)
     first, second = a.units.of(common).value, b.units.of(common).value
     found = estimate_difference(a.units, b.units, common)
     resolution = ranking.floor(a, b)
@@ -195,10 +195,6 @@ def _without_units(a: Answer, b: Answer, better: str) -> Difference:
 def _distance(value: float, better: str) -> float:
     """Return the distance of a value from its ideal."""
     return ranking.distance(Answer(value, "", ""), better)[1]
-
-
-def _scale_of(kind: Kind) -> Scale:
-    return "ratio" if kind in RATIO_KINDS else "difference"
 
 
 class Estimate(NamedTuple):

@@ -22,7 +22,7 @@ from attlog.compare.comparison import (
 from attlog.compare.filter_input import ConfiguredFilter, change_remarks, require_reproduction
 from attlog.compare.paired import Difference, paired, pool
 from attlog.compare.same_flight import FlightTrack, find_repeats, flight_track
-from attlog.compare.setting import Configuration, labels, parse_configuration, setting_argument
+from attlog.compare.setting import Configuration, labels, numbers_text, parse_configuration
 from attlog.compare.wording import comparison_sentences
 from attlog.core.errors import EXIT_BUG, UsageError, error_message, exit_code
 from attlog.core.machine import versions
@@ -244,7 +244,11 @@ def gather(
 ) -> Comparison:
     """Combine logs to one comparison; a failed log is a line with its reason."""
     called = labels(configurations)
-    found = Comparison(attlog, command, config or {}, [_summarize(c, called[c.name]) for c in configurations])
+    found = Comparison(attlog, command, config or {})
+    for c in configurations:
+        parameters = {k: f"{v:g}" if isinstance(v, float) else str(v) for k, v in c.row.params.items()}
+        before = {k: numbers_text(v) for k, v in c.before.items()}
+        found.configurations.append(ConfigurationSummary(c.name, called[c.name], c.text, parameters, before))
     found.logs = [log.line for log in logs]
     usable = [log for log in logs if log.line.code == 0]
     for asked in questions:
@@ -263,9 +267,3 @@ def gather(
         found.definitions[asked.id] = named(definitions().values(), asked.metric).definition
     found.verdicts = comparison_sentences(found)
     return found
-
-
-def _summarize(c: Configuration, label: str) -> ConfigurationSummary:
-    parameters = {k: f"{v:g}" if isinstance(v, float) else str(v) for k, v in c.row.params.items()}
-    before = {k: setting_argument(k, v).partition("=")[2] for k, v in c.before.items()}
-    return ConfigurationSummary(c.name, label, c.text, parameters, before)

@@ -151,11 +151,6 @@ def numbers_text(value: Value) -> str:
     return value if isinstance(value, str) else "/".join(f"{x:g}" for x in value)
 
 
-def setting_argument(name: str, value: Value) -> str:
-    """Format ``NAME=VALUE`` for the command line."""
-    return f"{name}={numbers_text(value)}"
-
-
 def setting_text(name: str, value: Value) -> str:
     """Format a setting for display: ``low-pass 20 Hz``, ``no magnetometer``."""
     if name == "mag":
@@ -179,7 +174,7 @@ class Configuration:
     @property
     def text(self) -> str:
         """Return the configuration as :func:`parse_configuration` reads it."""
-        settings = ",".join(setting_argument(name, value) for name, value in self.before.items())
+        settings = ",".join(f"{name}={numbers_text(value)}" for name, value in self.before.items())
         estimator = self.row.estimator
         own = self.row.name
         if estimator.origin != "attlog" and estimator.origin.lower().endswith(FILE_SUFFIXES):

@@ -145,11 +145,6 @@ def test_picked_samples_are_samples_of_the_log() -> None:
     assert found.gyro.sampling == "instant"
 
 
-def test_a_higher_rate_than_the_logs_cannot_be_made() -> None:
-    with pytest.raises(UsageError, match="a rate of 1000 Hz is above that of the log, 400 Hz"):
-        run("rate=1000", unit(T, tone(3.0)))
-
-
 def test_latency_makes_every_sample_come_later() -> None:
     t = np.arange(0.0, 10.0, 0.02)
     mag = Mag(0, Stream(t, np.ones((len(t), 3)), "T", "FRD", "made", t_sample=t - 0.001))

@@ -12,7 +12,7 @@ import pytest
 
 import attlog
 from attlog import segments
-from attlog.compare import gate_file, gates
+from attlog.compare import gate_file
 from attlog.compare.baseline import Baseline, BaselineResult, read_baselines
 from attlog.compare.gates import (
     Gate,
@@ -331,16 +331,6 @@ def test_a_value_is_shown_on_the_side_of_its_limit_that_it_is_on(value: float, l
     assert found.sentence == f"a: tilt_rmse_deg {words}"
 
 
-def test_ratios_and_differences_are_shown_apart_from_their_limit_too() -> None:
-    onboard = row("onboard", merged(tilt(1.0), lag(0.0)), kind="onboard")
-    (found,) = outcomes(
-        Gate("tilt_rmse_deg", (GateLimit("max_ratio_to_onboard", 1.2),)), onboard, row("a", tilt(1.2034))
-    )
-    assert "1.203 times, at most 1.2 times" in found.sentence
-    (found,) = outcomes(Gate("lag_ms", (GateLimit("max_above_onboard", 3.0),)), onboard, row("a", lag(3.0004)))
-    assert "3.0004 ms, at most +3 ms" in found.sentence
-
-
 def test_a_value_at_its_limit_passes_whatever_the_last_bit_of_the_product() -> None:
     assert 1.3 * 0.7 < 0.91
     limit, other = GateLimit("max_ratio_to_onboard", 1.3), Answer(0.7, "deg", "all")
@@ -409,22 +399,6 @@ def test_gates_of_sensors_stand_among_the_others_worst_first():
     found = judge_gates(Gates(health=gates), result)
     assert [o.check for o in found] == ["health.compass_offset max=5", "health.vibration_level verdict=ok"]
     assert found[0].sentence == "MAG.0: compass_offset 24.0 µT, at most 5 µT"
-
-
-# Why a gate has no row to judge.
-
-
-def test_a_gate_without_filters_names_the_rows_that_there_are():
-    assert gates.no_filter_text(["onboard", "onboard:DCM"]) == (
-        "the result has no filter to be judged: the rows are onboard, onboard:DCM; name them under filters if they "
-        "are meant"
-    )
-    assert gates.no_filter_text([]) == "the result has no filter to be judged: it has no row"
-
-
-def test_a_pattern_that_means_nobody_names_who_there_is():
-    assert gates.no_row_text("ekf*", ["mahony", "vqf"]) == "no row is called ekf*; the rows are mahony, vqf"
-    assert gates.no_row_text("ekf*", []) == "no row is called ekf*; the rows are none"
 
 
 # Flights made worse on purpose: each fault is caught by the gate meant for it, and by none of the others.
