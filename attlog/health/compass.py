@@ -328,7 +328,10 @@ def soft_iron_check(study: CompassStudy) -> Check:
     made = partial(Check, "soft_iron", sensor=samples.source, threshold=SOFT_IRON_LIMIT)
     t, u, m = samples.t[samples.air], samples.expected[samples.air], samples.measured[samples.air]
     x, y = u[:, 0], u[:, 1]
-    turned = _field_turn_deg(x, y)
+    angle = np.arctan2(y, x)
+    middle = np.angle(np.mean(np.exp(1j * angle)))
+    low, high = np.quantile((angle - middle + np.pi) % (2.0 * np.pi), [0.05, 0.95])
+    turned = float(np.degrees(high - low))
     if turned < MIN_FIELD_TURN_DEG:
         return made("unknown", f"The flight turns by {turned:.0f} deg: soft iron needs {MIN_FIELD_TURN_DEG:.0f} deg.")
     one, none = np.ones(len(t)), np.zeros(len(t))
@@ -347,14 +350,6 @@ def soft_iron_check(study: CompassStudy) -> Check:
     check.why_no_setting = SOFT_IRON_ADVICE if off else ""
     check.evidence = [f"The heading swings by {math.degrees(size):.1f} deg, twice in each turn."]
     return check.measure(100.0 * size, 100.0 * sigma, 1, least=0.0)
-
-
-def _field_turn_deg(x: np.ndarray, y: np.ndarray) -> float:
-    """Return the range in deg of horizontal field directions (n,) in body axes."""
-    angle = np.arctan2(y, x)
-    middle = np.angle(np.mean(np.exp(1j * angle)))
-    low, high = np.quantile((angle - middle + np.pi) % (2.0 * np.pi), [0.05, 0.95])
-    return float(np.degrees(high - low))
 
 
 # Comparison of compasses by heading error, else by field strength.

@@ -143,18 +143,14 @@ def interference_traces(case: HealthCase) -> list[Trace]:
         power, residual = power[known], np.linalg.norm(field[known], axis=1) - 1e6 * model.strength_t
         if len(power) < MIN_INTERFERENCE_POINTS or np.ptp(np.quantile(power, [0.05, 0.95])) < MIN_RANGES[kind]:
             return []
+        power = (1.0 if kind == "current" else 100.0) * power
+        slope, start = np.polyfit(power, residual, 1)
+        spread = float(np.std(power) * np.std(residual))
+        r = float(np.mean((power - power.mean()) * (residual - residual.mean()))) / spread if spread > 0 else 0.0
         seconds = sum(b - a for a, b in flight_before_crash(case.segments, 0.0))
-        return [interference_trace(kind, (1.0 if kind == "current" else 100.0) * power, residual, seconds)]
+        values = {"slope": float(slope), "start": float(start), "r": r, "seconds": seconds}
+        return [Trace("interference", "", power, {"residual": residual}, kind, values=values)]
     return []
-
-
-def interference_trace(key: str, power: Array, residual: Array, seconds: float) -> Trace:
-    """Return residuals (n,) uT against power (n,) in A or %, with a least-squares line."""
-    slope, start = np.polyfit(power, residual, 1)
-    spread = float(np.std(power) * np.std(residual))
-    r = float(np.mean((power - power.mean()) * (residual - residual.mean()))) / spread if spread > 0 else 0.0
-    values = {"slope": float(slope), "start": float(start), "r": r, "seconds": seconds}
-    return Trace("interference", "", power, {"residual": residual}, key, values=values)
 
 
 def mags_in_use_first(case: HealthCase) -> list[Mag]:
@@ -188,18 +184,14 @@ def level_traces(case: HealthCase) -> list[Trace]:
         t, level = vibration.levels_in_flight(one, within)
         groups = np.arange(0, len(t), max(1, -(-len(t) // MAX_POINTS)))
         limits = VIBRATION_LIMITS[one.measure]
-        if len(groups) >= MIN_LEVELS:
-            level = np.maximum.reduceat(level, groups)
-            found.append(level_trace(one.source, t[groups], level, limits.warning, limits.fault))
+        if len(groups) < MIN_LEVELS:
+            continue
+        t, level = t[groups], np.maximum.reduceat(level, groups)
+        p50, p80 = np.quantile(level, [0.5, 0.8])
+        values = {"p50": float(p50), "p80": float(p80), "worst": float(level.max()), "limit": limits.warning}
+        values |= {"fault": limits.fault} if math.isfinite(limits.fault) else {}
+        found.append(Trace("levels", "", t, {"level": break_at_pauses(t, level)}, one.source, values=values))
     return found
-
-
-def level_trace(source: str, t: Array, level: Array, limit: float, fault: float) -> Trace:
-    """Return levels (n,) with percentiles and limits, in m/s^2 (not finite: no limit)."""
-    p50, p80 = np.quantile(level, [0.5, 0.8])
-    values = {"p50": float(p50), "p80": float(p80), "worst": float(level.max()), "limit": limit}
-    values |= {"fault": fault} if math.isfinite(fault) else {}
-    return Trace("levels", "", t, {"level": break_at_pauses(t, level)}, source, values=values)
 
 
 def clipping_traces(case: HealthCase) -> list[Trace]:

@@ -50,15 +50,14 @@ def gnss_outages(gnss: Gnss, flights: list[Span], log: FlightLog) -> list[Span]:
     for begin, end in flights:
         edges = np.concatenate([[begin], t[(t > begin) & (t < end)], [end]])
         for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            if b - a > MIN_OUTAGE_S and (imu is None or not _logger_paused(imu.gyro.t, a, b)):
-                found.append((a, b))
+            if b - a <= MIN_OUTAGE_S:
+                continue
+            if imu is not None:
+                stamps = np.concatenate([[a], imu.gyro.t[(imu.gyro.t > a) & (imu.gyro.t < b)], [b]])
+                if np.diff(stamps).max() > 0.5 * (b - a):
+                    continue  # the logger paused
+            found.append((a, b))
     return found
-
-
-def _logger_paused(t: NDArray[np.float64], begin: float, end: float) -> bool:
-    """Return whether IMU samples at ``t`` are missing for half of a span."""
-    edges = np.concatenate([[begin], t[(t > begin) & (t < end)], [end]])
-    return float(np.diff(edges).max()) > 0.5 * (end - begin)
 
 
 def _quality(log: FlightLog, receiver: Gnss, flown: list[Span], fixed: NDArray[np.bool_]) -> Check:

@@ -94,7 +94,10 @@ def innovation_checks(case: HealthCase) -> list[Check]:
         return []
     found = ratio_summaries(case)
     if not found:
-        return [unknown("innovations", _reason_no_ratios(case), LIMIT, sensor="EKF", source=SOURCE)]
+        why = parameters.advise_test_ratios(case.log)
+        if any(test.ratio.any() for test in case.log.estimator.innovation_tests):
+            why = "No flight is long enough to judge the EKF's test ratios."
+        return [unknown("innovations", why, LIMIT, sensor="EKF", source=SOURCE)]
     rejections = {one.aid: one for one in aid_rejections(case.log, case.segments) if one.spans}
     return [_ratio_check(case, one, rejections.get(one.aid)) for one in found]
 
@@ -134,13 +137,6 @@ def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | Non
     else:
         suggest_noise(case, one, check)
     return check
-
-
-def _reason_no_ratios(case: HealthCase) -> str:
-    """Return why there are no test ratios, and how to log them."""
-    if any(test.ratio.any() for test in case.log.estimator.innovation_tests):
-        return "No flight is long enough to judge the EKF's test ratios."
-    return parameters.advise_test_ratios(case.log)
 
 
 # Proposal of a larger noise parameter. A consistent filter has a median ratio near 0.7 / gate: 0.13 for a gate of 5,

@@ -235,8 +235,9 @@ def find_peaks(spectra: Spectra) -> list[Peak]:
     for k in sorted(np.flatnonzero(inner), key=lambda k: -usual[k]):
         if any(abs(f[k] - p.frequency) < MIN_PEAK_DISTANCE_HZ for p in found) or len(found) == MAX_PEAKS:
             continue
-        if any(_hidden(float(f[k] / p.frequency), float(usual[k]), p) for p in found):
-            continue
+        strong = (p for p in found if usual[k] < p.density * 10.0 ** (-PROMINENT_DB / 10.0))
+        if any(TRACKED_RANGE[0] <= f[k] / p.frequency <= TRACKED_RANGE[1] for p in strong):
+            continue  # within the search range of a much stronger peak
         wide = slice(max(k - 3, 0), k + 4)
         axes = spectra.median[wide].sum(axis=0)
         power = max(float(axes.max()) - float(low[wide].sum()) * float(axes.max() / axes.sum()), 0.0)
@@ -245,11 +246,6 @@ def find_peaks(spectra: Spectra) -> list[Peak]:
         rms = float(np.sqrt(power * spectra.step))
         found.append(Peak(at, float(height[k]), rms, axis, float(usual[k]), float(near.mean())))
     return found
-
-
-def _hidden(ratio: float, density: float, peak: Peak) -> bool:
-    """Return whether a line is within the search range of a much stronger peak."""
-    return TRACKED_RANGE[0] <= ratio <= TRACKED_RANGE[1] and density < peak.density * 10.0 ** (-PROMINENT_DB / 10.0)
 
 
 def _interpolated_hz(density: Array, k: int, step: float) -> float:
@@ -353,7 +349,8 @@ def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, spee
     if np.count_nonzero(known) < MIN_MOVED_WINDOWS:
         return False
     if spectra.rate < TRUSTED_RATE_HZ:
-        seen = strongest_lines(spectra)
+        band = (spectra.frequency >= LOWEST_HZ) & (spectra.frequency <= 0.48 * spectra.rate)
+        seen = spectra.frequency[band][np.argmax(spectra.total[:, band], axis=1)]
     for harmonic in HARMONICS:
         shown = fold(harmonic * speeds[known], spectra.rate)
         hit = np.abs(shown - seen[known, None]).min(axis=1) <= near
@@ -375,15 +372,6 @@ def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, spee
         peak.why = f"the rotors turn {peak.true / harmonic:.0f} times a second"
         return True
     return False
-
-
-def strongest_lines(spectra: Spectra) -> Array:
-    """Return the strongest line (w,) of each window in Hz."""
-    band = (spectra.frequency >= LOWEST_HZ) & (spectra.frequency <= 0.48 * spectra.rate)
-    if not band.any():
-        return np.full(len(spectra.t), np.nan)
-    lines: Array = spectra.frequency[band][np.argmax(spectra.total[:, band], axis=1)]
-    return lines
 
 
 def rotor_speeds(log: FlightLog, spectra: Spectra) -> Array | None:
