@@ -47,7 +47,7 @@ def test_offsets_are_subtracted_in_the_units_of_the_firmware(case: Case) -> None
 def test_logged_biases_move_with_their_samples(case: Case) -> None:
     inputs, per = flown_inputs(case, next(iter(case.imus.values()))), 1.0
     if case.log.firmware.name == "PX4":  # 1.12 logs biases per step of 10 ms
-        states = EstimatorStates(np.zeros(3), np.zeros(3), np.ones((3, 24)), np.zeros((3, 24)), 24)
+        states = EstimatorStates(np.zeros(3), np.ones((3, 24)), np.zeros((3, 24)), 24)
         inputs, per = replace(inputs, states=states, version=(1, 12)), 0.01
     moved, _ = recalibrate_inputs(case.log, inputs, changes(case))
     ours, logged = (x.states.states if case.log.firmware.name == "PX4" else x.states.x for x in (moved, inputs))

@@ -59,11 +59,10 @@ class ImuIncrements:
 class EstimatorStates:
     """Logged states and variances of one EKF instance, a row per record, in the order of its version.
 
-    ``t``: time of the delayed horizon, ``t_now``: time of the record.
+    ``t``: time of the delayed horizon.
     """
 
     t: Array
-    t_now: Array
     states: Array
     covariances: Array
     n_states: int
@@ -129,54 +128,36 @@ def imu_increments(messages: Messages) -> ImuIncrements:
     table = messages.first("sensor_combined")
     if table is None or len(table) < 100:
         raise UsageError("EKF2 cannot be run again: the log holds no sensor_combined.")
-    t = _s(table)
-    gyro, acc = _stack(table, "gyro_rad", 3), _stack(table, "accelerometer_m_s2", 3)
     dt = table["gyro_integral_dt"].astype(np.float64)
     dt = dt * 1e-6 if np.median(dt) > 1.0 else dt
-    clip = (
-        table["accelerometer_clipping"].astype(np.uint8)
-        if "accelerometer_clipping" in table
-        else np.zeros(len(t), np.uint8)
-    )
-    good = np.isfinite(t) & np.all(np.isfinite(gyro), 1) & np.all(np.isfinite(acc), 1) & (dt > 0) & (dt < 0.1)
-    t, gyro, acc, dt, clip = t[good], gyro[good], acc[good], dt[good], clip[good]
-    rising = np.concatenate([[True], np.diff(t) > 0])
-    t, gyro, acc, dt, clip = t[rising], gyro[rising], acc[rising], dt[rising], clip[rising]
-    period = float(np.median(dt))
-    if period > 1.0 / MIN_IMU_RATE_HZ or float(np.median(np.diff(t))) > 2.0 * period:
-        rate = 1.0 / max(period, float(np.median(np.diff(t))))
+    clip = table["accelerometer_clipping"] if "accelerometer_clipping" in table else np.zeros(len(table))
+    rows = np.column_stack([_s(table), dt, _stack(table, "gyro_rad", 3), _stack(table, "accelerometer_m_s2", 3), clip])
+    rows = rows[np.isfinite(rows).all(axis=1) & (dt > 0) & (dt < 0.1)]
+    rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 0])]
+    t, dt = rows[:, 0], rows[:, 1]
+    period, interval = float(np.median(dt)), float(np.median(np.diff(t)))
+    if period > 1.0 / MIN_IMU_RATE_HZ or interval > 2.0 * period:
+        rate = 1.0 / max(period, interval)
         raise UsageError(
             f"EKF2 cannot be run again: its IMU is logged at {rate:.0f} Hz; {MIN_IMU_RATE_HZ:.0f} are needed."
         )
     missing = t[1:] - dt[1:] - t[:-1]
-    lost = np.where(
-        (missing > LOST_SAMPLE_SHARE * period) & (missing < MAX_FILLED_S), np.rint(missing / period), 0
-    ).astype(int)
-    extra = int(lost.sum())
-    if extra:
-        where = np.repeat(np.arange(len(lost)), lost)
-        within = np.arange(extra) - np.repeat(np.cumsum(lost) - lost, lost)
-        step = missing[where] / lost[where]
-        t_new = t[where] + (within + 1.0) * step
-        mean = 0.5 * (gyro[where] + gyro[where + 1]), 0.5 * (acc[where] + acc[where + 1])
-        order = np.argsort(np.concatenate([t, t_new]), kind="stable")
-        t = np.concatenate([t, t_new])[order]
-        dt = np.concatenate([dt, step])[order]
-        gyro = np.concatenate([gyro, mean[0]])[order]
-        acc = np.concatenate([acc, mean[1]])[order]
-        clip = np.concatenate([clip, np.zeros(extra, np.uint8)])[order]
-    return ImuIncrements(t, dt, gyro, acc, clip, extra)
+    filled = (missing > LOST_SAMPLE_SHARE * period) & (missing < MAX_FILLED_S)
+    lost = np.where(filled, np.rint(missing / period), 0).astype(int)
+    where = np.repeat(np.arange(len(lost)), lost)
+    within = np.arange(len(where)) - np.repeat(np.cumsum(lost) - lost, lost)
+    new = 0.5 * (rows[where] + rows[where + 1])
+    new[:, 1] = missing[where] / lost[where]
+    new[:, 0], new[:, 8] = t[where] + (within + 1.0) * new[:, 1], 0.0
+    rows = np.concatenate([rows, new])
+    columns = np.split(rows[np.argsort(rows[:, 0], kind="stable")], [1, 2, 5, 8], axis=1)
+    t, dt, gyro, acc, clip = (np.ascontiguousarray(x) for x in columns)
+    return ImuIncrements(t[:, 0], dt[:, 0], gyro, acc, clip[:, 0].astype(np.uint8), len(new))
 
 
 def _magnetometer(messages: Messages, lane_device: int | None) -> dict[str, Array]:
     tables = [messages["vehicle_magnetometer", i] for i in messages.instances("vehicle_magnetometer")]
     if not tables:
-        table = messages.first("sensor_combined")
-        if table is not None and "magnetometer_ga" in table:
-            m = _stack(table, "magnetometer_ga", 3)
-            new = np.concatenate([[True], np.any(np.diff(m, axis=0) != 0, axis=1)])
-            t = _s(table)[new]
-            return _sorted({"t": t, "t_arrival": t, "x": m[new]})
         return {"t": np.zeros(0), "t_arrival": np.zeros(0), "x": np.zeros((0, 3))}
     chosen = tables[0]
     for table in tables:
@@ -231,13 +212,9 @@ CONTROL_BITS = {
     "cs_opt_flow": 3,
     "cs_mag_hdg": 4,
     "cs_mag_3d": 5,
-    "cs_mag_dec": 6,
-    "cs_in_air": 7,
     "cs_wind": 8,
     "cs_ev_pos": 12,
     "cs_ev_yaw": 13,
-    "cs_fuse_aspd": 19,
-    "cs_fuse_beta": 15,
     "cs_mag_aligned_in_flight": 23,
     "cs_gps_yaw": 22,
 }
@@ -248,7 +225,7 @@ def control_flags(messages: Messages, lane: int) -> dict[str, Array]:
     key = ("estimator_status_flags", lane)
     if key in messages.tables and len(messages[key]):
         table = messages[key]
-        names = [n for n in table.fields if n.startswith(("cs_", "fs_", "reject_"))]
+        names = [n for n in table.fields if n.startswith("cs_")]
         return _sorted({"t": _s(table)} | {n: table[n].astype(np.float64) for n in names})
     status = messages.tables.get(("estimator_status", lane)) or messages.first("estimator_status")
     if status is None or "control_mode_flags" not in status:
@@ -265,14 +242,13 @@ def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
         table = messages.tables.get((name, lane))
         if table is None or not len(table) or "states" not in table or "covariances" not in table:
             continue
-        t_now = _s(table)
-        t = _s(table, "timestamp_sample") if "timestamp_sample" in table else t_now
+        t = _s(table, "timestamp_sample" if "timestamp_sample" in table else "timestamp")
         states = np.asarray(table["states"], np.float64)
         covariances = np.asarray(table["covariances"], np.float64)
-        n = int(np.median(table["n_states"])) if "n_states" in table else states.shape[1]
+        n = int(np.median(table["n_states"])) if "n_states" in table else 24
         keep = np.all(np.isfinite(states), 1) & np.all(np.isfinite(covariances), 1) & np.any(states[:, :4] != 0, 1)
         if keep.any():
-            return EstimatorStates(t[keep], t_now[keep], states[keep], covariances[keep], n)
+            return EstimatorStates(t[keep], states[keep], covariances[keep], n)
     return None
 
 
@@ -283,14 +259,13 @@ def flown_states(messages: Messages, begins: Array, ends: Array, lanes: list[int
         part = estimator_states(messages, lane)
         if part is not None:
             use = (part.t >= begin) & (part.t < end)
-            columns = part.t[use], part.t_now[use], part.states[use], part.covariances[use]
-            parts.append(EstimatorStates(*columns, part.n_states))
+            parts.append(EstimatorStates(part.t[use], part.states[use], part.covariances[use], part.n_states))
     if not parts:
         return None
-    t, t_now, states, covariances = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "t_now", "states", "covariances")
+    t, states, covariances = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("t", "states", "covariances")
     )
-    return EstimatorStates(t, t_now, states, covariances, parts[0].n_states)
+    return EstimatorStates(t, states, covariances, parts[0].n_states)
 
 
 # Columns of ``estimator_innovations`` (since 1.11) by aid.
@@ -338,7 +313,6 @@ def _attitude(messages: Messages) -> dict[str, Array]:
     columns = {"t": t, "t_now": _s(table), "q": _stack(table, "q", 4)}
     if "quat_reset_counter" in table:
         columns["resets"] = table["quat_reset_counter"].astype(np.float64)
-        columns["delta_q"] = _stack(table, "delta_q_reset", 4)
     return _sorted(columns)
 
 
@@ -425,9 +399,7 @@ def read_inputs(messages: Messages, params: Mapping[str, float]) -> Ekf2Inputs:
         mag=flown(magnetometer),
         gnss=_gnss(messages),
         baro=baro_columns,
-        airspeed=_columns(
-            messages.first("airspeed_validated"), {"tas": "true_airspeed_m_s", "cas": "calibrated_airspeed_m_s"}
-        ),
+        airspeed=_columns(messages.first("airspeed_validated"), {"tas": "true_airspeed_m_s"}),
         landed=_columns(
             messages.first("vehicle_land_detected"),
             {"landed": "landed", "at_rest": "at_rest", "ground_effect": "in_ground_effect"},
