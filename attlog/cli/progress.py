@@ -81,14 +81,24 @@ def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageH
             logger.propagate = True
 
 
-def compile_first(rows: Sequence[str], quiet: bool) -> None:
-    """Compile the loops of these estimators before their first run, if the package has none."""
+# What flew, by the endings of names of logs: a guess, which a wrong name costs compiling at the first run.
+FLOWN_BY_ENDING = {".ulg": "px4_ekf2", ".bin": "ap_ekf3", ".log": "ap_ekf3"}
+
+
+def compile_first(rows: Sequence[str], logs: Sequence[str], quiet: bool) -> None:
+    """Compile the loops of these estimators before their first run, if the package does not hold them.
+
+    ``logs``: their names; the filter that flew is run again beside the sets ``default`` and ``all``.
+    """
     from attlog.core.jit import build, jit_wanted, store
 
-    if not store.is_shipped() and jit_wanted():
+    sets = {"default", "all"} & {item for row in rows for item in row.split(",")}
+    flown = {name for ending, name in FLOWN_BY_ENDING.items() if sets and any(ending in log.lower() for log in logs)}
+    names = build.flown_names(flown) if store.is_shipped() else build.names_for([*rows, *flown])
+    if names and jit_wanted():
         stage = logging.getLogger(STAGES)
         with progress(quiet, verbose=not quiet):
-            build.prepare(build.names_for(rows), lambda made, of: stage.info("compiled %d of %d loops", made, of))
+            build.prepare(names, lambda made, of: stage.info("compiled %d of %d loops", made, of))
 
 
 # Bytes of log that take as long as the fixed cost of a log.

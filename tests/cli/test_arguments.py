@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -25,6 +27,20 @@ def test_the_word_analyze_may_be_left_out(attlog, samples, tmp_path, monkeypatch
     done = attlog(*given, *GYRO)
     assert (done.code, done.out, done.err) == (0, "", "")
     assert (tmp_path / "out" / "a.bin.html").exists()
+
+
+def test_words_and_paths_are_read_without_pydantic_and_checked_with_it(attlog, samples, tmp_path):
+    """Its import takes 0.1 s of each command."""
+    log = str(samples / "copter_yaw_turns.bin")
+    code = (
+        f"import sys\nsys.argv = ['attlog', '-q', 'info', {log!r}]\nfrom attlog.cli import main\n"
+        "try: main()\nexcept SystemExit as end: print(end.code, 'pydantic' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["0", "False"]
+    refused = attlog("info", log, "--boot", "one")
+    assert refused.code == 2
+    assert "--boot" in refused.err
 
 
 @pytest.mark.parametrize("command", few(["info", "analyze"], 1))

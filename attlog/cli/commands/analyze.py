@@ -107,7 +107,7 @@ class AnalyzeRun:
         name = report_names([source.file_name])[0]
         start = None if self.figures is None else figure_starts(self.figures, [source.file_name])[0]
         try:
-            compile_first(self.config.estimators, self.common.quiet)
+            compile_first(self.config.estimators, [source.name], self.common.quiet)
             with progress(self.common.quiet, self.common.verbose > 0), source.local() as log:
                 written = analyze_to_files(
                     log.path,
@@ -146,7 +146,7 @@ class AnalyzeRun:
             for source, name, words, start in zip(logs, names, typed, starts, strict=True)
         ]
         done: dict[str, Record] = {}
-        compile_first(self.config.estimators, self.common.quiet)
+        compile_first(self.config.estimators, [source.name for source in logs], self.common.quiet)
         started = time.monotonic()
         with tidied(self.folder), Bar(self.common.quiet, self.common.verbose > 0) as bar:
             coming = local_runner(jobs, bar.stage)(todo)

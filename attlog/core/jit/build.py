@@ -1,9 +1,9 @@
 """Compile loops before they are run: for a wheel, an installation in place, or somebody's first run.
 
-``python -m attlog.core.jit.build [FOLDER] [--here] [--all]`` (the build hook and ``make`` run it) writes object files
-into the package or ``FOLDER``. Without ``--here`` it compiles for every level of processor that is shipped, else for
-this machine's. Without ``--all`` it compiles what ``analyze`` needs with its defaults. Objects that exist stay, missing
-ones are compiled at their first use.
+``python -m attlog.core.jit.build [FOLDER] [--here] [--all | --rows LIST]`` (the build hook and ``make`` run it) writes
+object files into the package or ``FOLDER``. Without ``--here`` it compiles for every level of processor that is
+shipped, else for this machine's; ``--all`` every loop, ``--rows`` what these estimators need, else what ``analyze``
+needs with its defaults on logs of both firmwares. Objects that exist stay, missing ones are compiled at first use.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from pathlib import Path
@@ -31,12 +31,9 @@ LEVEL = "NUMBA_CPU_NAME"
 MADE = "made"
 # One core compiles about so many characters of a loop's text per second (24 loops, 250,000 characters: 65 s).
 CHARACTERS_PER_S = 3500.0
-# Modules whose loops run in each analysis, and those of other commands.
+# Modules whose loops run in each analysis, in those of logs of a firmware, and in other commands.
 DEFAULTS = (
     "attlog.core.rotation",
-    "attlog.estimators.ekf2.loop",
-    "attlog.estimators.ekf2.run",
-    "attlog.estimators.ekf3.loop",
     "attlog.estimators.filters.navigation.backward",
     "attlog.estimators.filters.navigation.forward",
     "attlog.estimators.filters.navigation.turns",
@@ -49,6 +46,10 @@ DEFAULTS = (
     "attlog.metrics.trace",
     "attlog.segments.increments",
 )
+FLOWN = {
+    "px4_ekf2": ("attlog.estimators.ekf2.loop", "attlog.estimators.ekf2.run"),
+    "ap_ekf3": ("attlog.estimators.ekf3.loop",),
+}
 OTHERS = (
     "attlog.estimators.filters.inertial.backward",
     "attlog.simulate.controller",
@@ -60,17 +61,26 @@ OTHERS = (
 
 def default_names() -> list[str]:
     """Return the loops that ``analyze`` runs with its defaults: filters, smoother, readers and metrics."""
-    return names_for(["default"])
+    return names_for(["default", *FLOWN])
 
 
 def names_for(rows: Iterable[str]) -> list[str]:
-    """Return the loops that an analysis with these estimators runs, ``default``, ``all`` or ``NAME[@PRESET][:...]``."""
+    """Return the loops that an analysis with these estimators runs.
+
+    ``default``, ``all`` or ``NAME[@PRESET][:...]``; the filter that flew is not among ``default`` and ``all``.
+    """
     from attlog.estimators.api import DEFAULT
     from attlog.estimators.registry import BUILT_IN
 
     named = {re.split("[@:]", item.strip())[0] for row in rows for item in row.split(",")}
     named |= set(DEFAULT) if "default" in named else set()
-    return [*_names_in(DEFAULTS), *_filters(name for name in BUILT_IN if name in named or "all" in named)]
+    own = _filters(name for name in BUILT_IN if name in named or "all" in named)
+    return [*_names_in(DEFAULTS), *flown_names(named), *own]
+
+
+def flown_names(filters: Container[str]) -> list[str]:
+    """Return the loops of those of these filters that flew on board."""
+    return _names_in(module for name, modules in FLOWN.items() if name in filters for module in modules)
 
 
 def all_names() -> list[str]:
@@ -119,15 +129,13 @@ def expected_s(names: Iterable[str]) -> int:
     return round(sum(len(named(name).text) for name in names) / CHARACTERS_PER_S / cores()) + 2
 
 
-def build(target: Path, levels: tuple[str, ...], every: bool = True) -> None:
+def build(target: Path, levels: tuple[str, ...], chosen: Iterable[str]) -> None:
     """Write objects for the levels in as many processes as there are processors, and print how far it is.
 
-    ``every``: of all loops, else of those of the defaults. RuntimeError with the last line of a compiler that failed.
+    RuntimeError with the last line of a compiler that failed.
     """
     places = {store.place_of_level(target, level): level for level in levels}
-    names = all_names()
-    keys = {named(name).key for name in names}
-    chosen = names if every else default_names()
+    keys = {named(name).key for name in all_names()}
     missing = [n for n in chosen if any(store.read(place / f"{named(n).key}.o") is None for place in places)]
     if missing:
         took = expected_s(missing) * len(levels)
@@ -197,12 +205,14 @@ def main() -> None:
     options.add_argument("folder", nargs="?", type=Path, default=store.SHIPPED)
     options.add_argument("--here", action="store_true")
     options.add_argument("--all", action="store_true")
+    options.add_argument("--rows", metavar="LIST")
     options.add_argument("--loops", nargs="+", help="of a process of its own")
     asked = options.parse_args()
     if asked.loops:
         compile_share(asked.folder, asked.loops, 0o644 if LEVEL in os.environ else 0o600)
     else:
-        build(asked.folder, store.levels()[:1] if asked.here else store.portable_levels(), asked.all)
+        chosen = all_names() if asked.all else names_for([asked.rows]) if asked.rows else default_names()
+        build(asked.folder, store.levels()[:1] if asked.here else store.portable_levels(), chosen)
 
 
 if __name__ == "__main__":

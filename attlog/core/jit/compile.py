@@ -33,6 +33,9 @@ C_LIBRARY = frozenset(
     "sincos sinf sinh sqrt tan tanf tanh trunc".split()
 )
 
+# numba's dispatchers of functions: loops share helpers.
+COMPILABLE: dict[FunctionType, Any] = {}
+
 
 class NeedsNumba(AttlogError):
     """A loop needs more than the C library when it runs."""
@@ -52,9 +55,11 @@ def obtain(loop: Loop[Any, Any]) -> Callable[..., Any]:
     try:
         made = object_code(loop)
     except NeedsNumba as error:
+        from numba import njit
+
         LOG.warning("%s is compiled at every start: %s", loop.what, error)
-        dispatcher: Callable[..., Any] = compilable(loop.function, {}, entry=True)
-        return dispatcher
+        called: Callable[..., Any] = njit(error_model="numpy")(compilable(loop.function).py_func)
+        return called
     if not loop.edited:
         store.keep(loop.key, made)
     return load(loop, made)
@@ -75,19 +80,17 @@ def object_code(loop: Loop[Any, Any]) -> store.ObjectCode:
     return store.ObjectCode(symbol, needs, code)
 
 
-def compilable(function: FunctionType, made: dict[FunctionType, Any], entry: bool = False) -> Any:
-    """Return numba's dispatcher of a function, the functions that it uses compiled as well."""
+def compilable(function: FunctionType) -> Any:
+    """Return numba's dispatcher of a function, the functions that it uses compiled as well, once in a process."""
     from numba import njit
 
-    if function not in made:
+    if function not in COMPILABLE:
         used = used_globals(function)
-        helpers = {name: compilable(x, made) for name, x in used.items() if isinstance(x, FunctionType)}
-        # Only the entry is called from Python: entry points of helpers cost a quarter of the time.
-        options: dict[str, Any] = (
-            {} if entry else {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-        )
-        made[function] = njit(error_model="numpy", **options)(with_globals(function, helpers))
-    return made[function]
+        helpers = {name: compilable(x) for name, x in used.items() if isinstance(x, FunctionType)}
+        # Nothing is called from Python: such entry points cost a quarter of the time.
+        options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        COMPILABLE[function] = njit(error_model="numpy", **options)(with_globals(function, helpers))
+    return COMPILABLE[function]
 
 
 def _cfunc(loop: Loop[Any, Any]) -> Any:
@@ -98,7 +101,7 @@ def _cfunc(loop: Loop[Any, Any]) -> Any:
     names: list[str] = []
     kinds: list[Any] = []
     pointer: Any = types.CPointer
-    known: dict[str, Any] = {"carray": carray, "loop": compilable(loop.function, {})}
+    known: dict[str, Any] = {"carray": carray, "loop": compilable(loop.function)}
 
     def given(argument: Argument) -> str:
         if isinstance(argument, Group):
@@ -136,32 +139,16 @@ def emit(text: str, symbol: str) -> tuple[bytes, tuple[str, ...]]:
     machine = llvm.Target.from_default_triple().create_target_machine(
         cpu=name, features=features, opt=3, reloc="pic", codemodel="jitdefault", jit=True
     )
-    _drop_unreached(module, machine)
+    # Only now is all of it internal to one module: LLVM inlines what is called once, and drops what is never reached.
+    options = llvm.create_pipeline_tuning_options(speed_level=3)
+    options.loop_vectorization, options.slp_vectorization = True, False  # as numba does
+    passes = llvm.create_pass_builder(machine, options)
+    passes.getModulePassManager().run(module, passes)
     needs = needed([f.name for f in module.functions if f.is_declaration])
     foreign = [g.name for g in module.global_variables if g.is_declaration]
     if foreign:
         raise NeedsNumba(f"its code needs {', '.join(foreign)}")
     return machine.emit_object(module), needs
-
-
-def _drop_unreached(module: Any, machine: Any) -> None:
-    """Drop what is never reached: constants are followed through calls, so an exception that is never raised goes."""
-    import llvmlite.binding as llvm
-
-    passes = llvm.create_new_module_pass_manager()
-    if not hasattr(passes, "add_ipsccp_pass"):  # llvmlite 0.44 has it in the older pass manager only
-        older = llvm.create_module_pass_manager()
-        older.add_ipsccp_pass()
-        older.add_cfg_simplification_pass()
-        older.add_global_dce_pass()
-        older.add_strip_dead_prototypes_pass()
-        older.run(module)
-        return
-    passes.add_ipsccp_pass()
-    passes.add_simplify_cfg_pass()
-    passes.add_global_dead_code_eliminate_pass()
-    passes.add_strip_dead_prototype_pass()
-    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options()))
 
 
 def needed(declared: list[str]) -> tuple[str, ...]:

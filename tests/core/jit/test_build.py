@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import attlog
+from attlog.cli.progress import compile_first
 from attlog.core.jit import build, compile, store
 from attlog.core.jit.loops import Loop
 from attlog.estimators import get
@@ -100,7 +101,6 @@ def test_a_build_counts_what_it_makes_keeps_what_is_there_and_drops_what_is_old(
     """Of two loops one is asked for first: the second build makes the other, the third nothing."""
     two = [WIND, "attlog.segments.increments:sum_gyro"]
     monkeypatch.setattr(build, "all_names", lambda: two)
-    monkeypatch.setattr(build, "default_names", lambda: two[1:])
     monkeypatch.setattr(build, "object_code", lambda loop: store.ObjectCode(loop.name, (), b"code"))
 
     def here(places: dict[Path, str], names: list[str], progress: Any) -> None:
@@ -109,15 +109,15 @@ def test_a_build_counts_what_it_makes_keeps_what_is_there_and_drops_what_is_old(
 
     monkeypatch.setattr(build, "compile_all", here)
     made = []
-    for every in (False, True, True):
-        build.build(tmp_path, store.levels()[:1], every)
+    for chosen in (two[1:], two, two):
+        build.build(tmp_path, store.levels()[:1], chosen)
         made.append(len(list(tmp_path.glob("*/*.o"))))
     said = capsys.readouterr().out
     assert made == [1, 2, 2]
     assert said.count("compiling 1 loops of filters, readers and metrics, about") == 2
     old = next(iter(tmp_path.glob("*/*.o"))).with_name("old.o")
     old.write_bytes(b"")
-    build.build(tmp_path, store.levels()[:1])
+    build.build(tmp_path, store.levels()[:1], two)
     assert not old.exists()
 
 
@@ -134,6 +134,21 @@ def test_a_first_run_says_how_much_it_compiles_and_compiles_it_at_once(
         build.prepare([WIND], lambda *_: None)
     assert asked == [names]
     assert caplog.text.count(f"compiling {len(names)} loops, once, about ") == 1
+
+
+def test_before_a_first_run_the_filter_that_flew_is_compiled_for_its_logs_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[set[str]] = []
+    monkeypatch.setattr(build, "prepare", lambda names, progress: asked.append(set(names)))
+    ekf2, ekf3 = "attlog.estimators.ekf2.loop:run_filter", "attlog.estimators.ekf3.loop:run_filter"
+    for rows, logs in ((["default"], ["a.ulg"]), (["all"], ["b.BIN", "c.ulg.gz"]), (["mekf"], ["a.ulg"])):
+        monkeypatch.setattr(store, "is_shipped", lambda: False)
+        compile_first(rows, logs, True)
+        monkeypatch.setattr(store, "is_shipped", lambda: True)
+        compile_first(rows, logs, True)
+    assert [names & {ekf2, ekf3} for names in asked] == [{ekf2}, {ekf2}, {ekf2, ekf3}, {ekf2, ekf3}, set()]
+    assert {ekf2, ekf3} <= set(build.default_names())
 
 
 @pytest.mark.parametrize("log", few(["px4_hover.ulg", "copter_steps_stabilize.tlog", "copter_yaw_turns.bin"], 1))
