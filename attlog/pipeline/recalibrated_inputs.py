@@ -107,6 +107,8 @@ def replace_compass(log: FlightLog, inputs: Any, mag: Mag) -> Any:
     columns = {"t": t, "x": x}
     if "t_arrival" in inputs.mag:
         columns["t_arrival"] = t + float(np.median(inputs.mag["t_arrival"] - inputs.mag["t"]))
+    if "unit" in inputs.mag:
+        columns["unit"] = np.full(len(t), -1.0)
     used = np.column_stack([np.interp(t, inputs.mag["t"], axis) for axis in inputs.mag["x"].T])
     shift = np.mean(x - used, axis=0) / GAUSS_PER_TESLA
     return replace(inputs, mag=columns, states=_shifted_states(inputs, {BODY_FIELD: shift}))

@@ -20,6 +20,7 @@ from attlog.estimators.ekf3.state import (
     ACC_E,
     ACC_N,
     BIAS_ON,
+    COMPASS,
     FIELD_LEARNED,
     FINAL_MAG,
     GNSS_ON,
@@ -41,6 +42,7 @@ from attlog.estimators.ekf3.state import (
     ON_GROUND,
     STILL_RATE,
     T_AIRSPEED,
+    T_MAG,
     TILT,
     VD_CLIPS,
     YAW_INNOVATION,
@@ -89,6 +91,8 @@ from attlog.estimators.error_state import (
     wrap,
 )
 
+# A compass that is refused in flight for so long gives way to the next one, but not in the filter's first seconds.
+COMPASS_S, NEW_S = 10.0, 30.0
 # Compass noise grows with the body rate: gauss per rad/s.
 RATE_NOISE = 0.005
 
@@ -97,7 +101,7 @@ class Samples(NamedTuple):
     """All that a run reads, in rows. Times are s since boot; ``stamp``: time of measurement that the filter assumes."""
 
     steps: F2  # (k, 11) time, rate (3), force (3), duration, armed, flying for 5 s, 1 take-off 2 touch-down
-    mag: F2  # (m, 5) stamp, arrival, field (3) in gauss
+    mag: F2  # (m, 6) stamp, arrival, field (3) in gauss, number of the compass
     gnss: F2  # (g, 14) stamp, arrival, position NED, velocity NED, sacc, hacc, vacc, fix, satellites, hdop
     baro: F2  # (b, 3) stamp, arrival, height up in m
     airspeed: F2  # (a, 3) stamp, arrival, true airspeed in m/s
@@ -204,7 +208,8 @@ def run_filter(
         # the newest sample of each aid at the horizon
         mag, gnss, baro, tas = -1, -1, -1, -1
         while i_mag < len(s.mag) and s.mag[i_mag, 0] <= t and s.mag[i_mag, 1] <= t_now:
-            mag = i_mag if s.mag[i_mag, 0] > t - 0.1 else -1
+            if s.mag[i_mag, 5] == c[COMPASS] or known.flown > 0.0:
+                mag = i_mag if s.mag[i_mag, 0] > t - 0.1 else -1
             i_mag += 1
         while i_gnss < len(s.gnss) and s.gnss[i_gnss, 0] <= t and s.gnss[i_gnss, 1] <= t_now:
             gnss = i_gnss if s.gnss[i_gnss, 0] > t - 0.1 else -1
@@ -226,6 +231,12 @@ def run_filter(
             if s.compass_changes[i_compass] > s.steps[k - 1, 0]:
                 change_compass(f, par)
             i_compass += 1
+        if known.flown == 0.0 and known.compasses > 1.0 and c[ON_GROUND] == 0.0 and t_now - known.t_start > NEW_S:
+            if t_now - c[T_MAG] > COMPASS_S:
+                c[COMPASS] = (c[COMPASS] + 1.0) % known.compasses
+                c[T_MAG] = t_now
+                change_compass(f, par)
+                mag = -1
         # 8 to 12: each phase says what is due; one place fuses
         for phase in range(4):
             rotation(x, r)

@@ -99,7 +99,7 @@ def rerun(
     horizon_s = (length - 1) * step_s
     if inputs.states is None and not any(len(times) for times in inputs.events.values()):
         mode = "own"
-    samples = samples_of(inputs, setting, steps, horizon_s, lag_ms)
+    samples = samples_of(inputs, setting, steps, horizon_s, lag_ms, mode)
     known = known_facts(inputs, setting, samples, step_s, length, mode)
     known = known._replace(spread_2=spread[0], spread_4=spread[1])
     par = s.Parameters(*(setting[name.upper()] for name in s.Parameters._fields))
@@ -244,13 +244,13 @@ def fill_flags(inputs: Ekf3Inputs, steps: Array, tas: Array) -> None:
 
 
 def samples_of(
-    inputs: Ekf3Inputs, setting: Mapping[str, float], steps: Array, horizon_s: float, lag_ms: float
+    inputs: Ekf3Inputs, setting: Mapping[str, float], steps: Array, horizon_s: float, lag_ms: float, mode: Mode
 ) -> Samples:
     """Return what the loop reads, each sample with the time of measurement that the firmware gives it."""
     events = inputs.events
     tas = airspeed_rows(inputs)
     fill_flags(inputs, steps, tas)
-    m, b = inputs.mag, inputs.baro
+    b = inputs.baro
     baro = side_by_side(
         np.maximum(b["t_sample"] - 1e-3 * setting["HGT_DELAY"] - HALF_STEP_S, b["t"] - horizon_s), b["t"], b["alt"]
     )
@@ -260,7 +260,7 @@ def samples_of(
     gsf = np.isfinite(inputs.gsf["yaw"]) & (inputs.gsf["sigma"] > 0) & (inputs.gsf["sigma"] < math.radians(15.0))
     return Samples(
         steps=steps,
-        mag=_spaced(side_by_side(m["t"] - MAG_DELAY_S - HALF_STEP_S, m["t"], m["x"])),
+        mag=compass_rows(inputs, mode),
         gnss=gnss_rows(inputs, horizon_s, lag_ms),
         baro=_spaced(baro),
         airspeed=tas,
@@ -268,7 +268,7 @@ def samples_of(
         final_resets=events["final_reset"],
         anomaly_resets=events["anomaly_reset"],
         gnss_starts=events["gnss_on"],
-        compass_changes=events["compass"],
+        compass_changes=events["compass"] if mode == "flown" else np.zeros(0),
     )
 
 
@@ -284,6 +284,17 @@ def _spaced(rows: Array) -> Array:
         keep[i] = t - last >= MIN_INTERVAL_S - 1e-3
         last = t if keep[i] else last
     return np.ascontiguousarray(rows[keep])
+
+
+def compass_rows(inputs: Ekf3Inputs, mode: Mode) -> Array:
+    """Return rows of the field of :class:`Samples`, of the compass in use, in own mode of all of them."""
+    sources = [inputs.mag, inputs.other_mag] if mode == "own" else [inputs.mag]
+    t, x, unit = (np.concatenate([m[name] for m in sources]) for name in ("t", "x", "unit"))
+    rows = side_by_side(t - MAG_DELAY_S - HALF_STEP_S, t, x, unit)
+    rows = rows[np.argsort(rows[:, 1], kind="stable")]
+    each = [_spaced(rows[rows[:, 5] == number]) for number in np.unique(unit)] or [_spaced(rows)]
+    joined = np.concatenate(each)
+    return np.ascontiguousarray(joined[np.argsort(joined[:, 1], kind="stable")])
 
 
 def gnss_rows(inputs: Ekf3Inputs, horizon_s: float, lag_ms: float) -> Array:
@@ -392,6 +403,9 @@ def known_facts(
         plane=float(inputs.plane),
         airspeed=float(uses_airspeed(inputs)),
         compass=float(compass),
+        compasses=float(np.max(np.concatenate([inputs.mag["unit"], inputs.other_mag["unit"]]), initial=0.0) + 1.0),
+        unit=float(inputs.mag["unit"][0]) if len(inputs.mag["unit"]) else 0.0,
+        t_start=float(inputs.events["initialised"][0]) if len(inputs.events["initialised"]) else -np.inf,
         flown=float(mode == "flown"),
         t_origin=float(inputs.events["origin"][0]) if mode == "flown" and len(inputs.events["origin"]) else np.inf,
         n_baro=max(BARO_HZ * float(np.median(np.diff(inputs.baro["t"]))), 1.0) if len(inputs.baro["t"]) > 2 else 1.0,
@@ -520,6 +534,7 @@ def fresh(known: s.Known, samples: Samples, steps: Array, first: int, start: War
     c[s.T_BAD_IMU] = c[s.T_AIRSPEED] = c[s.T_GNSS] = NEVER
     c[s.NOISE_SCALE], c[s.ON_GROUND] = 1.0, 1.0
     c[s.MAG_HEALTHY] = 1.0
+    c[s.COMPASS] = known.unit
     g = samples.gnss[min(int(np.searchsorted(samples.gnss[:, 1], t)), len(samples.gnss) - 1)]
     if start is not None and np.isfinite(g[1]):
         c[s.GNSS_N : s.GNSS_N + 2] = g[2:4]

@@ -88,6 +88,9 @@ class Known(NamedTuple):
     plane: float
     airspeed: float  # 1 where airspeed is used
     compass: float  # 1 where the core has a compass in use
+    compasses: float  # that may be used
+    unit: float  # number of the compass at first
+    t_start: float  # s, begin of the filter
     flown: float  # 1: resets and GNSS use as logged; 0: by the filter's own rules
     t_origin: float  # s, origin set as logged; inf by the filter's own rules
     n_baro: float  # barometer samples on board for each logged one
@@ -106,7 +109,7 @@ CONTROL = (
     "held_n", "held_e", "height_rate", "vd_clips", "t_good", "declination_due", "gnss_vn", "gnss_ve", "gnss_vd",
     "gnss_n", "gnss_e", "height", "take_off_height", "t_sideslip", "armed_before", "static_yaw", "heading_kind",
     "mag_passed", "good_gnss", "t_bad_ratio", "ground_effect", "mag_ratio", "t_passed", "drift", "vd_low_pass",
-    "speed_low_pass",
+    "speed_low_pass", "compass",
 )  # fmt: skip
 (
     TILT, YAW, GNSS_ON, ON_GROUND, IN_FLIGHT, GROUND, BIAS_ON, MAG_LEARN, FIELD_LEARNED, FIELD_SET, FINAL_YAW,
@@ -115,6 +118,7 @@ CONTROL = (
     HACC, VACC, T_GNSS, NOISE_SCALE, ORIGIN, HELD_N, HELD_E, HEIGHT_RATE, VD_CLIPS, T_GOOD, DECLINATION_DUE, GNSS_VN,
     GNSS_VE, GNSS_VD, GNSS_N, GNSS_E, HEIGHT, TAKE_OFF_HEIGHT, T_SIDESLIP, ARMED_BEFORE, STATIC_YAW, HEADING_KIND,
     MAG_PASSED, GOOD_GNSS, T_BAD_RATIO, GROUND_EFFECT, MAG_RATIO, T_PASSED, DRIFT, VD_LOW_PASS, SPEED_LOW_PASS,
+    COMPASS,
 ) = range(len(CONTROL))  # fmt: skip
 
 # Modes of the compass, as XKFS.MAG_FUSION counts them.

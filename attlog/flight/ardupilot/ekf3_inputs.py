@@ -103,8 +103,8 @@ class Ekf3Inputs:
     ``t``, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2: IMU records. ``gyro_late``, ``acc_late`` s: delay of the
     low-pass filters ahead of the logger; the EKF's own increments are not filtered. Aids are mappings of columns,
     empty if not logged. ``innovations``: from XKF3 by aid. ``events``: times by the names in :data:`EVENT_TEXTS`,
-    and ``compass``: another one in use.
-    ``step_s``: filter step by XKT, None if not logged. ``antenna``: of GNSS from the IMU, m in body axes.
+    and ``compass``: another one in use. ``other_mag``: samples of compasses while not in use. ``step_s``: filter step
+    by XKT, None if not logged. ``antenna``: of GNSS from the IMU, m in body axes.
     """
 
     core: int
@@ -116,6 +116,7 @@ class Ekf3Inputs:
     acc_late: float
     intervals: bool
     mag: Mapping[str, Array]
+    other_mag: Mapping[str, Array]
     gnss: Mapping[str, Array]
     baro: Mapping[str, Array]
     airspeed: Mapping[str, Array]
@@ -179,6 +180,26 @@ def _selected(
     joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     order = np.argsort(joined["t"], kind="stable")
     return {name: x[order] for name, x in joined.items()}
+
+
+def _compasses(builder: DataflashBuilder, choice: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return samples ``x`` in gauss with their ``unit``, of the compass in use and of those that may be used."""
+    found, units = [], builder.units("MAG")
+    known = np.isfinite(choice["unit"])
+    t, unit = choice["t"][known], choice["unit"][known]
+    for number, table in sorted(units.items()):
+        part = _read(builder, table, {"x": "MagX", "y": "MagY", "z": "MagZ"})
+        at = np.maximum(np.searchsorted(t, part["t"], side="right") - 1, 0)
+        used = unit[at] == number if len(t) else np.full(len(at), number == min(units))
+        may_be = builder.values.get("COMPASS_USE" + (str(number + 1) if number else ""), 1.0) > 0
+        field = np.column_stack([part[axis] for axis in "xyz"]) * GAUSS_PER_MILLIGAUSS
+        found.append((part["t"], field, np.full(len(at), float(number)), used, ~used & may_be))
+    if not found:
+        return ({"t": np.zeros(0), "x": np.zeros((0, 3)), "unit": np.zeros(0)},) * 2
+    joined = [np.concatenate(columns) for columns in zip(*found, strict=True)]
+    order = np.argsort(joined[0], kind="stable")
+    t, x, unit, used, other = (column[order] for column in joined)
+    return tuple({"t": t[keep], "x": x[keep], "unit": unit[keep]} for keep in (used, other))  # type: ignore[return-value]
 
 
 def _chosen(builder: DataflashBuilder, core: int, column: str, old: str = "") -> dict[str, Array]:
@@ -399,7 +420,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
     if len(timing["t"]) > 2 and (timing["count"] > 0).all():
         step_s = float(np.median(np.diff(timing["t"]) / timing["count"][1:]))
     compass = _chosen(builder, core, "MI", "MI")
-    mag = _selected(builder, "MAG", compass, {"x": "MagX", "y": "MagY", "z": "MagZ"})
+    mag, other_mag = _compasses(builder, compass)
     changes = compass["t"][1:][np.diff(compass["unit"]) != 0]
     baro = _selected(builder, "BARO", _chosen(builder, core, "BI"), {"alt": "Alt", "sms": "SMS"})
     sampled = baro.pop("sms") * 1e-3
@@ -420,7 +441,8 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
         gyro_late=imu.gyro.delay,
         acc_late=imu.acc.delay,
         intervals=imu.gyro.sampling == "interval",
-        mag={"t": mag["t"], "x": np.column_stack([mag["x"], mag["y"], mag["z"]]) * GAUSS_PER_MILLIGAUSS},
+        mag=mag,
+        other_mag=other_mag,
         gnss=gnss,
         baro=baro,
         airspeed=_selected(builder, "ARSP", _chosen(builder, core, "AI"), {"eas": "Airspeed", "use": "U"}),

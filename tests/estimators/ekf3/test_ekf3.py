@@ -51,7 +51,8 @@ def made(seconds: float = 40.0, rate_hz: float = 50.0, turn_dps: float = 0.0, **
         "gyro_late": 0.0,
         "acc_late": 0.0,
         "intervals": False,
-        "mag": {"t": m, "x": attitude(m - 0.06).inv().apply(np.tile(FIELD, (len(m), 1)))},
+        "mag": {"t": m, "x": attitude(m - 0.06).inv().apply(np.tile(FIELD, (len(m), 1))), "unit": np.zeros(len(m))},
+        "other_mag": nothing | {"x": np.zeros((0, 3)), "unit": none},
         "gnss": gnss,
         "baro": {"t": m, "alt": np.zeros(len(m)), "t_sample": m},
         "airspeed": nothing | {"eas": none, "use": none},
@@ -135,6 +136,19 @@ def test_another_compass_begins_with_a_body_field_of_zero() -> None:
     assert found.states["body_field"][before] == pytest.approx([0.05, 0.0, 0.0], abs=0.01)
     assert np.abs(found.states["body_field"][after]).max() < 0.005
     assert found.states["body_field"][end] == pytest.approx([0.0, 0.05, 0.0], abs=0.01)
+
+
+def test_own_mode_takes_the_next_compass_after_ten_seconds_of_refusals() -> None:
+    inputs = made(90.0, turn_dps=20.0, armed={"t": np.array([30.0]), "on": np.array([1.0])})
+    bad = np.where(inputs.mag["t"][:, None] < 40.0, inputs.mag["x"], [0.0, 0.6, -0.6])
+    other = {"t": inputs.mag["t"], "x": inputs.mag["x"], "unit": np.ones(len(inputs.mag["t"]))}
+    found = run.rerun(replace(inputs, mag={**inputs.mag, "x": bad}, other_mag=other), {"MAG_CAL": 4.0})
+    x = found.innovations["mag_x"]
+    refused = x[(x[:, 3] > 1.0) & (x[:, 0] > 40.0), 0]
+    assert refused[-1] - refused[0] == pytest.approx(10.0, abs=0.5)
+    assert rotation.wrap(np.radians(yaw_deg(found.q[-100:]) - HEADING_DEG - 20.0 * found.t[-100:])) == pytest.approx(
+        0.0, abs=np.radians(1.0)
+    )
 
 
 def test_a_gnss_antenna_ahead_of_a_turning_imu_moves_in_a_circle() -> None:
