@@ -42,6 +42,10 @@ FLOWN_QUESTIONS: tuple[tuple[str, tuple[str, ...]], ...] = (
     (RESETS.name, AIR),
     (GNSS_HEADING_NAME, ALL),
 )
+# Shown on the page alone: without units of evidence their differences have no interval.
+MINOR_FLOWN_QUESTIONS = tuple(
+    (f"{what}.{aid}", AIR) for aid in AID_GROUPS for what in ("innovation_bias", "innovation_correlation")
+)
 OWN_REFERENCE = "the reference is the attitude of the filter that flew"
 COMPARISON_SCHEMA = "attlog-comparison/3"
 
@@ -120,6 +124,9 @@ def select_questions(metrics: Sequence[str] = (), window: str | None = None, *, 
         found = [
             replace(_main_question(m, places), windows=windows or places)
             for m, places in (*MAIN_QUESTIONS, *FLOWN_QUESTIONS * flown)
+        ]
+        found += [
+            replace(_main_question(m, p), windows=windows or p, main=False) for m, p in MINOR_FLOWN_QUESTIONS * flown
         ]
     else:
         asked = parse_metrics(["*" if m == "all" else m for m in metrics])

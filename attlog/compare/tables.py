@@ -216,7 +216,9 @@ def pooled_tables(found: Comparison, width: int) -> list[TextTable]:
     star marks significance.
     """
     equal = (None, "same") if found.is_what_if else (None,)  # omits aids that rejected nothing
+    main = any(q.main for q in found.questions)
     rows = [row for row in matrix(found) if any(c.direction not in equal for c in row.cells)]
+    rows = [row for row in rows if row.question.main or not main]
     where = f"{found.first.label}, {counted(len(found.logs), 'log')}"
     where += f" ({found.mode_text})" if found.mode_text else ""
     others = [c.label for c in found.configurations[1:]]

@@ -175,6 +175,13 @@ STATISTICS: Mapping[str, Statistic] = {
         worst axis: the root of the mean test ratio. 1 is at the gate. A larger noise or gate lowers it by itself.""",
     ),
     "rejected_pct": Statistic("rejected", "%", "Share of the aid's samples with a test ratio above 1 in any axis."),
+    "innovation_bias": Statistic("innovation bias", None, "Length of the vector of the axes' mean innovations."),
+    "innovation_correlation": Statistic(
+        "innovation correlation",
+        "1",
+        """Correlation of successive innovations, mean of the axes. A filter that predicts all that can be predicted
+        leaves none; a wrong delay or too small a gain leaves much.""",
+    ),
 }
 RESETS = Metric(
     "attitude_resets",
@@ -192,7 +199,7 @@ def _metric(statistic: str, aid: str) -> Metric:
         f"{statistic}.{aid}",
         title,
         group.unit if known.unit is None else known.unit,
-        "low",
+        "zero" if statistic == "innovation_correlation" else "low",
         paragraph(known.definition),
         scale="ratio" if statistic.endswith("_rms") else "difference",
     )
@@ -200,11 +207,12 @@ def _metric(statistic: str, aid: str) -> Metric:
 
 @dataclass(frozen=True, slots=True)
 class AidSamples:
-    """Innovations ``e`` (n,) of all axes of one aid at ``t`` (n,) s, and their test ratios."""
+    """Innovations ``e`` (n,) of all axes of one aid at ``t`` (n,) s, test ratios and numbers of the axes."""
 
     t: Array
     e: Array
     ratio: Array
+    axis: NDArray[np.int64]
 
 
 @per_row
@@ -215,9 +223,9 @@ def _samples(case: Case, row: Track) -> dict[str, AidSamples]:
     for aid, group in AID_GROUPS.items():
         some = [tables[name] for name in group.channels if name in tables]
         if some:
-            table = np.concatenate(some)
+            table, axis = np.concatenate(some), np.repeat(np.arange(len(some)), [len(one) for one in some])
             good = np.isfinite(table).all(axis=1) & (table[:, 2] > 0.0)
-            found[aid] = AidSamples(table[good, 0], group.factor * table[good, 1], table[good, 3])
+            found[aid] = AidSamples(table[good, 0], group.factor * table[good, 1], table[good, 3], axis[good])
     return found
 
 
@@ -228,7 +236,7 @@ def compute_innovations(case: Case, row: Track, window: str) -> dict[str, Answer
     for aid, samples in aids.items():
         inside = case.segments.mask(samples.t, window)
         if np.count_nonzero(inside) >= MIN_SAMPLES:
-            some = AidSamples(*(x[inside] for x in (samples.t, samples.e, samples.ratio)))
+            some = AidSamples(samples.t[inside], samples.e[inside], samples.ratio[inside], samples.axis[inside])
             answers |= _answers(aid, some, window)
     if aids:
         times = row.t[increments.find_resets(Attitude(row.t, row.q, row.name), row.imu)[0]]
@@ -259,6 +267,14 @@ def _answers(aid: str, s: AidSamples, window: str) -> dict[str, Answer]:
             "blocks of 5 s",
             units=units,
         )
+    axes = [s.e[s.axis == k] for k in np.unique(s.axis)]
+    varying = [e - np.mean(e) for e in axes if len(e) >= MIN_SAMPLES and np.ptp(e) > 0.0]
+    values = {"innovation_bias": math.hypot(*(float(np.mean(e)) for e in axes))}
+    if varying:
+        values["innovation_correlation"] = float(np.mean([d[1:] @ d[:-1] / (d @ d) for d in varying]))
+    for name, value in values.items():
+        metric = METRICS[f"{name}.{aid}"]
+        answers[metric.name] = Answer(value, metric.unit, window, len(block), BLOCK_S * len(block), method="samples")
     return answers
 
 

@@ -196,7 +196,7 @@ def table(e: np.ndarray, variance: float, gate: float) -> np.ndarray:
     return np.column_stack([t, e, np.full(len(e), variance), e**2 / (gate**2 * variance)])
 
 
-def test_size_and_share_of_known_innovations() -> None:
+def test_size_share_bias_and_correlation_of_known_innovations() -> None:
     rng = np.random.default_rng(1)
     north, east = 0.5 + 0.3 * rng.standard_normal(500), 0.4 * rng.standard_normal(500)
     found = answers_of({"velocity_n": table(north, 0.01, 5.0), "velocity_e": table(east, 0.01, 5.0)})
@@ -205,6 +205,11 @@ def test_size_and_share_of_known_innovations() -> None:
     worst = np.maximum(north**2, east**2) / 0.25
     assert value["test_ratio_rms.gnss_velocity"] == pytest.approx(np.sqrt(np.mean(worst)))
     assert value["rejected_pct.gnss_velocity"] == pytest.approx(100.0 * np.mean(worst > 1.0))
+    assert value["innovation_bias.gnss_velocity"] == pytest.approx(0.5, abs=0.05)
+    assert abs(value["innovation_correlation.gnss_velocity"]) < 0.1
+    slow = np.repeat(rng.standard_normal(50), 10)
+    held = answers_of({"velocity_n": table(slow, 0.01, 5.0)})["innovation_correlation.gnss_velocity"].value
+    assert held == pytest.approx(0.9, abs=0.05)
     assert value["attitude_resets"] == 0.0
     low, high = found["innovation_rms.gnss_velocity"].ci95
     assert low < value["innovation_rms.gnss_velocity"] < high

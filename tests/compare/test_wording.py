@@ -57,7 +57,8 @@ def test_what_is_better_and_what_is_worse_share_one_sentence() -> None:
 
 def test_a_what_if_on_several_flights_gives_the_pooled_change_with_its_interval() -> None:
     flown = [parse_configuration(text) for text in ("px4_ekf2", "px4_ekf2:EKF2_MAG_NOISE=0.2")]
-    found = comparison({"tilt_rmse_deg": NINE, "heading_rmse_deg": [(0.01, 0.02), (-0.01, 0.02), (0.0, 0.02)] * 3, "lag_ms": NO_LAG}, flown)
+    little = [(0.01, 0.02), (-0.01, 0.02), (0.0, 0.02)] * 3
+    found = comparison({"tilt_rmse_deg": NINE, "heading_rmse_deg": little, "lag_ms": NO_LAG}, flown)
     over = found.questions[0].contrasts[0].over
     assert over is not None
     assert found.verdicts[0].lead == (

@@ -154,7 +154,7 @@ def test_the_names_that_users_rely_on_are_defined_and_carry_their_unit():
     assert not set(NAMED) - known.keys()
     for name, defined in known.items():
         suffix = next((s for s in sorted(UNITS, key=len, reverse=True) if re.search(rf"_{s}(\.|$)", name)), None)
-        own = AID_GROUPS[name.partition(".")[2]].unit if name.startswith("innovation_rms") else "1"
+        own = AID_GROUPS[name.partition(".")[2]].unit if name.startswith(("innovation_rms", "innovation_bias")) else "1"
         assert defined.unit == (UNITS[suffix] if suffix else own), name
         assert len(defined.definition) > 40
         assert "\n" not in defined.definition
