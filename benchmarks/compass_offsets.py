@@ -32,7 +32,7 @@ from attlog.estimators import place
 from attlog.flight.model import FlightLog
 from attlog.health import compass
 from attlog.health.check import HealthCase
-from attlog.health.compass_offset import CompassStudy, compass_studies, fit_offset, flight_halves, offset_refusal
+from attlog.health.compass_offset import CompassStudy, compass_studies, fit_offset, offset_refusal
 from attlog.health.compass_power import motor_drive, power_at
 from attlog.metrics.metric import Case
 from attlog.pipeline import preparation
@@ -96,12 +96,19 @@ def offered_motors(study: CompassStudy) -> bool:
     return study.ground_differs and not compass.motors_refusal(study)
 
 
+def flight_halves(study: CompassStudy) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks of the first and of the second half of a study's samples in the air."""
+    air = study.samples.air
+    early = np.cumsum(air) <= np.count_nonzero(air) // 2
+    return air & early, air & ~early
+
+
 def with_filters(case: HealthCase, study: CompassStudy, size: np.ndarray) -> dict[str, tuple[float, float]]:
     """Heading RMSE (deg) of filters against the truth in the second half: with the planted compass, and corrected."""
-    log, imu, first = case.log, case.log.replay_imu, fit_offset(study.samples, flight_halves(study.samples)[0])
+    log, imu, first = case.log, case.log.replay_imu, fit_offset(study.samples, flight_halves(study)[0])
     if imu is None or log.truth is None or first is None:
         return {}
-    t, late = imu.gyro.t_best, study.samples.t[flight_halves(study.samples)[1]]
+    t, late = imu.gyro.t_best, study.samples.t[flight_halves(study)[1]]
     scored = (t >= late[0]) & (t <= late[-1])
     truth = rotation.slerp(log.truth.t, log.truth.q, t[scored])
     told = true_north(log)
