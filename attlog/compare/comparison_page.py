@@ -11,7 +11,7 @@ from typing import Any
 from attlog.compare.comparison import Comparison, Question
 from attlog.compare.paired import Difference
 from attlog.compare.tables import WEB_FOLDER, MatrixRow, matrix
-from attlog.compare.wording import STATUS_WORDS, change_text, scale_unit, signed_text, titled
+from attlog.compare.wording import STATUS_WORDS, change_text, direction_word, scale_unit, signed_text, titled
 from attlog.core.plain import to_plain
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure
@@ -90,7 +90,8 @@ def dots(row: MatrixRow) -> list[Dot | None]:
             found.append(None)
             continue
         size, ends = _on_scale(difference, difference.value), difference.ci95
-        said = {"better": "significantly better", "worse": "significantly worse", "same": "no difference"}
+        word = direction_word(row.question, difference.direction)
+        said = {"": "not significant", "equal": "no difference"}.get(word, f"significantly {word}")
         found.append(
             Dot(
                 _place_pct(size, limit),
@@ -98,7 +99,7 @@ def dots(row: MatrixRow) -> list[Dot | None]:
                 0 if abs(size) <= limit else 1 if size > 0.0 else -1,
                 _place_pct(min(difference.floor, limit), limit) - 50.0,
                 tuple(_place(d, d.value, limit) for d in contrast.logs if d.value is not None),
-                f"{change_text(row.question, difference)}, {said.get(difference.direction, 'not significant')}",
+                f"{change_text(row.question, difference)}, {said}",
             )
         )
     return found

@@ -28,7 +28,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.compare.setting import check_parameter, flown_filter
+from attlog.compare.setting import check_parameter, flown_filter, refusal_of
 from attlog.core.errors import UsageError
 from attlog.core.limits import MAX_SETS, MAX_VALUES
 from attlog.estimators import Parameter
@@ -211,6 +211,8 @@ def search_request(words: Sequence[str], example: str) -> SearchRequest:
     flown = {flown_filter(axis) for axis in axes}
     if others and len(flown) == 1 and "" not in flown and (os.path.exists(others[-1]) or set("*?[") & set(others[-1])):
         others.append(flown.pop())
+    if len(others) < 2 and (refused := [f"{axis}: {why}" for axis in axes if (why := refusal_of(axis))]):
+        raise UsageError("\n".join(refused))
     if len(others) < 2:
         missing = "a log and a filter are" if not others else "a log or the filter is"
         raise UsageError(f"{missing} missing; give logs, then a filter, then what to vary: {example}")

@@ -18,7 +18,7 @@ from typing import Any
 from attlog import estimators
 from attlog.core.errors import UsageError, suggestion
 from attlog.estimators.interface import Estimator, cut_by_comma, number_spelled
-from attlog.estimators.registry import FLOWN
+from attlog.estimators.registry import AP_EKF2, AP_EKF2_REFUSAL, FLOWN
 
 # Numbers, word or file of a setting.
 Value = tuple[float, ...] | str
@@ -36,6 +36,8 @@ FLOWN_PREFIXES = {
     "GPS_DELAY_MS": "ap_ekf3",
     "GPS1_DELAY_MS": "ap_ekf3",
 }
+# A firmware parameter and its value.
+PARAMETER_PATTERN = re.compile(r"[A-Z][A-Z0-9]*_[A-Z0-9_]+=")
 # Number followed by text that may be its unit.
 WITH_UNIT = re.compile(r"((?>[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?))\s*(\S.*)")
 
@@ -203,6 +205,16 @@ class Configuration:
 def flown_filter(text: str) -> str:
     """Return the firmware filter of a text such as ``EKF2_GPS_DELAY=250``, else ""."""
     return next((name for prefix, name in FLOWN_PREFIXES.items() if text.startswith(prefix) and "=" in text), "")
+
+
+def refusal_of(text: str) -> str:
+    """Return why a text such as ``EK2_MAG_M_NSE=0.2`` sets no parameter of a filter that is run again, else ""."""
+    is_ap_ekf2 = text.startswith("EK2_") or text.partition(":")[0] == AP_EKF2
+    if flown_filter(text) or not (is_ap_ekf2 or PARAMETER_PATTERN.match(text)):
+        return ""
+    if is_ap_ekf2:
+        return AP_EKF2_REFUSAL
+    return "no parameter of EKF2 or EKF3; a whole set is given by --params FILE"
 
 
 def parse_configuration(text: str, name: str | None = None) -> Configuration:

@@ -22,7 +22,7 @@ from typing import Any
 
 from attlog import estimators
 from attlog.compare.comparison import select_questions
-from attlog.compare.setting import Configuration, build_configuration, flown_filter, parse_configuration
+from attlog.compare.setting import Configuration, build_configuration, flown_filter, parse_configuration, refusal_of
 from attlog.core.errors import AttlogError, UsageError, suggestion
 from attlog.core.files import parse_toml, read_settings_text
 from attlog.estimators.registry import FLOWN
@@ -81,6 +81,8 @@ def select_words(words: Sequence[str]) -> ComparisonRequest:
                     found.repeats.append(f"{word} is {same}")
                 as_given.setdefault(one.name, word)
                 names.setdefault(one.name, one)
+            elif (why := refusal_of(word)) and not os.path.exists(word):
+                problems.append(f"{word}: {why}")
             elif not os.path.exists(word) and not set("*?[/\\.") & set(word):
                 known = [*estimators.names(), *FLOWN, "default", "all"]
                 problems.append(f"{word}: neither a file nor a filter{suggestion(word, known)}")

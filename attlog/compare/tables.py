@@ -10,7 +10,7 @@ from typing import Literal
 
 from attlog.compare.comparison import Comparison, LogLine, Question
 from attlog.compare.paired import Difference, Direction
-from attlog.compare.wording import DIRECTION_WORDS, favour_text, interval_text, own_value_text, signed_text
+from attlog.compare.wording import direction_word, favour_text, interval_text, own_value_text, signed_text
 from attlog.core import files
 from attlog.result import Result
 from attlog.words.findings import shown_checks
@@ -124,6 +124,12 @@ class MatrixCell:
         return None if self.difference is None or self.difference.value is None else self.difference.direction
 
     @property
+    def colour(self) -> str:
+        """Return the direction that the page colours, empty for shares of a gate."""
+        word = direction_word(self.question, self.direction)
+        return word if word in ("better", "worse") else ""
+
+    @property
     def reason(self) -> str:
         """Return why no change is known."""
         return "" if self.difference is None else self.difference.reason
@@ -226,13 +232,12 @@ def pooled_tables(found: Comparison, width: int) -> list[TextTable]:
     if not rows:
         return []
     if len(others) == 1:
-        cells = [(row.question.title, row.cells[0]) for row in rows]
         several = any(c.over is not None and c.over.logs > 1 for q in found.questions for c in q.contrasts)
         head = ("question", "change", "95 %", "significant", *["better"] * several)
-        words = [DIRECTION_WORDS.get(c.direction or "not significant", "no") for _, c in cells]
         lines = [
-            (title, c.change, c.interval, word, *[c.better] * several)
-            for (title, c), word in zip(cells, words, strict=True)
+            (row.question.title, c.change, c.interval, direction_word(row.question, c.direction) or "no")
+            + (c.better,) * several
+            for row, c in ((row, row.cells[0]) for row in rows)
         ]
         return [TextTable(f"{others[0]} beside {where}", head, lines)]
     columns = [(label, [row.cells[k].starred for row in rows]) for k, label in enumerate(others)]

@@ -33,6 +33,9 @@ REFERENCE_ERRORS = ("tilt_rmse_deg", "heading_rmse_deg")
 UNCHANGED_LOG_RATIO = math.log(1.1)
 # Direction words of a table.
 DIRECTION_WORDS: dict[Direction, str] = {"better": "better", "worse": "worse", "same": "equal"}
+# Shares of gates, which a larger noise or gate lowers by itself: lower is not better.
+GATE_SHARES = ("test_ratio_rms", "rejected_pct")
+GATE_SHARE_WORDS: dict[Direction, str] = {"better": "lower", "worse": "higher"}
 
 
 def question_wording(question: Question) -> Wording:
@@ -48,6 +51,14 @@ def question_wording(question: Question) -> Wording:
     if question.better in ("low", "zero"):
         return Wording("has a", f"smaller {title}", f"larger {title}", title)
     return Wording("is", f"nearer to perfect in {title}", f"farther off in {title}", title)
+
+
+def direction_word(question: Question, direction: Direction | None) -> str:
+    """Return the word of a significant direction, empty if not significant."""
+    if direction is None:
+        return ""
+    words = GATE_SHARE_WORDS if question.metric.partition(".")[0] in GATE_SHARES else {}
+    return words.get(direction, DIRECTION_WORDS.get(direction, ""))
 
 
 def subject_of(question: Question) -> str:

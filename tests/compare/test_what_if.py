@@ -58,6 +58,9 @@ def test_a_parameter_of_the_firmware_means_the_filter_that_flew() -> None:
         ("EKF2_GPS_DELAY=900", "EKF2_GPS_DELAY=900 is out of range"),
         ("EKF2_GPS_DELY=90", "did you mean EKF2_GPS_DELAY?"),
         ("EKF2_GPS_DELAY=90s", "is given in ms, not in s"),
+        ("EK2_MAG_M_NSE=0.2", "ArduPilot's EKF2 is not run again"),
+        ("ap_ekf2:EK2_MAG_M_NSE=0.2", "ArduPilot's EKF2 is not run again"),
+        ("BATT_LOW_VOLT=10.5", "no parameter of EKF2 or EKF3"),
         ("EKF2_RNG_NOISE=0.1", "does not offer EKF2_RNG_NOISE: the range finder is not modelled"),
     ],
 )
