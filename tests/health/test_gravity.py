@@ -227,6 +227,13 @@ def test_a_vertical_force_that_changes_without_a_climb_is_told(
         assert "first from 32 to 42 s" in found.text
 
 
+def test_a_vertical_force_at_the_end_of_a_flight_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    log = force_log(0.0)
+    log.imus[0].acc.x[T >= 42.5, 2] -= 3.0  # a landing, after the last whole window of 10 s
+    monkeypatch.setattr(vibration, "height_stream", lambda log: log.baro)
+    assert vibration.vertical_force(log, log.imus[0], [(10.0, 46.0)]).verdict == "ok"
+
+
 @pytest.mark.parametrize(("throttle", "more"), [(0.64, False), (0.66, True)])
 def test_vibration_that_comes_with_three_tenths_more_throttle_is_none_that_broke(throttle: float, more: bool) -> None:
     t = np.arange(0.0, 60.0)

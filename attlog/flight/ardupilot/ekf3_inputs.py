@@ -349,7 +349,7 @@ def _armed(builder: DataflashBuilder, t0: float) -> dict[str, Array]:
 
 
 def _touch_down(builder: DataflashBuilder, core: int, gnss: Mapping[str, Array], t0: float) -> dict[str, Array]:
-    """Return when the copter told its EKF to expect a touch-down, by demands of its position controller."""
+    """Return when the EKF expected a touch-down, by demands of the position controller."""
     sink = _read(builder, builder.messages.first("PSCD"), {"demand": "DVD", "rate": "VD"})
     t = sink["t"]
     if not len(t):

@@ -228,7 +228,13 @@ def test_correlations_are_taken_over_and_variances_stay() -> None:
     made_of = run.correlated(P, a @ a.T)
     assert np.diag(made_of) == pytest.approx(np.diag(P))
     assert np.linalg.eigvalsh(made_of).min() > -1e-12
-    assert abs(made_of[3, 9]) > 0.0
+    sigma, c = RNG.uniform(0.01, 10.0, 23), np.eye(23)
+    c[3, 9] = c[9, 3] = 0.4
+    c[0, 2] = c[2, 0] = 0.4  # within the attitude: not taken over
+    P[20, 20] = 0.5
+    made_of = run.correlated(P, c * np.outer(sigma, sigma))
+    assert made_of[3, 9] == pytest.approx(0.4 * np.sqrt(P[3, 3] * P[9, 9]))
+    assert made_of[0, 2] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_settings_follow_version_and_vehicle() -> None:

@@ -136,6 +136,8 @@ def test_fifo_samples_are_spread_over_time_calibrated_and_turned_into_the_body()
     assert imu.gyro.source == "sensor_gyro_fifo:0"
     assert imu.gyro.rate == pytest.approx(8000, rel=0.01)
     assert (np.diff(imu.gyro.t) > 0).all()
+    # Stamps jitter by 40 us: spread over the batch's own time, no interval is longer than (1000 + 80) / 8 us.
+    assert np.diff(imu.gyro.t).max() < 137e-6
     assert "time_backward" not in {p.code for p in log.problems}
     np.testing.assert_allclose(imu.gyro.x[50], [-0.9, -0.2, 0.3], atol=1e-6)  # yaw 180: x and y change sign
     np.testing.assert_allclose(imu.acc.x[50], [0, 0, -9.09], atol=1e-5)
