@@ -20,6 +20,7 @@ from attlog.health import (
     imu_checks,
     innovations,
     notch,
+    safety,
     sources,
     timing,
     vibration,
@@ -137,6 +138,7 @@ CHECKS: Mapping[str, Row] = {
     "magnetometer_delay": Row("magnetometer delay", delays.compass_delay, "estimator"),
     "lanes": Row("estimator lane in use", sources.lane_errors, "estimator"),
     "barometer_noise": Row("barometer noise", baro.barometer_noise, "estimator"),
+    "unsafe_settings": Row("safety settings", safety.safety_checks, "unsafe_settings", warning="note"),
 }
 
 # Usual causes of a warning or a fault.
