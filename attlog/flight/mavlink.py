@@ -216,10 +216,9 @@ def read(messages: Messages, imu: int | None, mag: int | str | None, system: int
     log.mags = read_optional("The magnetometer", partial(magnetometers, builder), [])
     log.mag = read_optional("The compass", partial(choose_mag, builder, 0, "the first one", mag), None)
     log.vehicle = "unknown"
-    log.simulated = any(builder.packets(name) is not None for name in ("SIM_STATE", "SIMSTATE")) or any(
-        p.name.startswith("SIM_") for p in messages.params
-    )
     builder.read_parts(STREAMS)
+    states = any(builder.packets(name) is not None for name in ("SIM_STATE", "SIMSTATE"))
+    log.simulated = vehicle.is_simulated(states, log.texts, [p.name for p in messages.params])
     return log
 
 

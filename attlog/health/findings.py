@@ -29,7 +29,8 @@ SEPARATE_KINDS = (BUG, "estimator_failed", "estimator_timed_out")
 KINDS = (
     *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "vibration", "attitude", "mounting", "trim", "reset"),
     *("coverage", "estimator", "accelerometer", "accelerometer_axes", "accelerometer_delay", "frozen_sensors"),
-    *("gyro_range", "gnss", "imu_delay", "gyro_scale", "gaps", "jitter", "rate", "delay", "compass", "declination"),
+    *("device", "arming", "gyro_range", "gnss", "imu_delay", "gyro_scale", "gaps", "jitter", "rate", "delay"),
+    *("compass", "declination"),
 )
 
 
@@ -138,11 +139,12 @@ def problem_finding(problem: Problem, kind: str = "") -> Finding:
 
 
 def event_finding(event: Event, kind: str) -> Finding:
-    """Convert an event to a sign of ``kind``."""
+    """Convert an event to a sign of ``kind``; the autopilot's own words follow what was measured."""
+    words = f" Autopilot: “{event.quote}”." if event.quote and event.quote not in event.text else ""
     return Finding(
         kind,
         event.severity,
-        event.text,
+        event.text + words,
         t=event.t,
         t_end=event.t_end,
         value=event.value,
@@ -266,6 +268,9 @@ EVENT_KINDS = {
     "compass_switch": "compass",
     "gnss_lost": "gnss",
     "gnss_jump": "gnss",
+    "gnss_interference": "gnss",
+    "arming_refused": "arming",
+    "device_error": "device",
     "failsafe": "failsafe",
     "battery": "battery",
 }
@@ -276,7 +281,12 @@ MESSAGE_KINDS = (
     (re.compile(r"\bgps|\bgnss|glitch", re.I), "gnss"),
     (re.compile(r"\bekf|variance|estimator|attitude|\bahrs", re.I), "estimator"),
 )
-EVENT_ACTIONS = {"battery": "Charge or change the battery, and land earlier."}
+EVENT_ACTIONS = {
+    "battery": "Charge or change the battery, and land earlier.",
+    "arming_refused": "Remove what the autopilot names, and arm again.",
+    "device_error": "Check wiring, power and baud rate of this device.",
+    "gnss_interference": "Look for transmitters near the antenna; do not rely on position modes there.",
+}
 # Failsafes of a sensor or the estimator, and maximum time from report to event.
 EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibration_failsafe"), 0.01
 STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from attlog.flight.model import FlightLog, guarded_part
 from attlog.segments.model import Segments
-from attlog.story import estimator_events, flight_events
+from attlog.story import estimator_events, failsafe_events, flight_events, message_events
 from attlog.story.flight_events import CRASHES, KINDS, Event
 from attlog.story.headlines import WrongAngle, headline
 
@@ -22,17 +22,14 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
     for what, make in (
         ("Flights and crashes", flight_events.movement_events),
         ("Clipping and vibration", flight_events.sensor_events),
-        ("Failsafes", estimator_events.failsafe_events),
+        ("Failsafes", failsafe_events.failsafe_events),
         ("The onboard estimator", estimator_events.onboard_estimator_events),
     ):
         some, texts = guarded_part(log, what, lambda make=make: make(log, segments), lambda: ([], []))  # type: ignore[misc]
         found += some
         quoted += texts
     found += guarded_part(
-        log,
-        "The autopilot’s messages",
-        lambda: flight_events.message_events(log, quoted, segments.spans("airborne")),
-        list[Event],
+        log, "The autopilot’s messages", lambda: message_events.message_events(log, quoted, segments), list[Event]
     )
     lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
     for k, event in enumerate(found):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +15,15 @@ from attlog.segments.flight_signs import true_runs
 from attlog.segments.model import Segments
 from attlog.story.flight_events import (
     ANOMALY,
-    BATTERY,
     COMPASS,
-    FAILSAFE,
-    HARMLESS_WORDS,
+    INTERFERENCE,
     JUMP,
-    KILLED,
     LANE,
     REALIGNED,
     Event,
     EventSeverity,
     Text,
+    clean_text,
     format_time,
     matching_texts,
     quote_text,
@@ -148,9 +146,13 @@ def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
     ]
 
 
-# Texts of an estimator's cores within this time are one event.
-TOGETHER_S = 1.5
+# Texts of an estimator within this time are one event, and so are those of other cores within MAX_CORES_S: in 20 logs
+# with several cores they follow each other by up to 13.4 s, and by 80 s and more in another flight.
+TOGETHER_S, MAX_CORES_S = 1.5, 20.0
+CORE = re.compile(r"\bIMU\d+\b")
 LOST_S = 2.0
+# Formats of radio links, and the share of missing messages in which a pause of the attitude is one of the link.
+TELEMETRY, PAUSE_SHARE = ("tlog", "mavlink"), 0.5
 # Codes of problems: ERR 24 of ArduPilot, and PX4's estimator_selector_status.
 SWITCHED = ("lane_switch", "estimator_instance_changed")
 
@@ -168,38 +170,50 @@ def onboard_estimator_events(log: FlightLog, segments: Segments) -> tuple[list[E
 
 
 def _group_texts(texts: list[Text]) -> list[list[Text]]:
-    """Return groups of texts that follow each other within a few seconds."""
+    """Return groups of texts of one event: within a few seconds, or the same text of another core."""
     groups: list[list[Text]] = []
     for text in texts:
-        if groups and text[0] - groups[-1][-1][0] <= TOGETHER_S:
+        if groups and (text[0] - groups[-1][-1][0] <= TOGETHER_S or _is_of_other_core(text, groups[-1])):
             groups[-1].append(text)
         else:
             groups.append([text])
     return groups
 
 
+def _is_of_other_core(text: Text, group: list[Text]) -> bool:
+    """Return whether a core repeats what another core, but not itself, has reported in the group."""
+    if not CORE.search(text[2]) or text[0] - group[0][0] > MAX_CORES_S:
+        return False
+    said = [x[2] for x in group]
+    return text[2] not in said and CORE.sub("", text[2]) in [CORE.sub("", x) for x in said]
+
+
 def _driven_at(segments: Segments, t: float) -> bool:
-    armed = segments.spans("armed") or segments.spans("airborne")
+    """Return whether the vehicle is armed, or was at most TOGETHER_S ago."""
+    armed = [(a, b + TOGETHER_S) for a, b in segments.spans("armed") or segments.spans("airborne")]
     return bool(inside(np.array([t]), armed).any())
 
 
 def _realign_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
-    """Return yaw alignments while armed; the first is normal, later ones are warnings."""
+    """Return yaw alignments while armed; the first of each core is normal, later ones are warnings."""
     found = []
     texts = matching_texts(log, REALIGNED)
     quoted += texts
-    aligned: set[int] = set()
+    aligned: set[tuple[int, str]] = set()
     armed = segments.spans("armed") or segments.spans("airborne")
     for group in _group_texts(texts):
         t = group[0][0]
         while_armed = next((k for k, (a, b) in enumerate(armed) if a <= t <= b), None)
         if while_armed is None:
             continue
-        odd = any(ANOMALY.search(x[2]) for x in group) or while_armed in aligned
-        aligned.add(while_armed)
+        cores = {(while_armed, core) for x in group for core in CORE.findall(x[2]) or [""]}
+        odd = any(ANOMALY.search(x[2]) for x in group) or bool(aligned & cores)
+        aligned |= cores
         weight: EventSeverity = "warning" if odd else "info"
         text = f"The EKF {'re-aligned' if odd else 'aligned'} its yaw at {t:.1f} s."
-        found.append(Event("realigned", t, weight, text, evidence=[quote_text(x) for x in group[:2]]))
+        words = next((x for x in group if ANOMALY.search(x[2])), group[0])
+        quote = clean_text(words[2]) if odd else ""
+        found.append(Event("realigned", t, weight, text, evidence=[quote_text(x) for x in group[:2]], quote=quote))
     return found
 
 
@@ -220,7 +234,8 @@ def _switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> li
     for group in _group_texts(lanes):
         t, why = group[0][0], _reason(group[0][2])
         text = f"The estimator changed its core at {t:.1f} s{why}."
-        found.append(Event("lane_switch", t, "warning", text, evidence=[quote_text(x) for x in group[:2]]))
+        evidence = [quote_text(x) for x in group[:2]]
+        found.append(Event("lane_switch", t, "warning", text, evidence=evidence, quote=clean_text(group[0][2])))
     for problem in log.problems:
         at = problem.t
         known = at is None or any(abs(e.t - at) < TOGETHER_S for e in found)
@@ -238,7 +253,8 @@ def _switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> li
     quoted += compasses
     for group in _group_texts(compasses):
         text = f"The compass was changed at {group[0][0]:.1f} s."
-        found.append(Event("compass_switch", group[0][0], "warning", text, evidence=[quote_text(group[0])]))
+        t, evidence = group[0][0], [quote_text(group[0])]
+        found.append(Event("compass_switch", t, "warning", text, evidence=evidence, quote=clean_text(group[0][2])))
     return found
 
 
@@ -249,11 +265,15 @@ def _reason(text: str) -> str:
 
 
 def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
-    """Return spans in flight without a 3D fix of any receiver, after the first fix."""
+    """Return spans in flight without a 3D fix of any receiver, after the first fix, by their records.
+
+    Without records GNSS messages are missing: in telemetry, or where the attitude pauses too, this shows nothing.
+    """
     stamps = [g.t[(g.fix >= FIX_3D) & np.isfinite(g.t)] for g in log.gnss]
     t = np.sort(np.concatenate(stamps)) if stamps else np.zeros(0)
     if len(t) < 2:
         return []
+    unfixed = np.sort(np.concatenate([g.t[(g.fix < FIX_3D) & np.isfinite(g.t)] for g in log.gnss]))
     usual = float(np.median(np.diff(t)))
     found = []
     for a, b in segments.spans("airborne"):
@@ -262,29 +282,67 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
         mine = np.concatenate([[a], t[(t > a) & (t < b)], [b]])
         for k in np.flatnonzero(np.diff(mine) > max(LOST_S, 5.0 * usual)).tolist():
             since, until = float(mine[k]), float(mine[k + 1])
-            text = f"GNSS had no fix for {until - since:.0f} s in flight, from {since:.1f} s."
-            evidence = [f"{log.gnss[0].source}: no 3D fix"]
+            if ((unfixed > since) & (unfixed < until)).any():
+                text = f"GNSS had no fix for {until - since:.0f} s in flight, from {since:.1f} s."
+                evidence = [f"{log.gnss[0].source}: no 3D fix"]
+            elif _is_link_loss(log, since, until):
+                continue
+            else:
+                text = f"No GNSS message arrived for {until - since:.0f} s in flight, from {since:.1f} s."
+                evidence = [f"{log.gnss[0].source}: no record; with a fix before and after"]
             found.append(Event("gnss_lost", since, "warning", text, until, round(until - since, 1), "s", evidence))
     return found
 
 
+def _is_link_loss(log: FlightLog, since: float, until: float) -> bool:
+    """Return whether telemetry, or a pause of the logger, explains missing messages."""
+    attitude = log.onboard_attitude
+    if log.format in TELEMETRY or attitude is None:
+        return True
+    edges = np.concatenate([[since], attitude.t[(attitude.t > since) & (attitude.t < until)], [until]])
+    return float(np.diff(edges).max()) > PAUSE_SHARE * (until - since)
+
+
 def _gnss_jumps(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
-    """Return the autopilot's reports of GNSS jumps, from ERR records or texts."""
-    said = matching_texts(log, JUMP)
+    """Return the autopilot's reports of GNSS jumps, from ERR records or texts, and of interference."""
+    found = [_interference_event(log, segments, group) for group in _interference_groups(log)]
+    quoted += matching_texts(log, INTERFERENCE)
+    said = [x for x in matching_texts(log, JUMP) if not INTERFERENCE.search(x[2])]
     quoted += said
     reported = [p for p in log.problems if p.code == "gnss_glitch" and p.t is not None]
     if reported and reported[0].t is not None:
         count = f", {reported[0].count} times in all" if reported[0].count > 1 else ""
-        return [_gnss_jump_event(log, reported[0].t, "warning", count, reported[0].text)]
-    return [
-        _gnss_jump_event(
-            log, group[0][0], "warning" if _driven_at(segments, group[0][0]) else "note", "", quote_text(group[0])
-        )
-        for group in _group_texts(said)
-    ]
+        words = clean_text(said[0][2]) if said else ""
+        return [*found, _gnss_jump_event(log, reported[0].t, "warning", count, reported[0].text, words)]
+    for group in _group_texts(said):
+        weight: EventSeverity = "warning" if _driven_at(segments, group[0][0]) else "note"
+        found.append(_gnss_jump_event(log, group[0][0], weight, "", quote_text(group[0]), clean_text(group[0][2])))
+    return found
 
 
-def _gnss_jump_event(log: FlightLog, t: float, weight: EventSeverity, count: str, evidence: str) -> Event:
+def _interference_groups(log: FlightLog) -> list[list[Text]]:
+    """Return the reports of jamming and of spoofing, each as one group."""
+    said = matching_texts(log, INTERFERENCE)
+    groups = ([x for x in said if ("spoof" in x[2].lower()) is spoofed] for spoofed in (False, True))
+    return [group for group in groups if group]
+
+
+def _interference_event(log: FlightLog, segments: Segments, texts: list[Text]) -> Event:
+    """Return jamming or spoofing as the autopilot reports it, beside what GNSS shows there."""
+    t, words = texts[0][0], clean_text(texts[0][2])
+    weight: EventSeverity = "warning" if any(_driven_at(segments, x[0]) for x in texts) else "note"
+    times = f", {len(texts)} times" if len(texts) > 1 else ""
+    evidence, size = [quote_text(texts[0])], gnss_disagreement_m(log.gnss, t)
+    if np.isfinite(size):
+        evidence.append(f"GNSS position and velocity agree to {size:.1f} m around it")
+    t_end = texts[-1][0] if len(texts) > 1 else None
+    text = f"The autopilot reported “{words}” {format_time(t)}{times}."
+    return Event("gnss_interference", t, weight, text, t_end, evidence=evidence, quote=words)
+
+
+def _gnss_jump_event(
+    log: FlightLog, t: float, weight: EventSeverity, count: str, evidence: str, words: str = ""
+) -> Event:
     """Return a GNSS jump, or a divergence of the estimator from a steady GNSS."""
     size = gnss_disagreement_m(log.gnss, t)
     jumped = np.isfinite(size) and size >= MAX_STEADY_M
@@ -293,169 +351,10 @@ def _gnss_jump_event(log: FlightLog, t: float, weight: EventSeverity, count: str
     if np.isfinite(size):
         quoted.append(f"GNSS position and velocity agree to {size:.1f} m around it")
     value = round(float(size), 1) if np.isfinite(size) else None
-    return Event("gnss_jump", t, weight, text, value=value, unit="m" if value is not None else "", evidence=quoted)
+    unit = "m" if value is not None else ""
+    return Event("gnss_jump", t, weight, text, value=value, unit=unit, evidence=quoted, quote=words)
 
 
 def is_estimator_jump(event: Event) -> bool:
     """Return whether GNSS position and velocity agree at a reported jump."""
     return event.kind == "gnss_jump" and event.value is not None and event.value < MAX_STEADY_M
-
-
-# --- failsafes ---------------------------------------------------------------------------------------------------
-
-# Maximum time between a failsafe and the text with its cause.
-CAUSE_S = 2.0
-AGAIN_S = 60.0
-KILLED_S = 1.0
-# Battery values in the first second of a log may be unmeasured.
-MEASURED_S = 1.0
-# A failsafe up to this long after landing belongs to the flight; a mode set later than this before landing did not end
-# it.
-ENDED_S = 2.0
-AT_ONCE_S = 10.0
-# Maximum time between a failsafe's text and its mode change.
-SET_S = 1.0
-# Name of a failsafe by its text. Rover up to 2.50 reports bits: 1 throttle, 2 ground station (APMrover2, defines.h).
-FAILSAFE_NAMES = (
-    (re.compile(r"\bradio|\brc\b|\bmanual control|trigger 0x[13]\b", re.I), "Radio failsafe"),
-    (re.compile(r"\bgcs\b|ground station|data ?link|trigger 0x2\b", re.I), "Ground station failsafe"),
-    (re.compile(r"\bekf\b", re.I), "EKF failsafe"),
-    (re.compile(r"\bgps\b|\bgnss\b", re.I), "GNSS failsafe"),
-    (re.compile(r"\bterrain", re.I), "Terrain failsafe"),
-)
-# A GNSS failsafe needs 5 s without a position, so it is false within 5 s of the first fix.
-FIRST_FIX_S = 5.0
-# Failsafe name by problem code (ArduPilot ERR records, PX4 flag).
-FAILSAFE_CODES = {
-    "err_5_1": "Radio failsafe",
-    "err_7_1": "GNSS failsafe",
-    "err_8_1": "Ground station failsafe",
-    "err_23_1": "Terrain failsafe",
-    "ekf_failsafe": "EKF failsafe",
-    "vibration_failsafe": "Vibration failsafe",
-    "err_31_1": "Dead reckoning failsafe",
-    "failsafe": "Failsafe",
-}
-
-
-def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
-    """Return events of failsafes, kill switch and battery, unordered, and their texts."""
-    quoted: list[Text] = []
-    found = _kill_switch_events(log, segments, quoted)
-    said = [x for x in matching_texts(log, FAILSAFE) if not HARMLESS_WORDS.search(x[2])]
-    low = matching_texts(log, BATTERY)
-    for text in said:
-        t = text[0]
-        causes = [x for x in low if abs(x[0] - t) <= CAUSE_S and x != text]
-        battery = bool(causes) or bool(BATTERY.search(text[2]))
-        quoted += [text, *causes]
-        kind = "battery" if battery else "failsafe"
-        if any(e.kind == kind and (e.t_end or e.t) > t - AGAIN_S for e in found):
-            continue
-        evidence = [quote_text(x) for x in (text, *causes[:1])]
-        found.append(_failsafe_event(kind, t, _failsafe_name(text, battery), evidence))
-    for problem in log.problems:
-        at = problem.t
-        if at is None or any(abs(e.t - at) <= AGAIN_S and e.kind in ("failsafe", "battery") for e in found):
-            continue
-        if problem.code == "err_6_1":
-            found.append(_failsafe_event("battery", at, "Battery failsafe", [problem.text]))
-        elif problem.code in FAILSAFE_CODES:
-            words = f"{FAILSAFE_CODES[problem.code]} {format_time(at)}."
-            first = problem.code == "err_7_1" and _first_fix(log, at)
-            early: EventSeverity = "note" if at < MEASURED_S or first else "warning"
-            found.append(Event("failsafe", at, early, words, evidence=[problem.text]))
-    return [_weigh_failsafe(e, segments) for e in found], quoted
-
-
-def _first_fix(log: FlightLog, t: float) -> bool:
-    """Return whether GNSS has just found its first 3D fix.
-
-    ArduPilot 3 counts the seconds without one from its start, and begins to look only now (ArduCopter/events.pde,
-    failsafe_gps_check).
-    """
-    first = min((float(g.t[g.fix >= FIX_3D][0]) for g in log.gnss if (g.fix >= FIX_3D).any()), default=np.inf)
-    return 0.0 <= t - first < FIRST_FIX_S
-
-
-def _weigh_failsafe(event: Event, segments: Segments) -> Event:
-    """Set the severity of a failsafe: a note while disarmed."""
-    if "armed" in segments.unknown:
-        return event
-    driven = [(a, b + CAUSE_S) for a, b in (*segments.spans("armed"), *segments.spans("airborne"))]
-    return event if inside(np.array([event.t]), driven).any() else replace(event, severity="note")
-
-
-def _failsafe_name(text: Text, battery: bool) -> str:
-    """Return the name of a failsafe by the autopilot's text."""
-    return (
-        "Battery failsafe"
-        if battery
-        else next((name for words, name in FAILSAFE_NAMES if words.search(text[2])), "Failsafe")
-    )
-
-
-def _failsafe_event(kind: str, t: float, words: str, evidence: list[str]) -> Event:
-    weight: EventSeverity = "note" if kind == "battery" and t < MEASURED_S else "warning"
-    return Event(kind, t, weight, f"{words} {format_time(t)}.", evidence=evidence)
-
-
-def _kill_switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
-    """Return uses of the kill switch; on the ground they are notes."""
-
-    def weight(t: float) -> EventSeverity:
-        flown = [(a, b + KILLED_S) for a, b in segments.spans("airborne")]
-        return "warning" if "airborne" in segments.unknown or inside(np.array([t]), flown).any() else "note"
-
-    found: list[Event] = []
-    texts = matching_texts(log, KILLED)
-    quoted += texts
-    for text in texts:
-        if not any(abs(e.t - text[0]) < AGAIN_S for e in found):
-            found.append(
-                Event(
-                    "failsafe",
-                    text[0],
-                    weight(text[0]),
-                    f"Kill switch at {text[0]:.1f} s.",
-                    evidence=[quote_text(text)],
-                )
-            )
-    stopped = [p for p in log.problems if p.code == "ev_54" and p.t is not None]
-    if not found and stopped and stopped[0].t is not None:
-        t = stopped[0].t
-        found.append(Event("failsafe", t, weight(t), f"Kill switch at {t:.1f} s.", evidence=[stopped[0].text]))
-    return found
-
-
-def failsafe_phrases(first: list[str], log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
-    """Return the first fault and, where it differs, the last failsafe in flight, for the headline.
-
-    A failsafe that ended the flight is always named. One of a disarmed vehicle that never flew is named where nothing
-    else happened.
-    """
-    crash = next((e.t for e in events if e.is_crash), np.inf)
-    found = [e for e in events if e.kind in ("failsafe", "battery") and "Kill switch" not in e.text]
-    for a, b in reversed(segments.spans("airborne")):
-        aloft = [e for e in found if e.severity == "warning" and a <= e.t <= min(b + ENDED_S, crash)]
-        if aloft:
-            last = aloft[-1]
-            both = [x if x == last.text else f"{x} {last.text}" for x in first if x] or [last.text]
-            return [*both, last.text] if _ended_it(log, last.t, b) else list(dict.fromkeys((*both, *first)))
-    if first == [""] and not segments.spans("airborne") and "armed" not in segments.unknown:
-        idle = [e for e in found if e.t >= MEASURED_S and not inside(np.array([e.t]), segments.spans("armed")).any()]
-        return [f"{idle[0].text.rstrip('.')}, disarmed.", ""] if idle else first
-    return first
-
-
-def _ended_it(log: FlightLog, t: float, landing: float) -> bool:
-    """Return whether a failsafe at ``t`` ended the flight.
-
-    The vehicle landed within 10 s, or in the mode set at the failsafe.
-    """
-    if landing - t <= AT_ONCE_S:
-        return True
-    set_ = (
-        [] if log.state.mode is None else [x for x in log.state.mode.t.tolist() if t - SET_S <= x < landing - ENDED_S]
-    )
-    return bool(set_) and set_[-1] <= t + SET_S

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -40,8 +39,11 @@ KINDS = (
     "aid_rejected",
     "gnss_lost",
     "gnss_jump",
+    "gnss_interference",
     "failsafe",
     "battery",
+    "arming_refused",
+    "device_error",
     "message",
 )
 # Kinds of crash events, with severity ``serious``.
@@ -52,7 +54,8 @@ CRASHES = ("impact", "overturn", "tumble")
 class Event:
     """Event at ``t`` s, or from ``t`` to ``t_end`` s, with its size and evidence.
 
-    ``evidence``: sensors with their values, flags, and the autopilot's texts.
+    ``evidence``: sensors with their values, flags, and the autopilot's texts. ``quote``: the autopilot's own words,
+    empty without any.
     """
 
     kind: str
@@ -63,6 +66,7 @@ class Event:
     value: float | None = None
     unit: str = ""
     evidence: list[str] = field(default_factory=list)
+    quote: str = ""
 
     @property
     def is_crash(self) -> bool:
@@ -89,7 +93,6 @@ Text = tuple[float, int, str]
 
 # Syslog level (0 emergency to 7 debug) up to which a text is a warning.
 WARNING = 4
-MESSAGE_MARGIN_S = 2.0
 # Words that make a text a warning: ArduPilot sends most texts with one level.
 WARNING_WORDS = re.compile(
     r"fail|crash|glitch|variance|unhealthy|not healthy|inconsistent|error|lost|bad |emergency|terminat|estop|"
@@ -106,19 +109,20 @@ REALIGNED = re.compile(r"yaw re-?aligned|yaw align|yaw reset|emergency yaw", re.
 ANOMALY = re.compile(r"anomaly|re-?aligned|reset|emergency", re.IGNORECASE)
 LANE = re.compile(r"lane switch|primary EKF changed|primary changed", re.IGNORECASE)
 COMPASS = re.compile(r"switching to compass|(mag|compass).*(switch|failed|failover)", re.IGNORECASE)
-JUMP = re.compile(r"gps glitch(?! cleared)|gnss.*jump|gps.*jamm|spoof", re.IGNORECASE)
+JUMP = re.compile(r"gps glitch(?! cleared)|gnss.*jump", re.IGNORECASE)
+INTERFERENCE = re.compile(r"(gps|gnss).*(jamm|spoof)", re.IGNORECASE)
 CLIPS = re.compile(r"clipping", re.IGNORECASE)
 CRASHED = re.compile(r"\bcrash(ed)?\b(?!.{0,2}(check|dump|log|catcher))|crash: disarm", re.IGNORECASE)
-KILLED = re.compile(r"kill.?switch engaged|motor ?e-?stop(ped)?( |:)*(high|on|engaged)?$|emergency stop", re.IGNORECASE)
+KILLED = re.compile(
+    r"kill(.?switch)? engaged|motor ?e-?stop(ped)?( |:)*(high|on|engaged)?$|emergency stop", re.IGNORECASE
+)
 FAILSAFE = re.compile(r"failsafe", re.IGNORECASE)
 BATTERY = re.compile(r"batt", re.IGNORECASE)
 MOTOR_TEST = re.compile(r"^starting motor test", re.IGNORECASE)
-PREARM = re.compile(r"pre-?arm|preflight fail|^arm:|arming denied|arming_checks", re.IGNORECASE)
-ARMING = re.compile(r"^pre-?arm|^arm:", re.IGNORECASE)
+# Reasons for not arming; in flight PX4 reports faults by the same words.
+PREARM = re.compile(r"pre-?arm|preflight|^arm:|arming denied|arming_checks", re.IGNORECASE)
 PREFIX = re.compile(r"^\[[\w ]+\]\s*")
 MAX_TEXT = 110
-# Maximum number of messages: a flight has a few dozen, a damaged log any number.
-MAX_MESSAGES = 100
 
 
 def clean_text(text: str) -> str:
@@ -133,34 +137,14 @@ def quote_text(text: Text) -> str:
 
 def matching_texts(log: FlightLog, pattern: re.Pattern[str]) -> list[Text]:
     """Return the texts that match a pattern, in time order, without those of arming."""
-    return sorted((x for x in log.texts if pattern.search(x[2]) and not ARMING.search(x[2])), key=lambda x: x[0])
+    return sorted((x for x in log.texts if pattern.search(x[2]) and not PREARM.search(x[2])), key=lambda x: x[0])
 
 
 def is_warning(text: Text) -> bool:
-    """Return whether a text is a warning."""
-    return not HARMLESS_WORDS.search(text[2]) and (text[1] <= WARNING or bool(WARNING_WORDS.search(text[2])))
-
-
-def message_events(log: FlightLog, quoted: Iterable[Text], flights: list[Span]) -> list[Event]:
-    """Return warnings and errors of the autopilot that no other event quotes.
-
-    Repeats are merged. Severity is warning within ``flights``, else note.
-    """
-    near = [(a - MESSAGE_MARGIN_S, b + MESSAGE_MARGIN_S) for a, b in flights]
-    taken = {(t, text) for t, _, text in quoted}
-    found: dict[str, list[Text]] = {}
-    for text in sorted(log.texts, key=lambda x: x[0]):
-        if is_warning(text) and (text[0], text[2]) not in taken:
-            found.setdefault(clean_text(text[2]), []).append(text)
-    events = []
-    for words, texts in list(found.items())[:MAX_MESSAGES]:
-        first, last = texts[0], texts[-1]
-        in_flight = any(a <= t <= b for t, _, _ in texts for a, b in near)
-        weight: EventSeverity = "warning" if in_flight and not PREARM.search(first[2]) else "note"
-        times = f" ({len(texts)} times)" if len(texts) > 1 else ""
-        t_end = last[0] if len(texts) > 1 else None
-        events.append(Event("message", first[0], weight, f"“{words}”{times}.", t_end, evidence=[quote_text(first)]))
-    return events
+    """Return whether a text is a warning, or a reason for not arming."""
+    if HARMLESS_WORDS.search(text[2]):
+        return False
+    return text[1] <= WARNING or bool(WARNING_WORDS.search(text[2]) or PREARM.search(clean_text(text[2])))
 
 
 # --- movement ----------------------------------------------------------------------------------------------------

@@ -17,13 +17,14 @@ from attlog.segments.airborne import MAX_IDLE_POWER, highest_level
 from attlog.segments.flight_signs import speed_at, true_runs
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segments
-from attlog.story import estimator_events
+from attlog.story import failsafe_events
 from attlog.story.flight_events import (
     FULL_PEAK_HZ,
     MOTOR_TEST,
     Event,
     format_significant,
     format_size,
+    format_time,
     impact_limit_text,
     matching_texts,
     overturn_word,
@@ -64,6 +65,8 @@ def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) 
     unended = crashed or has_open_end(events) or any(e.kind == "hard_landing" for e in events)
     safe = "" if unended else ending_of_slow(log, flights[-1][1]) if slow else ", landed safely"
     said = [f"{listed}{extra}{safe}." for extra in (*sizes, "")]
+    if 1 < len(flights) < LISTED:
+        said.append(f"{counted}{safe}.")
     return [f"{stood}{said[0]}", *said] if stood else said
 
 
@@ -122,6 +125,9 @@ def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event
     if any(e.is_crash for e in events):
         return ["never flew."]
     armed = sum(e.kind == "armed" for e in events)
+    refused = next((e for e in events if e.kind == "arming_refused" and e.severity == "warning"), None)
+    if refused is not None:
+        return [f"not armed in {total}. {refused.text}", f"not armed: “{refused.quote}”."]
     pushed = _throttle_spans(segments)
     if not pushed:
         if not armed:
@@ -200,6 +206,8 @@ TOLD_FIRST = (
     "aid_rejected",
     "gnss_lost",
     "gnss_jump",
+    "gnss_interference",
+    "device_error",
 )
 # Margin after the first lift-off and before the last landing for an angle wrong throughout.
 THROUGHOUT_S = 10.0
@@ -218,7 +226,7 @@ class WrongAngle:
 def headline(
     log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True, wrong: WrongAngle | None = None
 ) -> str:
-    """Return the longest headline of at most 30 words.
+    """Return the longest headline of at most 30 words, without whole sentences where all are too long.
 
     ``events``: of the flight, in time order. ``sound``: no finding is a warning. ``wrong``: angle of the onboard
     attitude that was wrong in flight.
@@ -226,14 +234,15 @@ def headline(
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
     flew, end = flight_phrases(log, segments, events), _ending_phrases(log, segments, events, sound)
     first = _with_angle(
-        estimator_events.failsafe_phrases(_first_fault(segments, events), log, segments, events), wrong, segments
+        failsafe_events.failsafe_phrases(_first_fault(segments, events), log, segments, events), wrong, segments
     )
-    said = ""
-    for b, c, a in itertools.product(end, first, flew):
+    # Shorter wordings, then whole sentences less: what went wrong first, else the flights; the ending stays.
+    shorter = ((end, first, flew), (end, [""], flew), (end, first, [""]), (end, [""], [""]))
+    for b, c, a in itertools.chain.from_iterable(itertools.product(*parts) for parts in shorter):
         said = f"{who}: " + " ".join(x for x in (a, c, b) if x)
-        if len(said.split()) <= WORDS:
+        if len(said.split()) <= WORDS and (a or b or c):
             return said
-    return " ".join(said.split()[:WORDS])
+    return f"{who}: {end[-1] or flew[-1]}"
 
 
 def _vehicle(log: FlightLog) -> str:
@@ -274,7 +283,9 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
         "lane_switch": f"Estimator core changed at {since}",
         "compass_switch": f"Compass changed at {since}",
         "aid_rejected": f"{first.text.partition(' for ')[0]} from {since}",
-        "gnss_lost": f"GNSS lost from {since}",
+        "gnss_lost": f"GNSS {'messages missing' if first.text.startswith('No ') else 'lost'} from {since}",
+        "gnss_interference": f"“{first.quote}” {format_time(first.t)}",
+        "device_error": first.quote,
         "gnss_jump": first.text.partition(",")[0].rstrip("."),
     }[first.kind]
     more = f" (vibration {format_significant(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
@@ -317,8 +328,12 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         worst = max(hard, key=lambda e: e.size)
         killed = next((e for e in events if "Kill switch" in e.text and 0 <= worst.t - e.t < KILLED_S), None)
         before = f"Kill switch at {killed.t:.1f} s, then hard landing" if killed else "Hard landing"
-        said_ = f"{before} at {worst.t:.1f} s ({format_size(worst)}), upright"
-        return [f"{said_}; nothing else went wrong." if sound and not warned else f"{said_}."]
+        hit = f"{before} at {worst.t:.1f} s ({format_size(worst)})"
+        return [
+            *([f"{hit}, upright; nothing else went wrong."] if sound and not warned else []),
+            f"{hit}, upright.",
+            f"{hit}.",
+        ]
     if has_open_end(events):
         return ["The log ends in the air."]
     cannot = "Blows cannot be determined." if segments.spans("airborne") and _too_slow(log) else ""

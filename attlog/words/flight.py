@@ -180,8 +180,11 @@ EVENT_LABELS = {
     "aid_rejected": "aid rejected",
     "gnss_lost": "GNSS lost",
     "gnss_jump": "GNSS jump",
+    "gnss_interference": "GNSS interference",
     "failsafe": "failsafe",
     "battery": "battery",
+    "arming_refused": "arming refused",
+    "device_error": "device error",
     "message": "message",
 }
 # Event kinds in the collapsed list.

@@ -49,7 +49,7 @@ def test_a_failsafe_after_which_nobody_chose_a_mode_is_told_after_what_came_firs
     assert text.endswith("GNSS lost from 40 s. EKF failsafe at 42.0 s.")
 
 
-def test_it_stays_where_the_words_run_out_and_what_came_first_goes() -> None:
+def test_it_stays_where_the_words_run_out_and_flights_are_counted() -> None:
     lies = CrashEvent("impact", 80.0, 81.0, 12.0, "g", "seen", lies_deg=44.0, rate=400.0)
     long = flown((10.0, 50.0), (60.0, 80.0), crash_events=[lies])
     crash = Event("impact", 80.0, "serious", "Hit.")
@@ -57,7 +57,7 @@ def test_it_stays_where_the_words_run_out_and_what_came_first_goes() -> None:
     made = log(mode=modes((0.0, "LOITER"), (70.0, "LAND")))
     text = said(made, long, first, failsafe(70.0), crash)
     assert text.endswith("EKF failsafe at 70.0 s. Hit the ground at 80.0 s (12 g), lay at 44°.")
-    assert "core changed" not in text
+    assert "two flights from 10 s. Estimator core changed at 61.0 s." in text
     assert len(text.split()) <= 30
     short = flown((10.0, 80.0), crash_events=[lies])
     text = said(made, short, first, failsafe(70.0), crash)
@@ -77,7 +77,7 @@ def test_it_stays_where_the_words_run_out_and_what_came_first_goes() -> None:
 def test_a_failsafe_ended_a_flight_that_landed_at_once_or_in_the_mode_that_it_set(
     changes: tuple[tuple[float, str], ...], landing: float, ended: bool
 ) -> None:
-    found = story.estimator_events.failsafe_phrases(
+    found = story.failsafe_events.failsafe_phrases(
         ["Else.", ""], log(mode=modes(*changes)), flown((10.0, landing)), [failsafe(42.0)]
     )
     assert found[0] == "Else. EKF failsafe at 42.0 s."

@@ -91,8 +91,8 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     parameters.add_values(builder, DECLINATION_PARAMETERS)
     log.parameters.trim, log.parameters.trim_source = read_trim(log), ", ".join(TRIM_PARAMETERS)
     log.vehicle = "unknown"
-    log.simulated = "SIM" in messages.names() or any(n.startswith("SIM_") for n in builder.values)
     builder.read_parts(STREAMS)
+    log.simulated = vehicle.is_simulated("SIM" in messages.names(), log.texts, builder.values)
     log.estimator.inputs = partial(read_inputs, builder)
     return log
 

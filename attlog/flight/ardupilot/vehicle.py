@@ -8,6 +8,7 @@ ardupilot.org/copter/docs/common-diagnosing-problems-using-logs.html, and the en
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,9 @@ BANNER = re.compile(
     r"[Vv]?(\d[\w.\-]*)(?:\s*\(([0-9a-fA-F]+)\))?"
 )
 BOARD = re.compile(r"^(\S+) [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$")
+# Texts of an operating system of a board, and of the simulator.
+BOARD_TEXT = re.compile(r"\b(nuttx|chibios): ?[0-9a-f]|^\S+ [0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8}$", re.IGNORECASE)
+SIMULATOR_TEXT = re.compile(r"^rc protocol: sitl|\bsitl is running|^sim hit ground", re.IGNORECASE)
 # Vehicles by FRAME_CLASS of Copter.
 FRAME_CLASSES = {
     1: "quadrotor",
@@ -82,6 +86,18 @@ def read_firmware(messages: Messages) -> Firmware:
     family, version, git = read_banner(messages)
     board = next((m[1] for t in messages.texts if (m := BOARD.match(t.text.strip()))), "")
     return Firmware("ArduPilot", f"{family.capitalize()} {version}".strip(), git, board)
+
+
+def is_simulated(records: bool, texts: Iterable[tuple[float, int, str]], parameters: Iterable[str]) -> bool:
+    """Return whether a flight was simulated.
+
+    ``records``: the simulator's own are logged. Without them and its texts, parameters SIM_* count only where no text
+    names a board: AP_HAL of 3.5 has SIM_HITL on every board.
+    """
+    said = [text.strip() for _, _, text in texts]
+    if records or any(SIMULATOR_TEXT.search(text) for text in said):
+        return True
+    return any(n.startswith("SIM_") for n in parameters) and not any(BOARD_TEXT.search(text) for text in said)
 
 
 def detect_family(messages: Messages) -> str:

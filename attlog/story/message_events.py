@@ -1,0 +1,158 @@
+"""Events that only the autopilot's texts show: refused arming, failing devices, other warnings and errors."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from attlog.core.spans import Span, inside
+from attlog.flight.model import FlightLog
+from attlog.segments.model import Segments
+from attlog.story.flight_events import (
+    PREARM,
+    PREFIX,
+    Event,
+    EventSeverity,
+    Text,
+    clean_text,
+    format_time,
+    is_warning,
+    quote_text,
+)
+
+# Time around a flight within which a text belongs to it.
+MESSAGE_MARGIN_S = 2.0
+# Maximum number of messages: a flight has a few dozen, a damaged log any number.
+MAX_MESSAGES = 100
+# Errors of one driver from which its device failed, and not single transfers.
+MIN_DEVICE_ERRORS = 20
+# Number of texts quoted of a device, and time after its first error from which a text has its own begin.
+MAX_DEVICE_TEXTS, LATER_S = 3, 1.0
+# Syslog level of errors.
+ERROR = 3
+# Answer to an attempt to arm: ArduPilot's "Arm:" (AP_Arming::check_failed; it says "PreArm:" unasked), and PX4's.
+REFUSED = re.compile(r"^(arm: *|arming denied[:!,.]* *)", re.IGNORECASE)
+# Faults in flight that PX4 reports with the words of a check before take-off.
+FAULT_IN_FLIGHT = re.compile(r"preflight.*(fault|failure|terminat)", re.IGNORECASE)
+# The autopilot's computer, of which a flight feels nothing.
+COMPUTER = re.compile(r"timesync|low on stack|ram usage", re.IGNORECASE)
+# Measured values such as times and voltages, and cores of a lane switch, but no numbers of sensors.
+MEASURED = re.compile(r"[-+]?\d+\.\d+|[-+]?\d{3,}|(?<=changed )\d|(?<=-> )\d")
+
+
+def message_events(log: FlightLog, quoted: Iterable[Text], segments: Segments) -> list[Event]:
+    """Return warnings and errors of the autopilot that no other event quotes, one event for each cause.
+
+    Severity is warning in flight, or while armed for a vehicle that may have flown or does not fly, else note.
+    """
+    taken = {(t, text) for t, _, text in quoted}
+    texts = sorted((x for x in log.texts if is_warning(x) and (x[0], x[2]) not in taken), key=lambda x: x[0])
+    in_use = _spans_in_use(log, segments)
+    refused, failing = _refusals(texts), _device_errors(texts)
+    apart = {id(x) for group in (*refused, *failing.values()) for x in group}
+    found = [_refused_event(group, log, segments) for group in refused]
+    found += [_device_event(module, group, in_use) for module, group in failing.items()]
+    left = _by_cause(x for x in texts if id(x) not in apart)
+    return [*found, *(_message_event(group, in_use) for group in left[:MAX_MESSAGES])]
+
+
+def _spans_in_use(log: FlightLog, segments: Segments) -> list[Span]:
+    """Return flights, or armed spans where flights are unknown or the vehicle does not fly."""
+    flights = segments.spans("airborne")
+    if not flights and (not log.kind.flies or "airborne" in segments.unknown):
+        flights = armed_spans(log, segments)
+    return [(a - MESSAGE_MARGIN_S, b + MESSAGE_MARGIN_S) for a, b in flights]
+
+
+def armed_spans(log: FlightLog, segments: Segments) -> list[Span]:
+    """Return the armed spans, as logged where a log has no segments."""
+    line = log.state.armed
+    if segments.spans("armed") or line is None:
+        return segments.spans("armed")
+    begins = line.t.tolist()
+    return [(a, b) for a, b, on in zip(begins, [*begins[1:], log.seconds], line.value, strict=True) if on and b > a]
+
+
+def _by_cause(texts: Iterable[Text], cause: Callable[[Text], str] | None = None) -> list[list[Text]]:
+    """Group texts that are equal without their measured values, or of one ``cause``."""
+    groups: dict[str, list[Text]] = {}
+    for text in texts:
+        groups.setdefault(MEASURED.sub("#", clean_text(text[2])) if cause is None else cause(text), []).append(text)
+    return list(groups.values())
+
+
+def _any_inside(texts: Sequence[Text], spans: list[Span]) -> bool:
+    return bool(inside(np.array([t for t, _, _ in texts]), spans).any())
+
+
+def _end(texts: Sequence[Text]) -> float | None:
+    return texts[-1][0] if len(texts) > 1 else None
+
+
+def _counted(n: int) -> str:
+    """Format a number of repetitions, empty for one."""
+    return f" ({n:,} times)" if n > 1 else ""
+
+
+# --- arming ------------------------------------------------------------------------------------------------------
+
+
+def _reason(text: Text) -> str:
+    return REFUSED.sub("", clean_text(text[2]))
+
+
+def _refusals(texts: Iterable[Text]) -> list[list[Text]]:
+    """Return the answers to attempts to arm, by reason."""
+    return _by_cause((x for x in texts if REFUSED.search(clean_text(x[2]))), _reason)
+
+
+def _refused_event(texts: Sequence[Text], log: FlightLog, segments: Segments) -> Event:
+    """Return the refusals of arming for one reason: a warning where the vehicle never armed afterwards."""
+    t, reason = texts[0][0], _reason(texts[0])
+    armed_later = any(end > t for _, end in armed_spans(log, segments))
+    text = f"Arming was refused {format_time(t)}: “{reason}”{_counted(len(texts))}."
+    weight: EventSeverity = "note" if armed_later else "warning"
+    return Event("arming_refused", t, weight, text, _end(texts), evidence=[quote_text(texts[0])], quote=reason)
+
+
+# --- devices -----------------------------------------------------------------------------------------------------
+
+
+def _device_errors(texts: Iterable[Text]) -> dict[str, list[Text]]:
+    """Return the errors of drivers by module of PX4, where a driver reports many."""
+    modules: dict[str, list[Text]] = {}
+    for text in texts:
+        module = PREFIX.match(" ".join(text[2].split()))
+        if module is not None and text[1] <= ERROR:
+            modules.setdefault(module.group().strip("[] "), []).append(text)
+    return {module: errors for module, errors in modules.items() if len(errors) >= MIN_DEVICE_ERRORS}
+
+
+def _device_event(module: str, texts: Sequence[Text], in_use: list[Span]) -> Event:
+    """Return the errors of one driver as one event: the most frequent ones with their number."""
+    t = texts[0][0]
+    kinds = sorted(_by_cause(texts), key=len, reverse=True)
+    parts = []
+    for same in kinds[:MAX_DEVICE_TEXTS]:
+        since = f" from {same[0][0]:.1f} s" if same[0][0] > t + LATER_S else ""
+        parts.append(f"“{clean_text(same[0][2])}” {len(same):,} times{since}")
+    text = f"{module} reported errors {format_time(t)} and later: {', '.join(parts)}."
+    weight: EventSeverity = "warning" if _any_inside(texts, in_use) else "note"
+    evidence = [f"{quote_text(same[0])}{_counted(len(same))}" for same in kinds[:MAX_DEVICE_TEXTS]]
+    return Event("device_error", t, weight, text, _end(texts), float(len(texts)), "texts", evidence, parts[0])
+
+
+# --- others ------------------------------------------------------------------------------------------------------
+
+
+def _message_event(texts: Sequence[Text], in_use: list[Span]) -> Event:
+    """Return a message with the number of its repetitions."""
+    first = texts[0]
+    on_ground = PREARM.search(clean_text(first[2])) and not FAULT_IN_FLIGHT.search(first[2])
+    harmless = on_ground or COMPUTER.search(first[2])
+    weight: EventSeverity = "warning" if _any_inside(texts, in_use) and not harmless else "note"
+    words = clean_text(first[2])
+    text = f"“{words}”{_counted(len(texts))}."
+    return Event("message", first[0], weight, text, _end(texts), evidence=[quote_text(first)], quote=words)

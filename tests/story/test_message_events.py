@@ -1,0 +1,170 @@
+"""Words of the autopilot as events: one for each cause, counted, and serious where the vehicle was in use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog import story
+from attlog.flight.ardupilot.vehicle import is_simulated
+from attlog.flight.model import FlightLog, Gnss
+from attlog.segments.model import Segment, Segments
+from attlog.story import Event, estimator_events, failsafe_events, message_events
+from attlog.story.flight_events import Text
+from tests.story.made import log
+
+
+def spans(*air: tuple[float, float], armed: tuple[float, float] | None = (10.0, 90.0)) -> Segments:
+    found = [Segment("continuous", 0.0, 100.0), *(Segment("airborne", a, b) for a, b in air)]
+    return Segments(found if armed is None else [*found, Segment("armed", *armed)])
+
+
+def events_of(texts: Sequence[Text], segments: Segments, **more: Any) -> list[Event]:
+    return message_events.message_events(log(texts=list(texts), seconds=100.0, **more), [], segments)
+
+
+def said(text: str, *times: float, level: int = 6) -> list[Text]:
+    return [(t, level, text) for t in times]
+
+
+def test_an_attempt_to_arm_that_the_autopilot_refused_is_the_headline_of_a_vehicle_that_stayed_disarmed() -> None:
+    texts = [*said("Arm: Gyros not calibrated", 8.0, 11.0, 52.0), *said("PreArm: Gyros not calibrated", 61.0)]
+    refused, unasked = sorted(events_of(texts, spans(armed=None)), key=lambda e: e.t)
+    assert (refused.kind, refused.severity, refused.t, refused.quote) == (
+        *("arming_refused", "warning"),
+        *(8.0, "Gyros not calibrated"),
+    )
+    assert "3 times" in refused.text
+    assert (unasked.kind, unasked.severity) == ("message", "note")
+    made = log(texts=texts, seconds=100.0)
+    text = story.headline(made, spans(armed=None), [refused, unasked], sound=False)
+    assert "not armed in 100 s. Arming was refused at 8.0 s: “Gyros not calibrated” (3 times)." in text
+
+
+def test_a_refusal_before_a_flight_is_a_note() -> None:
+    (early,) = events_of(said("Arm: Throttle too high", 8.0), spans((20.0, 80.0)))
+    assert (early.kind, early.severity) == ("arming_refused", "note")
+
+
+def test_errors_of_one_driver_are_one_event_with_the_number_of_each_text() -> None:
+    texts = [
+        *said("[roboclaw] Error reading encoders", *np.arange(12.0, 62.0), level=3),
+        *said("[roboclaw] ACK timeout", *np.arange(40.0, 70.0), level=3),
+    ]
+    (device,) = events_of(texts, spans(), vehicle="rover")
+    assert (device.kind, device.severity, device.value) == ("device_error", "warning", 80.0)
+    assert "“Error reading encoders” 50 times, “ACK timeout” 30 times from 40.0 s" in device.text
+    assert [e.kind for e in events_of(texts[:5], spans(), vehicle="rover")] == ["message"]
+
+
+def test_a_measured_value_in_a_text_makes_no_new_cause_but_a_sensor_does() -> None:
+    volts = [
+        x for k in range(5) for x in said(f"[commander] Preflight Fail: Avionics Power low: 4.{70 + k} Volt", 20.0 + k)
+    ]
+    clips = [*said("Accel 0 clipping, not safe to fly!", 30.0), *said("Accel 1 clipping, not safe to fly!", 31.0)]
+    low, first, second = events_of([*volts, *clips], spans((15.0, 80.0)))
+    assert ("(5 times)" in low.text, low.severity) == (True, "note")
+    assert [first.severity, second.severity] == ["warning", "warning"]
+
+
+def test_a_fault_in_flight_is_a_warning_though_px4_words_it_as_a_check_before_flight() -> None:
+    text = "Preflight Fail: Compass 1 fault"
+    assert [e.severity for e in events_of(said(text, 40.0, level=4), spans((15.0, 80.0)))] == ["warning"]
+    assert [e.severity for e in events_of(said(text, 5.0, level=4), spans((15.0, 80.0)))] == ["note"]
+
+
+@pytest.mark.parametrize("text", ["Preflight Fail: Kill switch engaged", "Arming denied: kill switch engaged"])
+def test_a_reason_for_not_arming_is_no_kill_switch(text: str) -> None:
+    events, quoted = failsafe_events.failsafe_events(log(texts=said(text, 30.0)), spans())
+    assert not events
+    assert not quoted
+
+
+def test_a_failsafe_is_named_by_its_action_and_quotes_its_reason() -> None:
+    texts = [
+        *said("invalid setpoints", 40.0, level=4),
+        *said("Failsafe activated", 40.01),
+        *said("Failsafe: blind land", 40.01),
+    ]
+    (event,), _ = failsafe_events.failsafe_events(log(texts=texts), spans((15.0, 80.0)))
+    assert (event.text, event.quote) == ("Failsafe “blind land” at 40.0 s.", "invalid setpoints")
+
+
+def test_warnings_of_a_battery_within_a_minute_are_one_event_with_the_last_words() -> None:
+    texts = [
+        *said("Low battery level! Return advised", 40.0, level=4),
+        *said("Dangerous battery level!, please land!", 42.0, level=3),
+    ]
+    (event,), quoted = failsafe_events.failsafe_events(log(texts=texts), spans((15.0, 80.0)))
+    assert (event.kind, event.t, event.t_end, event.severity) == ("battery", 40.0, 42.0, "warning")
+    assert event.quote == "Dangerous battery level!, please land!"
+    assert len(quoted) == 2
+
+
+def test_spoofing_is_quoted_and_is_no_jump() -> None:
+    texts = said("GPS spoofing detected! (state: 2)", 30.0)
+    (event,) = estimator_events._gnss_jumps(log(texts=texts), spans(), [])
+    assert (event.kind, event.severity, event.quote) == ("gnss_interference", "warning", texts[0][2])
+
+
+@pytest.mark.parametrize(
+    ("texts", "weights"),
+    [
+        # Two cores align once each, then one of them again.
+        ([(20.0, 0), (33.0, 1)], ["info"]),
+        ([(20.0, 0), (33.0, 1), (60.0, 0)], ["info", "warning"]),
+        ([(20.0, 0), (25.0, 0)], ["info", "warning"]),
+    ],
+)
+def test_an_alignment_told_by_two_cores_is_one(texts: list[tuple[float, int]], weights: list[str]) -> None:
+    told = [x for t, core in texts for x in said(f"EKF3 IMU{core} in-flight yaw alignment complete", t)]
+    found = estimator_events._realign_events(log(texts=told), spans(), [])
+    assert [e.severity for e in found] == weights
+
+
+def receiver(*, missing: tuple[float, float] | None = None, unfixed: tuple[float, float] | None = None) -> Gnss:
+    t = np.arange(0.0, 100.0, 0.2)
+    t = t if missing is None else t[(t < missing[0]) | (t > missing[1])]
+    fix = np.full(len(t), 3)
+    if unfixed is not None:
+        fix[(t > unfixed[0]) & (t < unfixed[1])] = 1
+    none = np.full(len(t), np.nan)
+    return Gnss(0, t, "GPS", none, none, none, np.full((len(t), 3), np.nan), none, none, none, fix)
+
+
+def with_attitude(gnss: Gnss, pause: tuple[float, float] = (0.0, 0.0), form: str = "ulog") -> FlightLog:
+    t = np.arange(0.0, 100.0, 0.1)
+    attitude: Any = SimpleNamespace(t=t[(t <= pause[0]) | (t >= pause[1])])
+    return log(gnss=[gnss], attitudes={"A": attitude}, onboard="A", format=form)
+
+
+def test_gnss_is_lost_by_records_without_a_fix_and_its_messages_may_be_missing() -> None:
+    flight = spans((15.0, 80.0))
+    (lost,) = estimator_events._gnss_lost(with_attitude(receiver(unfixed=(40.0, 50.0))), flight)
+    assert "no fix for 10 s" in lost.text
+    (missing,) = estimator_events._gnss_lost(with_attitude(receiver(missing=(40.0, 50.0))), flight)
+    assert "No GNSS message arrived for 10 s" in missing.text
+    paused = with_attitude(receiver(missing=(40.0, 50.0)), pause=(42.0, 49.0))
+    assert not estimator_events._gnss_lost(paused, flight)
+    assert not estimator_events._gnss_lost(with_attitude(receiver(missing=(40.0, 50.0)), form="tlog"), flight)
+
+
+@pytest.mark.parametrize(
+    ("records", "text", "names", "simulated"),
+    [
+        (True, "ChibiOS: d4fce84e", [], True),
+        (False, "RC Protocol: SITL", [], True),
+        (False, "", ["SIM_DRIFT_TIME"], True),
+        (False, "PX4: bc032eee NuttX: 2c1505d6", ["SIM_HITL"], False),
+        (False, "PX4v3 0031001E 31334712 34353535", ["SIM_HITL"], False),
+        (False, "ArduCopter V4.6.0", ["INS_USE"], False),
+    ],
+)
+def test_a_board_wins_over_a_parameter_of_the_simulator(
+    records: bool, text: str, names: list[str], simulated: bool
+) -> None:
+    assert is_simulated(records, [(0.0, 6, text)], names) is simulated
