@@ -36,7 +36,7 @@ PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 # Timeout of the connection: a scheduler answers in milliseconds.
 CONNECT_S = 5.0
 # Wait for the first worker: clusters that grow on demand start it within minutes of the first task.
-WORKERS_S = 300.0
+NO_WORKER_TIMEOUT_S = 300.0
 # Time between two checks of the cluster while no task ends.
 CHECK_S = 2.0
 CLOSE_S = 5.0
@@ -97,7 +97,7 @@ def run_task(
             path.write_bytes(content)
             source = replace(source, copy=str(path))
         out = Path(scratch) / "out"
-        record = run_one(replace(job, source=source, folder=out, resume=False, keep=False), tell=_cancellation())
+        record = run_one(replace(job, source=source, folder=out, resume=False, keep=False), on_message=_cancellation())
         if record.folder_full:  # the disk of the worker, not the folder of the reports
             why = f"no room in {tempfile.gettempdir()} of the worker {socket.gethostname()}"
             return replace(record, folder_full=False, message=f"attlog: {job.source.name}: {why}"), {}
@@ -188,8 +188,8 @@ class _Run:
             elif silent_since is None:
                 silent_since = time.monotonic()
                 self._say(f"{self._address}: the scheduler has no worker; waiting for one")
-            elif time.monotonic() - silent_since > WORKERS_S:
-                raise ClusterError(f"{self._address}: no worker for {WORKERS_S:.0f} s; start some: {START}")
+            elif time.monotonic() - silent_since > NO_WORKER_TIMEOUT_S:
+                raise ClusterError(f"{self._address}: no worker for {NO_WORKER_TIMEOUT_S:.0f} s; start some: {START}")
 
     def _fill(self, todo: Iterator[Job]) -> Record | None:
         """Submit jobs until the cluster is full; return a record finished earlier."""

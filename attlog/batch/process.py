@@ -42,7 +42,7 @@ PRELOADED = (
     "tomli_w",
     "vqf",
 )
-Tell = Callable[[dict[str, Any]], None]
+OnMessage = Callable[[dict[str, Any]], None]
 
 
 def forks() -> ForkServer:
@@ -54,12 +54,12 @@ def forks() -> ForkServer:
 shared = functools.lru_cache(maxsize=1)(forks)
 
 
-def run_one(job: Job, processes: ForkServer | None = None, tell: Tell | None = None) -> Record:
+def run_one(job: Job, processes: ForkServer | None = None, on_message: OnMessage | None = None) -> Record:
     """Analyse one log in a child process and return its record.
 
     The log's files are moved into place and the record is written. Errors of the log, its process or the folder are
     reported in the record, never raised. The child writes to a scratch folder only, so an orphan cannot change a
-    report. ``tell`` receives the child's stages, and an empty message now and then. An exception of ``tell`` ends the
+    report. ``on_message`` receives the child's stages, and an empty message now and then; its exceptions end the
     child. Raises :class:`attlog.core.workers.Closed` if the server is closed.
     """
     if before := done_before(job):
@@ -67,7 +67,7 @@ def run_one(job: Job, processes: ForkServer | None = None, tell: Tell | None = N
     scratch = job.folder / INSIDE / SCRATCH / secrets.token_hex(8)
     try:
         (scratch / "out").mkdir(parents=True)
-        record = _analyse(job, scratch, processes or shared(), tell or (lambda _: None))
+        record = _analyse(job, scratch, processes or shared(), on_message or (lambda _: None))
         if record.done:
             _publish(scratch / "out", job.folder)
         if job.keep:
@@ -108,16 +108,21 @@ def tidied(folder: Path) -> Iterator[None]:
                 place.rmdir()
 
 
-def _analyse(job: Job, scratch: Path, processes: ForkServer, tell: Tell) -> Record:
+def _analyse(job: Job, scratch: Path, processes: ForkServer, on_message: OnMessage) -> Record:
     before = state(Path(job.source.place))
     with suppress(Died):  # a filter that crashes here also crashes the log's process, which reports it
-        processes.prepare(load_filters, list(job.config.estimators), tell=tell)
+        processes.prepare(load_filters, list(job.config.estimators), on_message=on_message)
     found: dict[str, Any]
     with processes.worker() as worker:
         started = time.monotonic()
         try:
             found = worker.call(
-                process_log, job, scratch, seconds=job.timeout or 0.0, memory_mb=job.memory or 0.0, tell=tell
+                process_log,
+                job,
+                scratch,
+                seconds=job.timeout or 0.0,
+                memory_mb=job.memory or 0.0,
+                on_message=on_message,
             )
         except Died as died:
             code, why = _why(died, state(Path(job.source.place)) != before)

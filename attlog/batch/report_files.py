@@ -91,21 +91,21 @@ def figure_starts(folder: Path, logs: Iterable[str]) -> list[Path]:
 class MessageHandler(logging.Handler):
     """Pass progress of loggers to a function."""
 
-    def __init__(self, tell: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, on_message: Callable[[dict[str, Any]], None]) -> None:
         super().__init__(logging.INFO)
-        self._tell = tell
+        self._on_message = on_message
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._tell({STAGES[record.name]: record.getMessage()})
+        self._on_message({STAGES[record.name]: record.getMessage()})
 
 
 @contextmanager
-def messages_to(tell: Callable[[dict[str, Any]], None]) -> Iterator[None]:
-    """Pass stages and compilation messages to ``tell``, and nowhere else."""
+def messages_to(on_message: Callable[[dict[str, Any]], None]) -> Iterator[None]:
+    """Pass stages and compilation messages to ``on_message``, and nowhere else."""
     loggers = [logging.getLogger(name) for name in STAGES]
     before = [(logger.handlers, logger.propagate, logger.level) for logger in loggers]
     for logger in loggers:
-        logger.handlers, logger.propagate = [MessageHandler(tell)], False
+        logger.handlers, logger.propagate = [MessageHandler(on_message)], False
         logger.setLevel(logging.INFO)
     try:
         yield
@@ -115,18 +115,18 @@ def messages_to(tell: Callable[[dict[str, Any]], None]) -> Iterator[None]:
             logger.setLevel(level)
 
 
-def load_filters(specs: list[str], *, tell: Callable[[dict[str, Any]], None]) -> None:
+def load_filters(specs: list[str], *, on_message: Callable[[dict[str, Any]], None]) -> None:
     """Load filters into this process, from which log processes are forked.
 
     An error is ignored here, because the log's process hits and reports it too.
     """
     from attlog.pipeline.replay import preload
 
-    with messages_to(tell), suppress(Exception):
+    with messages_to(on_message), suppress(Exception):
         preload(specs)
 
 
-def process_log(job: Job, scratch: Path, *, tell: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
+def process_log(job: Job, scratch: Path, *, on_message: Callable[[dict[str, Any]], None]) -> dict[str, Any]:
     """Analyse a log to files in ``scratch / "out"`` and return its record fields.
 
     Errors are returned in these fields too. Output of the process goes to :data:`PRINTED`.
@@ -139,7 +139,7 @@ def process_log(job: Job, scratch: Path, *, tell: Callable[[dict[str, Any]], Non
     try:
         with suppress(LogUnreadable):  # a server that fails now may answer the download
             sign = stamp(job.source)  # before the content is read, so that a later change is noticed
-        with messages_to(tell), unchanged(Path(job.source.place)), job.source.local(scratch) as log:
+        with messages_to(on_message), unchanged(Path(job.source.place)), job.source.local(scratch) as log:
             content = log.sha256
             files = analyze_to_files(
                 log.path,

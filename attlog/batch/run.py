@@ -44,7 +44,7 @@ INDEX_SHARE = 0.05
 Records = Generator[Record, None, None]
 # Runs jobs and yields their records as they finish. Closing it ends all running jobs.
 Runner = Callable[[Sequence[Job]], Records]
-Tell = Callable[[Job, dict[str, Any]], None]
+OnMessage = Callable[[Job, dict[str, Any]], None]
 # Returns one sentence for each gate that a log fails. It is called for logs without a report too.
 Judge = Callable[[Record], tuple[str, ...]]
 
@@ -301,10 +301,12 @@ def _remove_leftovers(folder: Path) -> None:
     remove_unfinished(folder, INDEX, PARQUET, CSV)
 
 
-def local_runner(workers: int | None = None, tell: Tell | None = None, processes: ForkServer | None = None) -> Runner:
+def local_runner(
+    workers: int | None = None, on_message: OnMessage | None = None, processes: ForkServer | None = None
+) -> Runner:
     """Return a runner on this machine with one process per log.
 
-    ``workers``: processes at a time, default the number of cores. ``tell`` receives the stages of each log, from
+    ``workers``: processes at a time, default the number of cores. ``on_message`` receives the stages of each log, from
     several threads. ``processes``: a server that its owner closes.
     """
 
@@ -312,7 +314,7 @@ def local_runner(workers: int | None = None, tell: Tell | None = None, processes
         server = processes or forks()
 
         def one(job: Job) -> Record:
-            return run_one(job, server, None if tell is None else lambda stage: tell(job, stage))
+            return run_one(job, server, None if on_message is None else lambda stage: on_message(job, stage))
 
         count = min(workers or cores(), max(len(jobs), 1))
         pool = ThreadPoolExecutor(count, "attlog")

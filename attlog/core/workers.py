@@ -181,27 +181,27 @@ class Worker:
         *arguments: Any,
         seconds: float = 0.0,
         memory_mb: float = 0.0,
-        tell: Callable[[dict[str, Any]], None] | None = None,
+        on_message: Callable[[dict[str, Any]], None] | None = None,
         **options: Any,
     ) -> T:
         """Call a function in the process; function, arguments and result must pickle.
 
         Exceptions of the function are raised here. TooLong after ``seconds``, TooMuchMemory beyond ``memory_mb``
         (resident), Died without an answer; these and every other exception raised while waiting end the process.
-        With ``tell`` the function gets an argument ``tell``; ``tell`` receives here what the function passes to it,
-        and an empty message after each silent period.
+        With ``on_message`` the function gets an argument of that name. What it passes to it is received here, and an
+        empty message after each silent period.
         """
         until = time.monotonic() + seconds if seconds else None
         period = MEMORY_CHECK_PERIOD_S if memory_mb else CHECK_PERIOD_S
         try:
             with suppress(BrokenPipeError, ConnectionResetError):  # a dead process is reported by _receive
-                self._channel.send((seconds, tell is not None, function, arguments, options), seconds or None)
+                self._channel.send((seconds, on_message is not None, function, arguments, options), seconds or None)
             while True:
                 kind, answer = self._receive(period, until)
                 if kind != MESSAGE:
                     break
-                if tell is not None:
-                    tell(answer)
+                if on_message is not None:
+                    on_message(answer)
                 if until is not None and time.monotonic() > until:
                     raise TimeoutError
                 if memory_mb and (held := resident_mb(self._process.pid)) > memory_mb:
@@ -308,14 +308,16 @@ class ForkServer:
         self._workers: weakref.WeakSet[Worker] = weakref.WeakSet()
         self.closed = False
 
-    def prepare(self, function: Callable[..., Any], *arguments: Any, tell: Callable[..., None] | None = None) -> None:
+    def prepare(
+        self, function: Callable[..., Any], *arguments: Any, on_message: Callable[..., None] | None = None
+    ) -> None:
         """Call a function once in the program, so that forks inherit its loaded data. Died if the program ends."""
         with self._lock:
             if self._prepared or not hasattr(os, "fork"):
                 return
             program, connection, _ = self._order(CALL)
             self._prepared = True
-        Worker(_Shared(program), connection).call(function, *arguments, tell=tell)
+        Worker(_Shared(program), connection).call(function, *arguments, on_message=on_message)
 
     def worker(self) -> Worker:
         """Start a worker. Closed after :meth:`close`."""
@@ -344,12 +346,16 @@ class ForkServer:
         with theirs:
             for _ in range(2):  # the program may have died just now
                 program = self._running()
-                with suppress(OSError, EOFError):
+                try:
                     return program, ours, program.order(order, theirs)
+                except (OSError, EOFError):
+                    program.end()  # a dying program still counts as alive, and would get the second order too
         return program, ours, 0
 
     def _running(self) -> _ForkProgram:
         if self._program is None or not self._program.alive():
+            if self._program is not None:
+                self._program.end()
             self._program, self._prepared = _ForkProgram(self._environment, self._preloaded), False
         if self.closed:  # meanwhile
             self._program.end()
@@ -527,15 +533,15 @@ def _listen(channel: Channel, calls: SimpleQueue[bytearray]) -> None:
 def _answer(channel: Channel, call: bytearray) -> None:
     """Execute a pickled call and send its result or exception."""
 
-    def tell(message: dict[str, Any]) -> None:
+    def on_message(message: dict[str, Any]) -> None:
         with suppress(OSError):  # the caller is gone, which ends this process
             channel.send((MESSAGE, message))
 
     try:
-        seconds, tells, function, arguments, options = loads(call)
+        seconds, wants_messages, function, arguments, options = loads(call)
         del call
         _limit_self(seconds)
-        kind, answer = DONE, function(*arguments, **options, **({"tell": tell} if tells else {}))
+        kind, answer = DONE, function(*arguments, **options, **({"on_message": on_message} if wants_messages else {}))
     except Exception as error:
         kind, answer = FAILED, error
     _limit_self(0.0)

@@ -190,8 +190,8 @@ def estimate(
         other = {"sampling": sampling, "q0": q0, "declination": declination, "dt": dt, "every": every, "aids": aids}
         found = estimate(estimator.without_gnss, t, gyr, acc, mag, **other)  # type: ignore[arg-type]
         heard = [*["mag"] * (mag is not None), *["airspeed"] * (aids is not None and aids.airspeed is not None)]
-        told: dict[str, float | str] = {"aided_by": " ".join(heard) or "gravity", "model": estimator.without_gnss}
-        return replace(found, quality=told)
+        quality: dict[str, float | str] = {"aided_by": " ".join(heard) or "gravity", "model": estimator.without_gnss}
+        return replace(found, quality=quality)
     ours = estimator.origin == "attlog"
     lead = not ours or (estimator.run is None and estimator.vectors_at == "start")
     samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)

@@ -247,9 +247,7 @@ def _slices(state: Mapping[str, int], where: str) -> dict[str, slice]:
     slices, begin, private = {}, 0, False
     for name, size in state.items():
         if private and not name.startswith("_"):
-            raise PluginError(
-                f"{where}: in STATE, {name} stands after a name that begins with _; private parts come last"
-            )
+            raise PluginError(f"{where}: in STATE, {name} follows a name that begins with _; private parts come last")
         private = private or name.startswith("_")
         if not private and name != "q":
             slices[name] = slice(begin, begin + int(size))

@@ -448,10 +448,10 @@ def _whole_segments(
             if estimator.origin != "attlog":  # it may write to its inputs; the times go with its result
                 own = [x.copy() for x in own]
             begin, gyr, acc, mag = own
-            told = aids.between(s.t[a], s.t[b - 1])
-            if estimator.origin != "attlog" and told.mag is None:
-                told = replace(told, mag=_own_samples(s.t[a:b], mag))
-            one = estimator.run(begin, gyr, acc, mag, told, dict(values))
+            own_aids = aids.between(s.t[a], s.t[b - 1])
+            if estimator.origin != "attlog" and own_aids.mag is None:
+                own_aids = replace(own_aids, mag=_own_samples(s.t[a:b], mag))
+            one = estimator.run(begin, gyr, acc, mag, own_aids, dict(values))
             if estimator.origin != "attlog":
                 one = returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock

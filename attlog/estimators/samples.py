@@ -95,7 +95,7 @@ def prepare(
     skipped: dict[str, int] = {}
     t, gyr, acc, mag, own = _good_times(t, gyr, acc, mag, own, skipped)
     acc = _vectors(acc, ACC_LIMIT_M_S2, skipped, absent_is_missing=False)
-    # zeros that nobody writes take no memory
+    # zeros that are never written take no memory
     mag = _vectors(mag, np.inf, skipped, absent_is_missing=True) if has_mag else np.zeros((len(t), 3))
     step = np.diff(t, prepend=t[:1])
     missing = step > timestamps.MIN_GAP_S

@@ -138,12 +138,12 @@ class LogBuilder:
     def near(self, t_us: Stamps) -> NDArray[np.bool_]:
         """Mark the valid stamps (n,) within LONGEST_S (three days) of t = 0."""
         t = np.asarray(t_us, np.int64)
-        near: NDArray[np.bool_] = (t >= 0) & (t <= LAST_TIME_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.LONGEST_S)
+        near: NDArray[np.bool_] = (t >= 0) & (t <= LAST_TIME_US) & (np.abs(t - self.t0_us) <= 1e6 * limits.MAX_LOG_S)
         return near
 
     def is_near(self, t_us: int) -> bool:
         """Return :meth:`near` for a single stamp."""
-        return 0 <= t_us <= LAST_TIME_US and abs(t_us - self.t0_us) <= 1e6 * limits.LONGEST_S
+        return 0 <= t_us <= LAST_TIME_US and abs(t_us - self.t0_us) <= 1e6 * limits.MAX_LOG_S
 
     def near_rows(self, table: Table) -> tuple[Table, Array]:
         """Return the rows of a table that are :meth:`near`, and their times (n,) in s."""

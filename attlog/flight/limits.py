@@ -97,7 +97,7 @@ UTC_US = Quantity(
 # battery (100 Hz). A higher rate shows stamps of another unit (ms read as us).
 RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
 # Records further from the first sample belong to another flight or have a false time; boats run for a day.
-LONGEST_S = 3 * 86_400.0
+MAX_LOG_S = 3 * 86_400.0
 # Fewest records from which a rate is computed.
 ENOUGH_FOR_A_RATE = 20
 

@@ -222,7 +222,7 @@ def horizontal_acceleration(log: FlightLog, motion: MotionAttitude, flown: list[
 # Huber threshold in robust deviations (tuned on 98 compasses).
 HUBER = 2.5
 # Systematic error of compass and model: 3 mG.
-FLOOR_UT = 0.3
+SYSTEMATIC_ERROR_UT = 0.3
 # Significance of an offset: 4 total sigma and 15 mG. None of 39 simulated flights without offset exceeds it; with 4
 # sigma of the fit alone 29 do.
 OFFSET_SIGMAS, MIN_OFFSET_UT = 4.0, 1.5
@@ -280,7 +280,7 @@ def total_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
     across = math.hypot(sigma_heading * level, TILT_RAD * down)
     along = math.hypot(TILT_RAD * level, MODEL_SIZE_ERROR * math.hypot(level, down))
     fitted = STANDARD_ERRORS * standard
-    return np.asarray(np.sqrt(fitted**2 + np.array([across, across, along]) ** 2 + FLOOR_UT**2))
+    return np.asarray(np.sqrt(fitted**2 + np.array([across, across, along]) ** 2 + SYSTEMATIC_ERROR_UT**2))
 
 
 # Cross-validated heading errors of a compass before and after a correction.

@@ -80,7 +80,7 @@ def motion_attitude(case: Case) -> MotionAttitude | None:
     return MotionAttitude(found.t, found.q, segment, found.aux["sigma_tilt"], heading, dict(found.quality))
 
 
-def of_reference_and_filters(
+def problems_of_reference_and_filters(
     ref: Reference,
     lines: Iterable[EstimatorRow],
     failed: Mapping[str, AttlogError],
@@ -166,7 +166,7 @@ def _late_field(rows: Iterable[Track]) -> list[Problem]:
     return [Problem("late_field", "note", text)] if waited else []
 
 
-class Measurement:
+class RowMeasurer:
     """Measure rows one by one and release their samples, to bound memory.
 
     A row that is needed whole later is run again.
@@ -297,7 +297,7 @@ def evaluate(
             chosen = replay.chosen(asked, case.log)
             onboard = _onboard(case)
         unusable = _unusable_gyro(case)
-    measurement = Measurement(case, chosen, onboard, unusable, traces=traces, only=only)
+    measurement = RowMeasurer(case, chosen, onboard, unusable, traces=traces, only=only)
     lines: list[EstimatorRow] = []
     failed: dict[str, AttlogError] = {}
     flown, not_rerun = replay.rerun_by_default(asked, case.log), ""
@@ -322,7 +322,7 @@ def evaluate(
         metrics.finish(measurement.case, table, cost=cost, only=only)
         drawn = measurement.drawn()
         ranking = guarded_part(case.log, "Who is best", partial(metrics.rank, table, rows), Ranking)
-    own = of_reference_and_filters(case.reference, lines, failed, chosen, rows)
+    own = problems_of_reference_and_filters(case.reference, lines, failed, chosen, rows)
     result = Result(
         attlog=versions(),
         command=command,

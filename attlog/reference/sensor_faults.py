@@ -22,7 +22,7 @@ from attlog.segments import Segments, model
 from attlog.segments import model as gaps
 
 # Kinds of segments whose mean specific force is gravity; the first in the log is used.
-QUIET_KINDS = ("rest", "idle", "hover")
+GRAVITY_SEGMENTS = ("rest", "idle", "hover")
 # Dip errors: iron and a bad calibration stay below the first; wrong axes exceed the second.
 MAX_DIP_ERROR_DEG, MIN_DIP_FAULT_DEG = 10.0, 25.0
 # Smallest number of samples of each sensor in a quiet segment.
@@ -80,7 +80,7 @@ def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) 
     imu, model = log.replay_imu, alignment.earth_field(log)
     if imu is None or attitude is None or log.mag is None or model is None:
         return None
-    kind = next((k for k in QUIET_KINDS if segments.of(k)), None)
+    kind = next((k for k in GRAVITY_SEGMENTS if segments.of(k)), None)
     if kind is None:
         return None
     mag = log.mags[log.mag].field

@@ -384,8 +384,8 @@ def height_curve(result: Result, start: float, end: float) -> tuple[str, str, fl
     x = np.clip(1000.0 * (t - start) / (end - start), 0.0, 1000.0)
     down = STRIP_HEIGHT * (1.0 - np.clip(np.nan_to_num(y) / top, 0.0, 1.0))
     points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, down, strict=True))
-    told = trace.values.get("top")
-    text = "" if told is None else f"{told:.0f} m" if told >= WHOLE_METRES_FROM_M else f"{told:.1f} m"
+    height = trace.values.get("top")
+    text = "" if height is None else f"{height:.0f} m" if height >= WHOLE_METRES_FROM_M else f"{height:.1f} m"
     highest = float(t[np.nanargmax(np.where(flying, y, np.nan))]) if text and math.isfinite(most) else start
     return f"M{x[0]:.1f},{STRIP_HEIGHT} L{points} {x[-1]:.1f},{STRIP_HEIGHT}Z", text, highest
 

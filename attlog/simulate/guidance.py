@@ -237,7 +237,7 @@ HEIGHT, CLIMB, HEIGHT_BIAS = 1.5, 0.9, 0.1
 # Time without a fix after which there is no position; time constant of the velocity then.
 LOST_S, FADE_S = 1.5, 10.0
 MEMORY_S, EVERY_S = 1.0, 0.02
-LONGEST_S = 1.0
+MAX_UPDATE_INTERVAL_S = 1.0
 
 
 class Navigator:
@@ -296,7 +296,7 @@ class Navigator:
             self.p[:2], self.v[:2] = ned[:2], velocity[:2]
             self._memory[:, 0] = self._noted = -math.inf
         else:
-            dt = min(t - self._fix_t, LONGEST_S)
+            dt = min(t - self._fix_t, MAX_UPDATE_INTERVAL_S)
             then = self._memory[np.abs(self._memory[:, 0] - epoch).argmin()]
             if math.isfinite(then[0]):
                 off, slip = ned[:2] - then[1:3], velocity[:2] - then[4:6]
@@ -308,7 +308,7 @@ class Navigator:
         """Correct by a barometer's height (m above the take-off place)."""
         if not math.isfinite(height):
             return
-        dt = min(t - self._height_t, LONGEST_S)
+        dt = min(t - self._height_t, MAX_UPDATE_INTERVAL_S)
         if standing or math.isnan(self._ground):
             self._ground = height if math.isnan(self._ground) else self._ground + 0.02 * (height - self._ground)
         else:

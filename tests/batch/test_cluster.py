@@ -190,7 +190,7 @@ def test_nobody_at_the_address_is_told_in_seconds(tmp_path: Path, monkeypatch: p
 
 @pytest.mark.slow
 def test_a_scheduler_without_workers_is_told(own: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster, "WORKERS_S", 0.3)
+    monkeypatch.setattr(cluster, "NO_WORKER_TIMEOUT_S", 0.3)
     monkeypatch.setattr(cluster, "CHECK_S", 0.1)
     heard: list[str] = []
     with pytest.raises(ClusterError, match="no worker for 0 s"):

@@ -66,10 +66,10 @@ def test_arrays_and_errors_come_back_and_the_process_serves_again(start: Start) 
     assert child.call(worker_functions.process) == first != os.getpid()
 
 
-def test_what_is_told_comes_in_order_before_the_result(start: Start) -> None:
-    told: list[int] = []
-    assert start().call(worker_functions.telling, 100, tell=lambda m: told.extend(m.values())) == "done"
-    assert told == list(range(100))
+def test_messages_come_in_order_before_the_result(start: Start) -> None:
+    received: list[int] = []
+    assert start().call(worker_functions.counting, 100, on_message=lambda m: received.extend(m.values())) == "done"
+    assert received == list(range(100))
 
 
 def test_a_process_that_takes_too_long_is_ended(start: Start) -> None:
@@ -162,6 +162,17 @@ def test_a_forking_program_that_died_is_begun_again() -> None:
     with forks.worker() as child:
         assert child.call(worker_functions.parent) != program
     forks.close()
+
+
+def test_a_program_that_dies_while_it_prepares_is_replaced_at_once() -> None:
+    """A dying process still counts as alive for a moment: ten tries meet it in some."""
+    for _ in range(10):
+        forks = ForkServer()
+        with pytest.raises(Died):
+            forks.prepare(worker_functions.killing, 9)
+        with forks.worker() as child:
+            assert child.call(worker_functions.parent) > 0
+        forks.close()
 
 
 def test_values_arrive_whole_however_they_are_cut_and_too_long_ones_not_at_all() -> None:

@@ -54,9 +54,9 @@ def interrupting() -> str:
     return "went on"
 
 
-def telling(count: int, *, tell: Callable[[dict[str, Any]], None]) -> str:
+def counting(count: int, *, on_message: Callable[[dict[str, Any]], None]) -> str:
     for k in range(count):
-        tell({"at": k})
+        on_message({"at": k})
     return "done"
 
 

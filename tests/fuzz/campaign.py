@@ -31,7 +31,7 @@ from tests.conftest import SAMPLES, corpus_root
 from tests.fuzz.mutate import mutated
 from tests.fuzz.values import any_fault, hostile
 
-DAY_S = limits.LONGEST_S
+DAY_S = limits.MAX_LOG_S
 BY_UNIT = {
     "deg": 720.0,
     "rad": 4 * math.pi,

@@ -17,7 +17,7 @@ from attlog.core.errors import AttlogError, PluginError, PluginTimeout, UsageErr
 from attlog.estimators.interface import Estimate
 from attlog.metrics.metric import Case
 from attlog.pipeline import evaluation, preparation, replay
-from attlog.pipeline.evaluation import of_reference_and_filters
+from attlog.pipeline.evaluation import problems_of_reference_and_filters
 from attlog.pipeline.preparation import Stages
 from attlog.reference.model import Track
 from attlog.result import Answer, EstimatorRow, Result
@@ -307,5 +307,5 @@ def test_a_log_that_is_not_enough_for_a_filter_is_no_trouble(
 ) -> None:
     monkeypatch.setattr("attlog.pipeline.evaluation.contradiction", lambda ref: [])
     row = EstimatorRow("mine", "replay", "mine", "failed", str(error))
-    found = of_reference_and_filters(SOUND, [row], {} if error is None else {"mine": error}, {}, [])
+    found = problems_of_reference_and_filters(SOUND, [row], {} if error is None else {"mine": error}, {}, [])
     assert [(p.code, p.severity) for p in found] == [(code, severity)]

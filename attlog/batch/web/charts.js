@@ -71,7 +71,7 @@ function trend(list, column, values) {
   $('near').textContent = '';
   if (!at.length) {
     $('trend').replaceChildren();
-    $('trend-cap').textContent = !list.length ? '' : list.some((i) => D.date[i] !== null) ? 'No log of these has both a date and this number.' : 'None of these logs tells its date: it had no GNSS time.';
+    $('trend-cap').textContent = !list.length ? '' : list.some((i) => D.date[i] !== null) ? 'No log of these has both a date and this number.' : 'None of these logs has a date: it had no GNSS time.';
     return;
   }
   let from = Infinity, to = -Infinity;

@@ -175,9 +175,9 @@ function charts(filtered) {
 
 // the filters stand in the address, so that a view can be kept and sent
 function keep() {
-  const told = new URLSearchParams();
-  for (const key in state) if (state[key] && state[key] !== DEFAULT[key]) told.set(key, state[key]);
-  const text = told.toString();
+  const query = new URLSearchParams();
+  for (const key in state) if (state[key] && state[key] !== DEFAULT[key]) query.set(key, state[key]);
+  const text = query.toString();
   try { history.replaceState(null, '', text ? '#' + text : location.pathname + location.search); } catch { /* an address that may not change: the view is not kept */ }
 }
 const DEFAULT = {};

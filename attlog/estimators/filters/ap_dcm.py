@@ -7,7 +7,7 @@
     e       = R^T (a_last/|a_last| x r)                    a_last: the sum before the newest, for the receiver's lag
     P       = AHRS_RP_P k(|w|) e                           k: 1 below 50 deg/s, |w|/50 up to 500 deg/s, then 10
     Y       = AHRS_YAW_P k(|w|) s c_z R_zz e_h             e_h = -sin of the heading that the field shows
-    s       = 0.2 (4.5 - |a_h|), from 4 m/s^2 on 0.1       a_h: horizontal acceleration, more of it tells heading
+    s       = 0.2 (4.5 - |a_h|), from 4 m/s^2 on 0.1       a_h: horizontal acceleration, more of it shows heading
     b'      = -(0.0087 e, and 0.01 R_zz e_h in z)          below 20 deg/s, taken over every 5 s, at most 0.5 deg/s/min
 
 Without GNSS a correction comes every 0.2 s with r = (0, 0, -1), on vehicles that fly forward with the change

@@ -6,7 +6,7 @@
 Innovations are gated softly at 2.5 sigma and refused at 30; what is refused for long opens the covariance, and a field
 that does not fit for a while opens the hard iron. Without GNSS it is ``mekf``.
 
-Each attitude stands on samples up to its own time (a delayed aid acts when it came, and the gyro carries the attitude
+Each attitude rests on samples up to its own time (a delayed aid acts when it came, and the gyro carries the attitude
 from there). Noise levels, delays, prior spreads, scale factors (gyro, soft iron) and the antenna's lever arm are
 constants of the sensors. ``constants`` says where they come from:
 
@@ -80,11 +80,11 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
             known = passes.constants_of_past(inputs.part(0, a), begun, gate)
         stage = inputs if b == len(t) else inputs.part(0, b)
         found.append(filtered(stage, a, known, gate, KNOWN[constants]))
-    told = found[-1].quality | {"constants": constants}
+    numbers = found[-1].quality | {"constants": constants}
     if constants == "past":
-        told["constants_learnt"] = float(len(found) - 1)
+        numbers["constants_learnt"] = float(len(found) - 1)
     spent = 1e9 * (time.thread_time() - clock) / max(len(t), 1)
-    return replace(joined(found), t=t, quality=told, ns_per_update=spent, causal=not ahead)
+    return replace(joined(found), t=t, quality=numbers, ns_per_update=spent, causal=not ahead)
 
 
 def filtered(inputs: Inputs, begin: int, known: passes.Constants, gate: float, names: Sequence[str]) -> Estimate:
@@ -96,11 +96,11 @@ def filtered(inputs: Inputs, begin: int, known: passes.Constants, gate: float, n
     q = attitude.predicted(inputs, found.q, bias, start.x[E.bg : E.bg + 3], horizon)
     found.q, found.bias = found.q[:0].copy(), found.bias[:0].copy()  # in long logs copies add up
     tilt, heading = attitude.sigmas(inputs, found, found.variance)
-    told = attitude.quality(inputs, found, known.levels, tilt[begin:], heading[begin:])
-    told |= attitude.quality_of_jumps(jumps)
+    numbers = attitude.quality(inputs, found, known.levels, tilt[begin:], heading[begin:])
+    numbers |= attitude.quality_of_jumps(jumps)
     aux = {"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, n)}
     own = slice(begin, n)
-    return Estimate(inputs.t[own], q[own], bias[own], {name: x[own] for name, x in aux.items()}, quality=told)
+    return Estimate(inputs.t[own], q[own], bias[own], {name: x[own] for name, x in aux.items()}, quality=numbers)
 
 
 def joined(stages: Sequence[Estimate]) -> Estimate:

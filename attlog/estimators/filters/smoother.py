@@ -89,26 +89,26 @@ def choose_heading(with_compass: Estimate, without: Estimate) -> Estimate:
     disagreement = rms(differ[1] / _joint_sigma(with_compass, without, "sigma_heading"))
     tilt, heading = (rms(x) for x in differ)
     agree = disagreement <= MOST_DISAGREEMENT
-    told: dict[str, float | str] = {"compass_disagreement": disagreement}
+    quality: dict[str, float | str] = {"compass_disagreement": disagreement}
     if own_deg(without) <= SURE_DEG:
-        stands = with_compass if agree else without
-        stands = _widened(stands, tilt, heading) if disagreement <= OPEN else stands
-        return _with_heading(stands, "both" if agree else "motion", told)
-    stands = _widened(with_compass, tilt, 0.0)
+        chosen = with_compass if agree else without
+        chosen = _widened(chosen, tilt, heading) if disagreement <= OPEN else chosen
+        return _with_heading(chosen, "both" if agree else "motion", quality)
+    chosen = _widened(with_compass, tilt, 0.0)
     if agree and own_deg(with_compass) <= SURE_DEG:
-        return _with_heading(stands, "compass", told)
+        return _with_heading(chosen, "compass", quality)
     why = "neither compass nor motion is sure of it"
     if not agree:
         why = f"compass and motion differ by {math.degrees(heading):.0f} deg, and motion is not sure of it"
-    return without_heading(stands, why, told)
+    return without_heading(chosen, why, quality)
 
 
-def without_heading(run: Estimate, why: str, told: Mapping[str, float | str] | None = None) -> Estimate:
+def without_heading(run: Estimate, why: str, quality: Mapping[str, float | str] | None = None) -> Estimate:
     """Return the run without a heading; ``why`` completes "no heading: "."""
     unknown = np.full(len(run.t), np.pi)
-    told = {**(told or {}), "heading_why": why, "sigma_heading_deg": 180.0}
+    quality = {**(quality or {}), "heading_why": why, "sigma_heading_deg": 180.0}
     run = replace(run, aux=run.aux | {"sigma_heading": unknown, OWN_HEADING: unknown})
-    return _with_heading(run, "none", told)
+    return _with_heading(run, "none", quality)
 
 
 def differences(a: Estimate, b: Estimate) -> tuple[Array, Array]:
@@ -146,9 +146,9 @@ def _widened(run: Estimate, tilt: float, heading: float) -> Estimate:
     return replace(run, aux=run.aux | sigmas, quality=run.quality | own_sigma(*sigmas.values()))
 
 
-def _with_heading(run: Estimate, found: HeadingFrom, told: Mapping[str, float | str] | None = None) -> Estimate:
+def _with_heading(run: Estimate, found: HeadingFrom, quality: Mapping[str, float | str] | None = None) -> Estimate:
     """Note in the run's quality what its heading is from."""
-    quality = run.quality | {"heading_from": found, **(told or {})}
+    quality = run.quality | {"heading_from": found, **(quality or {})}
     return replace(run, quality=quality | {"refused": refusal(quality)})
 
 
@@ -169,10 +169,10 @@ def check_heading(run: Estimate, inputs: Inputs) -> Estimate:
     if run.quality["heading_from"] == "none" and own > MAX_USEFUL_SIGMA_DEG:
         return run
     offset = heading_offset_by_gnss(run, inputs)
-    told: dict[str, float | str] = {}
+    quality: dict[str, float | str] = {}
     if offset is not None and offset.known:
-        told = {"heading_gnss_deg": offset.offset_deg, "heading_gnss_sigma_deg": offset.sigma_deg}
-        run.quality.update(told)
+        quality = {"heading_gnss_deg": offset.offset_deg, "heading_gnss_sigma_deg": offset.sigma_deg}
+        run.quality.update(quality)
         if abs(offset.offset_deg) > max(MIN_HEADING_OFFSET_DEG, MAX_HEADING_SIGMAS * math.hypot(offset.sigma_deg, own)):
             return without_heading(run, f"GNSS acceleration shows it {abs(offset.offset_deg):.0f} deg off")
     changed = 0.0 if "gyro_jump_s" in run.quality else bias_change_dps(inputs)
@@ -234,14 +234,14 @@ def smooth_part(
         return inertial(inputs, mag, aids.airspeed)
     tuned, gate, count = started(params), float(params["soft_gate"]), int(params["passes"])
     if inputs.mag is None:
-        stands = without_compass_twin(smoothed(inputs, passes.solved(inputs, tuned, gate, count)))
+        chosen = without_compass_twin(smoothed(inputs, passes.solved(inputs, tuned, gate, count)))
     else:
         with_compass, without = passes.solved_twice(inputs, tuned, gate, count)
-        stands = choose_heading(smoothed(inputs, with_compass), smoothed(replace(inputs, mag=None), without))
-    if "gyro_jump_unmodelled" in stands.quality:
-        stands = without_heading(stands, "the gyro bias changes as no jump explains")
-    stands = check_heading(stands, inputs)
-    return replace(stands, ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1))
+        chosen = choose_heading(smoothed(inputs, with_compass), smoothed(replace(inputs, mag=None), without))
+    if "gyro_jump_unmodelled" in chosen.quality:
+        chosen = without_heading(chosen, "the gyro bias changes as no jump explains")
+    chosen = check_heading(chosen, inputs)
+    return replace(chosen, ns_per_update=1e9 * (time.thread_time() - clock) / max(len(t), 1))
 
 
 def smoothed(inputs: Inputs, solution: passes.Solution) -> Estimate:
@@ -249,14 +249,14 @@ def smoothed(inputs: Inputs, solution: passes.Solution) -> Estimate:
     found = solution.found
     q, bias = attitude.smoothed_samples(found, inputs)
     tilt, heading = attitude.sigmas(inputs, found, found.spread, solution.jumps)
-    told = attitude.quality(inputs, found, solution.tuned, tilt, heading) | attitude.quality_of_passes(solution)
-    told |= attitude.quality_of_biases(inputs, solution, bias)
+    quality = attitude.quality(inputs, found, solution.tuned, tilt, heading) | attitude.quality_of_passes(solution)
+    quality |= attitude.quality_of_biases(inputs, solution, bias)
     return Estimate(
         t=inputs.t,
         q=attitude.at_stamps(inputs, q, bias),
         bias=bias,
         aux={"sigma_tilt": tilt, "sigma_heading": heading, **attitude.test_ratios(found, len(inputs.t))},
-        quality=told,
+        quality=quality,
         causal=False,
     )
 
@@ -271,6 +271,6 @@ def inertial(inputs: Inputs, mag: Array, airspeed: Measurements | None) -> Estim
     found = smooth(inputs.t, inputs.gyr, inputs.acc, mag, airspeed=airspeed)
     assert found.bias is not None
     tilt, heading = found.aux["sigma_tilt"], found.aux["sigma_heading"]
-    told = found.quality | attitude.own_sigma(tilt, heading) | attitude.lag_corrected(inputs)
-    found = replace(found, q=attitude.at_stamps(inputs, found.q, found.bias), quality=told)
+    quality = found.quality | attitude.own_sigma(tilt, heading) | attitude.lag_corrected(inputs)
+    found = replace(found, q=attitude.at_stamps(inputs, found.q, found.bias), quality=quality)
     return without_heading(found, NO_NORTH) if np.isnan(mag).all() else by_compass(found)

@@ -22,7 +22,7 @@ from attlog.formats.table import DamageLog
 # Bytes of a time stamp.
 STAMP_BYTES = 8
 _HEADER_U16 = 0x95A3  # a3 95 read as little-endian u16
-_SCAN_BYTES = 1 << 17  # bytes scanned at once; temporary arrays stay in cache
+_SCAN_CHUNK_BYTES = 1 << 17  # bytes scanned at once; temporary arrays stay in cache
 
 
 @dataclass(slots=True)
@@ -69,8 +69,8 @@ def _find_headers(data: NDArray[np.uint8]) -> tuple[Offsets, NDArray[np.uint8], 
     width = offset_type(len(data))
     found, types, stamps = [np.zeros(0, width)], [np.zeros(0, np.uint8)], [np.zeros(0, np.int64)]
     last = len(data) - HEADER_BYTES + 1
-    for start in range(0, last, _SCAN_BYTES):
-        stop = min(start + _SCAN_BYTES, last)
+    for start in range(0, last, _SCAN_CHUNK_BYTES):
+        stop = min(start + _SCAN_CHUNK_BYTES, last)
         block = data[start : stop + HEADER_BYTES + STAMP_BYTES]
         mark = block[: stop - start] == 0xA3
         mark &= block[1 : stop - start + 1] == 0x95

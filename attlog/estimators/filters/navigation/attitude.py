@@ -116,7 +116,7 @@ def predicted(inputs: Inputs, q: Array, bias: Array, first_bias: Array, horizon:
 def quality(inputs: Inputs, found: Pass, tuned: NoiseLevels, tilt: Array, heading: Array) -> dict[str, float | str]:
     """Return quality numbers of one run; ``tilt``, ``heading`` (n,) are its own sigmas in rad."""
     seen = float(found.memory[MEM.seen])
-    told: dict[str, float | str] = {
+    numbers: dict[str, float | str] = {
         "aided_by": inputs.aided_by or "gravity",
         "openings": float(found.memory[MEM.opened]),
         "kicks": float(found.memory[MEM.kicked]),
@@ -128,10 +128,10 @@ def quality(inputs: Inputs, found: Pass, tuned: NoiseLevels, tilt: Array, headin
         "acc_noise_m_s2_sqrt_hz": float(tuned.acc),
     }
     if inputs.velocity is not None:
-        told["gnss_delay_ms"] = 1e3 * tuned.gnss_delay
+        numbers["gnss_delay_ms"] = 1e3 * tuned.gnss_delay
     if inputs.mag is not None:
-        told["mag_delay_ms"] = 1e3 * tuned.mag_delay
-    return told
+        numbers["mag_delay_ms"] = 1e3 * tuned.mag_delay
+    return numbers
 
 
 def quality_of_passes(solution: Solution) -> dict[str, float | str]:
@@ -158,12 +158,12 @@ def quality_of_biases(inputs: Inputs, solution: Solution, gyro_bias: Array) -> d
     sigma = np.sqrt(np.maximum(found.first_spread, 0.0))
     acc = begin.x[E.ba : E.ba + 3] + found.first[E.ba : E.ba + 3]
     gyro = np.median(gyro_bias[moving] if moving.any() else gyro_bias, axis=0)
-    told: dict[str, float | str] = {}
+    numbers: dict[str, float | str] = {}
     for k, axis in enumerate("xyz"):
-        told[f"acc_bias_{axis}_m_s2"], told[f"acc_bias_{axis}_sigma_m_s2"] = float(acc[k]), float(sigma[E.ba + k])
-        told[f"gyro_bias_{axis}_dps"] = float(np.degrees(gyro[k]))
-        told[f"gyro_bias_{axis}_sigma_dps"] = float(np.degrees(sigma[E.bg + k]))
-    return told
+        numbers[f"acc_bias_{axis}_m_s2"], numbers[f"acc_bias_{axis}_sigma_m_s2"] = float(acc[k]), float(sigma[E.ba + k])
+        numbers[f"gyro_bias_{axis}_dps"] = float(np.degrees(gyro[k]))
+        numbers[f"gyro_bias_{axis}_sigma_dps"] = float(np.degrees(sigma[E.bg + k]))
+    return numbers
 
 
 def quality_of_jumps(jumps: Sequence[Jump]) -> dict[str, float | str]:
@@ -173,15 +173,15 @@ def quality_of_jumps(jumps: Sequence[Jump]) -> dict[str, float | str]:
         return {"gyro_jumps": 0.0}
     jump = max(jumps, key=lambda one: one.rate)
     axes = zip("xyz", np.degrees(jump.size), np.degrees(jump.sigma), strict=True)
-    told: dict[str, float | str] = {
+    numbers: dict[str, float | str] = {
         "gyro_jumps": float(len(jumps)),
         "gyro_jump_s": jump.t,
         "gyro_jump_s_sigma": jump.t_sigma,
         "gyro_jump_dps": float(np.degrees(jump.rate)),
     }
     for axis, size, sigma in axes:
-        told[f"gyro_jump_{axis}_dps"], told[f"gyro_jump_{axis}_sigma_dps"] = float(size), float(sigma)
-    return told
+        numbers[f"gyro_jump_{axis}_dps"], numbers[f"gyro_jump_{axis}_sigma_dps"] = float(size), float(sigma)
+    return numbers
 
 
 def own_sigma(tilt: Array, heading: Array) -> dict[str, float | str]:
@@ -194,12 +194,12 @@ def lag_corrected(inputs: Inputs) -> dict[str, float | str]:
     return {"imu_lag_corrected_ms": 1e3 * inputs.lag}
 
 
-def refusal(told: dict[str, float | str]) -> str:
+def refusal(numbers: dict[str, float | str]) -> str:
     """Return why a smoothed run is no reference; empty where it is one."""
     reasons = []
     heading = "its own heading sigma is {:.1f} deg"
-    if told.get("heading_from") == "none":
-        heading = f"no heading: {told['heading_why']}"
+    if numbers.get("heading_from") == "none":
+        heading = f"no heading: {numbers['heading_why']}"
     for name, limit, text in (
         ("sigma_tilt_deg", SURE_DEG, "its own tilt sigma is {:.1f} deg"),
         ("sigma_heading_deg", SURE_DEG, heading),
@@ -207,7 +207,7 @@ def refusal(told: dict[str, float | str]) -> str:
         ("soft_gated_pct", MOST_SOFT_PCT, "{:.0f} % of the GNSS velocities do not fit"),
         ("openings", MOST_OPENINGS, "it lost an aid {:.0f} times"),
     ):
-        value = told.get(name, 0.0)
+        value = numbers.get(name, 0.0)
         if isinstance(value, float) and value > limit:
             reasons.append(text.format(value))
     return "; ".join(reasons)

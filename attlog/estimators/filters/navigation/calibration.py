@@ -6,7 +6,7 @@ the mean of clipped squares over the flight. Prior spreads of what is constant (
 follow from the smoothed values at the start: a well calibrated compass tightens, a bad one opens.
 
 The delay state alone is biased where a flight hardly moves; the likelihood of a whole run with the delay held is not.
-It is searched on a grid around the present value, wider while the best stands at the edge, with a parabola at the end.
+It is searched on a grid around the present value, wider while the best is at the edge, with a parabola at the end.
 """
 
 from __future__ import annotations
@@ -106,8 +106,8 @@ def calibrated(found: Pass, tuned: NoiseLevels, begun: NoiseLevels, flight_s: fl
         return tuned
 
     def step(row: int, count: int) -> float:
-        told = float(np.sum(found.scores[1, row : row + count]))
-        ratio = float(np.sum(found.scores[0, row : row + count])) / told if told > 0.0 else 1.0
+        expected = float(np.sum(found.scores[1, row : row + count]))
+        ratio = float(np.sum(found.scores[0, row : row + count])) / expected if expected > 0.0 else 1.0
         return float(np.sqrt(np.clip(ratio, 1.0 / clip, clip)))
 
     values = {

@@ -185,9 +185,9 @@ class Inputs:
     @property
     def aided_by(self) -> str:
         """What helps beside gyro and accelerometer."""
-        told = {"gnss": self.velocity, "position": self.position if self.velocity is None else None}
-        told |= {"baro": self.baro, "mag": self.mag}
-        return " ".join([*(n for n, m in told.items() if m is not None), *(["rest"] if self.rest.any() else [])])
+        aids = {"gnss": self.velocity, "position": self.position if self.velocity is None else None}
+        aids |= {"baro": self.baro, "mag": self.mag}
+        return " ".join([*(n for n, m in aids.items() if m is not None), *(["rest"] if self.rest.any() else [])])
 
 
 def prepare_inputs(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, declination: float, ahead: bool) -> Inputs:

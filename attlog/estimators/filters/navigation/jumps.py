@@ -185,7 +185,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
     when = runner.inputs.sensed_at[schedule.node_at]
     bounds = np.unique(np.append(np.searchsorted(when, np.arange(when[0], when[-1], EVERY_S)), [0, len(when)]))
     begun: list[tuple[int, State]] = []
-    told: list[Jump] = []
+    accepted: list[Jump] = []
     looks = 0
     for second, (a, b) in enumerate(pairwise(bounds)):
         begun.append((int(a), state.copy()))
@@ -201,7 +201,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
         rate = np.sqrt(np.sum(size**2, axis=1))
         gain[(when[first:b] > when[b - 1] - FRESH_S) | (rate < SMALLEST_RAD_S)] = -np.inf
         k = int(np.argmax(gain))
-        if gain[k] < ONLINE_MIN_GAIN or rate[k] > ONLINE_MAX_JUMP_RAD_S or len(told) == MAX_JUMPS:
+        if gain[k] < ONLINE_MIN_GAIN or rate[k] > ONLINE_MAX_JUMP_RAD_S or len(accepted) == MAX_JUMPS:
             continue
         opened = replace(schedule, jump=schedule.jump.copy())
         opened.jump[first + k] = JUMP_RAD_S
@@ -217,9 +217,9 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
         schedule.jump[:] = opened.jump
         begun.clear()
         looks = 0
-        told.append(Jump(float(when[first + k]), 0.0, size[k], np.zeros(3)))
+        accepted.append(Jump(float(when[first + k]), 0.0, size[k], np.zeros(3)))
     found.memory = state.memory
-    return found, tuple(told)
+    return found, tuple(accepted)
 
 
 def grown(ratio: Array) -> bool:

@@ -143,8 +143,8 @@ class Sequence:
         inputs, number, tuned = self.runner.inputs, self.number, self.tuned
         if number > 0:
             self.begin = start(inputs, tuned, self.begin if self.moving else None)
-        told = self.spread and number >= min(OWN_LINEARISATION, self.passes - 1)
-        schedule = self.runner.timetable.scheduled(tuned, every=FINE_S if told else NODE_S)
+        final = self.spread and number >= min(OWN_LINEARISATION, self.passes - 1)
+        schedule = self.runner.timetable.scheduled(tuned, every=FINE_S if final else NODE_S)
         use = self.along if number >= OWN_LINEARISATION and not self.kicked else None
         if use is not None and self.schedule is not None:
             use = _at_nodes(use, self.schedule, schedule, inputs)
@@ -401,10 +401,10 @@ def most_turning_part(inputs: Inputs, longest: float) -> Inputs:
     seconds = np.diff(t[at])
     moving = (seconds > 0.0) & (seconds < FIXES_S) & (inputs.rest[at[1:]] == 0)
     square = np.sum(np.diff(turned, axis=0) ** 2, axis=1) / np.where(moving, seconds, 1.0) ** 2
-    told = np.cumsum(np.where(moving, np.minimum(square, FASTEST**2) * seconds, 0.0))
-    told = np.concatenate([[0.0, 0.0], told])
+    energy = np.cumsum(np.where(moving, np.minimum(square, FASTEST**2) * seconds, 0.0))
+    energy = np.concatenate([[0.0, 0.0], energy])
     begins = np.arange(t[0], t[-1] - longest + GRID_S, GRID_S)
-    seen = told[np.searchsorted(fixes.t, begins + longest)] - told[np.searchsorted(fixes.t, begins)]
+    seen = energy[np.searchsorted(fixes.t, begins + longest)] - energy[np.searchsorted(fixes.t, begins)]
     begin = float(begins[np.argmax(seen)])
     a, b = np.searchsorted(t, [begin, begin + longest])
     return inputs.part(int(a), int(b))

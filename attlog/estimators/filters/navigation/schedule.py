@@ -112,7 +112,7 @@ class Timetable:
                     delattr(p, name)
             return out
 
-        levels = _levels(tuned)
+        levels = _noise_by_event(tuned)
         kind, at = gathered("kind", dtype=np.int64), gathered("at", dtype=np.int64)
         sigma = gathered("shape", 3)
         for one, level in levels.items():
@@ -193,9 +193,9 @@ class Timetable:
         # Whatever the events, a sample ends each slot of time that holds no event itself.
         number = np.floor((self.t - self.t[0]) / every + 1e-6)
         ends = np.append(np.flatnonzero(np.diff(number) > 0), len(number) - 1)
-        told = np.concatenate([[0], np.cumsum(node)])
+        nodes_before = np.concatenate([[0], np.cumsum(node)])
         begins = np.append(0, ends[:-1] + 1)
-        node[ends[told[ends + 1] == told[begins]]] = True
+        node[ends[nodes_before[ends + 1] == nodes_before[begins]]] = True
         return np.flatnonzero(node)
 
 
@@ -204,7 +204,7 @@ def scheduled(inputs: Inputs, tuned: NoiseLevels, settling: bool = False) -> Sch
     return Timetable(inputs).scheduled(tuned, settling)
 
 
-def _levels(tuned: NoiseLevels) -> dict[int, Array]:
+def _noise_by_event(tuned: NoiseLevels) -> dict[int, Array]:
     """Return the noise (3,) of each kind of events."""
     r = tuned.r
     return {

@@ -107,7 +107,7 @@ class Runner:
                 self.run(a, b, found, state, begin, par, along, None)
         found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
         adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
-        told: list[tuple[NDArray[Any], ...]] = []
+        outputs: list[tuple[NDArray[Any], ...]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
             store = self._storage(schedule, a, b)
             used = self.run(a, b, found, kept, begin, par, along, store)
@@ -115,11 +115,11 @@ class Runner:
                 found.memory = kept.memory
             score = np.zeros(used)
             self._back(a, b, found, par, store, adjoint, score, spread)
-            told.append((score, store.group[:used].copy(), store.soft[:used].copy()))
+            outputs.append((score, store.group[:used].copy(), store.soft[:used].copy()))
         # The adjoint is now that before the updates of the first node, whose covariance is the prior's.
         found.first = -begin.P @ adjoint.lam[:N]
         found.first_spread = np.diag(begin.P) - np.einsum("ij,ij->i", begin.P @ square(adjoint.Lam), begin.P)
-        found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(told), strict=True))
+        found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(outputs), strict=True))
         return found
 
     def shocks(
@@ -139,8 +139,8 @@ class Runner:
         used = self.run(a, b, found, state, begin, par, None, store)
         adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
         self._back(a, b, found, par, store, adjoint, np.zeros(used), False)
-        s, nu, told = store.s_of[:used], store.nu_of[:used], store.group[:used]
-        by_group = np.array([-0.5 * np.sum((nu * nu / s + np.log(s))[told == g]) for g in range(GROUPS)])
+        s, nu, group = store.s_of[:used], store.nu_of[:used], store.group[:used]
+        by_group = np.array([-0.5 * np.sum((nu * nu / s + np.log(s))[group == g]) for g in range(GROUPS)])
         return found.shocks[a:b], state, by_group
 
     def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, State]:
