@@ -23,7 +23,6 @@ FLOW = (
 UPWARDS = {
     *(("core", room) for room in ("formats", "estimators", "segments", "metrics", "simulate")),
     ("result", "report"),
-    ("external", "formats"),
     ("estimators", "pipeline"),
 }
 MODULES = {
