@@ -67,6 +67,11 @@ HDOP = Quantity("horizontal dilution of precision", 0.1, 50.0, "", "99.99 and mo
 GNSS_YAW = _symmetric("GNSS heading", 2.0 * math.pi, "rad", "one turn")
 ESTIMATED_YAW = _symmetric("estimated heading", 2.0 * math.pi, "rad", "one turn")
 
+ESTIMATED_HEIGHT = _symmetric(
+    "estimated height", 100_000.0, "m", "nothing with these autopilots climbs or dives so far"
+)
+ESTIMATED_SPEED = Quantity("estimated speed", 0.0, 1_000.0, "m/s", "no vehicle is faster")
+
 BARO = Quantity("barometric height", -5_000.0, 100_000.0, "m", "pressures between 1 and 1,800 hPa")
 RANGE = Quantity("distance to the ground", 0.0, 5_000.0, "m", "no rangefinder of an autopilot reaches further")
 AIRSPEED = Quantity("airspeed", -100.0, 1_000.0, "m/s", "no pitot tube of an autopilot measures more")

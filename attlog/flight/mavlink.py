@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from attlog.core import rotation
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.core.timestamps import Stamps, changed_records
 from attlog.flight import limits, parameters
@@ -588,6 +589,23 @@ def clippings(builder: TelemetryBuilder) -> list[Clipping]:
     ]
 
 
+def height_stream(builder: TelemetryBuilder) -> Stream | None:
+    """Return the estimator's height (n, 1) in m above home."""
+    name, own = "GLOBAL_POSITION_INT", builder.quiet()
+    quantity = limits.ESTIMATED_HEIGHT
+    return own.column_stream(builder.packets(name), ("relative_alt",), "m", name, quantity, scale=1e-3)
+
+
+def speed_stream(builder: TelemetryBuilder) -> Stream | None:
+    """Return the estimator's speed (n, 1) over ground in m/s."""
+    table = builder.packets("GLOBAL_POSITION_INT")
+    if table is None or "vx" not in table or "vy" not in table:
+        return None
+    speed = rotation.length(columns(table, "vx", "vy") * 0.01)
+    own, quantity = builder.quiet(), limits.ESTIMATED_SPEED
+    return own.stream(builder.stamps(table), speed, "m/s", "GLOBAL_POSITION_INT", within=quantity)
+
+
 def vibration_stream(builder: TelemetryBuilder) -> Stream | None:
     """Return ArduPilot's vibration level (n, 3) in m/s^2, None for other autopilots."""
     if builder.autopilot != ARDUPILOT:
@@ -624,5 +642,7 @@ STREAMS = (
     Part("vibration.level", "VIBRATION", vibration_stream),
     Part("vibration.levels", "VIBRATION", vibration_levels),
     Part("estimator.innovation_tests", "Test ratios", innovation_tests),
+    Part("estimator.height", "GLOBAL_POSITION_INT", height_stream),
+    Part("estimator.speed", "GLOBAL_POSITION_INT", speed_stream),
     Part("texts", "Texts", TelemetryBuilder.texts),
 )

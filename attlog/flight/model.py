@@ -313,13 +313,16 @@ class OnboardEstimator:
 
     ``gyro_bias`` (n, 3) rad/s: subtracted from the replayed gyro, None where it runs on another one. ``acc_bias``
     (n, 3) m/s^2: subtracted from the accelerometer. ``yaw`` (n, 2) rad: heading from GNSS motion without a compass and
-    its sigma, while it is valid. ``lane``: number of the EKF core or instance that flew. ``inputs``: function that
-    reads the filter's logged inputs for a re-run, None for other firmware.
+    its sigma, while it is valid. ``height`` (n, 1) m above its origin, ``speed`` (n, 1) m/s over ground. ``lane``:
+    number of the EKF core or instance that flew. ``inputs``: function that reads the filter's logged inputs for a
+    re-run, None for other firmware.
     """
 
     gyro_bias: Stream | None = None
     acc_bias: Stream | None = None
     yaw: Stream | None = None
+    height: Stream | None = None
+    speed: Stream | None = None
     innovation_tests: list[InnovationTest] = field(default_factory=list)
     lane: TimeLine | None = None
     inputs: Callable[..., Any] | None = None

@@ -401,7 +401,11 @@ def _crash_text(segments: Segments, t: float) -> str:
 
 
 def _no_crash(log: FlightLog, segments: Segments) -> Check:
-    """Return the check without a crash: ok, or unknown where the IMU is too slow."""
+    """Return the check without a crash: ok, or unknown where the IMU is too slow or the rules were not applied."""
+    if not log.kind.flies:
+        return unknown("crash", f"The signs of a crash are those of flight; a {log.vehicle} has none.", CRASH_LIMIT)
+    if "airborne" in segments.unknown or (segments.air is not None and not segments.air.known):
+        return unknown("crash", "No sensor in the log shows whether it flew.", CRASH_LIMIT)
     driven = segments.of("airborne") or segments.of("armed")
     if not driven or shows_impacts(log):
         return Check("crash", "ok", "No loss of control and no impact.", 0.0, "", CRASH_LIMIT)

@@ -15,7 +15,7 @@ from attlog.flight.notches import advise_vibration_level, measures_differences
 from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
 from attlog.health.flown import sound_spans
 from attlog.health.gravity import imu_attitude
-from attlog.segments.airborne import height_stream
+from attlog.segments.heights import height_stream
 from attlog.segments.model import Segments
 from attlog.segments.rest import vibration_levels
 

@@ -15,7 +15,7 @@ from attlog.flight.model import FlightLog, Imu, Stream
 from attlog.metrics.metric import Case
 from attlog.metrics.windows import detrended, within
 from attlog.reference import alignment
-from attlog.segments.airborne import height_stream, highest_level
+from attlog.segments.heights import height_stream, highest_level
 
 Array = NDArray[np.float64]
 

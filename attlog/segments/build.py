@@ -41,8 +41,8 @@ def _continuous_alone(log: FlightLog) -> Segments:
 
 
 def _clock(log: FlightLog) -> Array:
-    """Return finite times (n,) of the replayed IMU, else the first, else the onboard attitude."""
-    imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
+    """Return finite times (n,) of the replayed IMU, else the first, else of onboard attitude or height."""
+    imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude or log.estimator.height
     clock = imu.gyro.t_best if imu is not None else onboard.t if onboard is not None else np.zeros(0)
     return clock[np.isfinite(clock)]
 
@@ -73,8 +73,11 @@ def _found(log: FlightLog) -> Segments:
     flown = FlightOutcome([], [], []) if air is None or not air.known else crash.find_crashes(log, air, may, t1)
     lying = rest.join_windows(parts, still) if parts is not None and still is not None else []
     airborne = rest.airborne_spans(log, armed, air, flown.flights, lying, t0, t1)
-    for phase in (armed, airborne, motors):
+    brief = _between_pauses(found, t0, t1, in_air.MAX_BRIDGED_S)
+    for phase in (armed, motors):
         phase.spans = spans.intersect(phase.spans, whole)
+    if signs is None or not signs.slow:  # in telemetry only the link pauses
+        airborne.spans = spans.intersect(airborne.spans, brief)
     found += [Segment("armed", a, b, armed.why) for a, b in armed.spans]
     found += [Segment("airborne", a, b, airborne.why) for a, b in airborne.spans]
     notes["armed"], notes["airborne"], notes["idle"] = armed.why, airborne.why, motors.why
@@ -104,11 +107,11 @@ def _resets(onboard: Attitude, imu: Imu | None) -> list[Segment]:
     ]
 
 
-def _between_pauses(found: list[Segment], t0: float, t1: float) -> list[Span]:
-    """Return the spans of [t0, t1] between gaps long enough to restart a filter."""
-    return spans.complement(
-        [(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > timestamps.MAX_BRIDGED_GAP_S], t0, t1
-    )
+def _between_pauses(
+    found: list[Segment], t0: float, t1: float, longest_s: float = timestamps.MAX_BRIDGED_GAP_S
+) -> list[Span]:
+    """Return the spans of [t0, t1] between longer gaps, by default those that restart a filter."""
+    return spans.complement([(s.t0, s.t1) for s in found if s.kind == "gap" and s.seconds > longest_s], t0, t1)
 
 
 def _without_wrecks(whole: Segment, wrecks: list[Wreck]) -> list[Segment]:

@@ -21,6 +21,7 @@ from attlog.segments.impacts import (
     BEFORE_S,
     FALL_S,
     FLIES_ON_S,
+    HARDER_RATIO,
     MAX_REST_FORCE_ERROR_M_S2,
     MAX_TILT_DIFFERENCE_DEG,
     MIN_IMPACT_G,
@@ -31,6 +32,7 @@ from attlog.segments.impacts import (
     CrashEvent,
     find_impacts,
     impact_peaks,
+    last_still_tilt,
     max_rate_dps,
     onboard_tilt,
     rest_tilt,
@@ -47,6 +49,8 @@ MIN_TURN_DPS, TURN_BEFORE_S = 100.0, 3.0
 MIN_TUMBLE_DPS, MIN_TUMBLE_S = 400.0, 0.3
 # Fall on the ground: minimum tilt afterwards, maximum tilt before, minimum time lying.
 MIN_TIPPED_DEG, MAX_STANDING_DEG, MIN_LYING_S = 30.0, 15.0, 3.0
+# Time before and after a flight's end in which it tips over.
+TIPPED_BEFORE_S, TIPPED_AFTER_S = 1.0, 6.0
 # Maximum delay of the autopilot's crash report.
 REPORT_AFTER_S = 10.0
 
@@ -114,7 +118,7 @@ def _was_driven(context: CrashContext, t: float, until: float, lying: float | No
 def _has_impact(context: CrashContext, t0: float, t1: float) -> bool:
     """Return whether there is an impact peak from 3 s before to 3 s after."""
     within = [(t0 - FALL_S, t1 + FALL_S)]
-    return any(impact_peaks(imu, within, MIN_IMPACT_G) for imu in context.log.imus)
+    return bool(impact_peaks(context.log.imus, within, MIN_IMPACT_G))
 
 
 def _imu_confirms(context: CrashContext, t0: float, t1: float) -> bool:
@@ -162,15 +166,23 @@ def find_tumbles(context: CrashContext) -> list[CrashEvent]:
 
 
 def find_tipped(context: CrashContext, crashes: list[CrashEvent]) -> list[CrashEvent]:
-    """Return flights without an impact peak that end with the vehicle tilted beyond 30 deg."""
+    """Return flights without an impact peak that end with the vehicle tilted beyond 30 deg.
+
+    It tips at the last crossing of that tilt around the flight's end, and the accelerometer shows how it then lies.
+    """
     found = []
     for _, b in context.air.spans:
         if any(abs(e.t - b) < UPRIGHT_BEFORE_S for e in crashes):
             continue
-        lying = rest_tilt(context, b)
-        if lying is not None and lying > MIN_TIPPED_DEG and not context.driven_at(b + REST_BEGINS_S, b + REST_ENDS_S):
-            why = f"it ended tipped over, at {lying:.0f} deg"
-            found.append(CrashEvent("overturn", b, b, lying, "deg", why, lying, sources=("accelerometer",)))
+        lying = last_still_tilt(context, b, b + TIPPED_AFTER_S)
+        if lying is None or lying < MIN_TIPPED_DEG or context.driven_at(b + REST_BEGINS_S, b + REST_ENDS_S):
+            continue
+        part = spans.between(context.tilt.t, b - TIPPED_BEFORE_S, b + TIPPED_AFTER_S)
+        above = context.tilt.deg[part] > MIN_TIPPED_DEG
+        crossed = np.flatnonzero(above[1:] & ~above[:-1])
+        t = float(context.tilt.t[part][crossed[-1] + 1]) if len(crossed) else b
+        why = f"it ended tipped over, at {lying:.0f} deg"
+        found.append(CrashEvent("overturn", t, t, lying, "deg", why, lying, sources=("accelerometer",)))
     return found
 
 
@@ -282,7 +294,7 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
                 close(stood)
         if ending is None:
             continue
-        same = crash and ending.is_crash and t - crash[-1].t_end < UPRIGHT_BEFORE_S and _same_crash(crash[-1], ending)
+        same = crash and ending.is_crash and t - crash[-1].t_end < UPRIGHT_BEFORE_S and _same_crash(crash, ending)
         if not crash or same:
             kept.append(ending)
             crash += [ending] if ending.is_crash else []
@@ -296,8 +308,11 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
     return FlightOutcome(stretched, kept, wrecks)
 
 
-def _same_crash(last: CrashEvent, ending: CrashEvent) -> bool:
-    """Return whether an event extends a crash: another kind, or an overturn after a fall."""
+def _same_crash(crash: list[CrashEvent], ending: CrashEvent) -> bool:
+    """Return whether an event extends a crash: another kind, a harder impact, or an overturn after a fall."""
+    last, blows = crash[-1], [e.size for e in crash if e.kind == "impact"]
+    if ending.kind == "impact" and blows:
+        return ending.size > HARDER_RATIO * max(blows)
     return ending.kind != last.kind or (last.unit == "deg" and last.size < MIN_OVERTURN_DEG < ending.size)
 
 

@@ -38,7 +38,7 @@ def tilt_at(log: FlightLog, at: Array) -> Array:
 def speed_at(log: FlightLog, at: Array) -> Array:
     """Return GNSS speed (m,) in m/s of the first receiver with a 3D fix at times ``at``.
 
-    Nearest sample; NaN where none is within 1.5 s.
+    Nearest sample; NaN where none is within 1.5 s. Without a receiver, and without IMU or drive, the estimator's.
     """
     for gnss in log.gnss:
         velocity = np.where(np.isfinite(gnss.vel_ned), gnss.vel_ned, 0.0)
@@ -47,6 +47,10 @@ def speed_at(log: FlightLog, at: Array) -> Array:
             t, speed = gnss.t[good], np.sqrt(np.sum(velocity[good] ** 2, axis=1))
             i = _nearest_index(t, at)
             return np.where(np.abs(t[i] - at) <= MAX_FIX_AGE_S, speed[i], np.nan)
+    own, driven = log.estimator.speed, log.power.throttle or log.power.motors or log.power.rpm
+    if own is not None and (driven is None or not log.imus):
+        i = _nearest_index(own.t, at)
+        return np.where(np.abs(own.t[i] - at) <= MAX_FIX_AGE_S, own.x[i, 0], np.nan)
     return np.full(len(at), np.nan)
 
 
@@ -80,6 +84,8 @@ MIN_GROUND_SLOPE, MAX_GROUND_SLOPE, MIN_CONTACT_SHARE = 0.7, 1.6, 0.6
 MAX_AGE_S, MAX_SAMPLE_GAP_S = 1.5, 0.5
 # Minimum IMU rate for dynamics and contact.
 MIN_IMU_HZ = 8.0
+# Dynamics (:attr:`Grid.dynamics`) of a vehicle in the air, and at rest.
+AIRBORNE_DYNAMICS, REST_DYNAMICS = 0.4, -0.6
 
 
 @dataclass(slots=True)
@@ -112,10 +118,11 @@ class Grid:
 def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
     """Return the signs of flight over [t0, t1] s.
 
-    None for less than 1 s, or without both IMU and onboard attitude.
+    None for less than 1 s, or without IMU, onboard attitude and the estimator's height.
     """
     imu, onboard = log.replay_imu or next(iter(log.imus), None), log.onboard_attitude
-    if not t1 - t0 > 1.0 or (imu is None and onboard is None):
+    height = log.estimator.height
+    if not t1 - t0 > 1.0 or (imu is None and onboard is None and height is None):
         return None
     t = np.arange(t0, t1, STEP_S)
     down, speed, nothing = _down_axis(log, t), speed_at(log, t), np.full(len(t), np.nan)
@@ -123,6 +130,8 @@ def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
         force, rate, known = _mean_samples(imu, t)
     else:
         force, rate, known = np.zeros((len(t), 3)), np.zeros((len(t), 3)), np.isfinite(down[:, 0])
+        if onboard is None and height is not None:
+            known = seconds_to_nearest(t, height.t) <= MAX_AGE_S
     no_contact = np.zeros(len(t), bool)
     found = Grid(t, known, force, nothing, nothing.copy(), nothing.copy(), no_contact, speed, down, True)
     if imu is None or imu.acc.rate < MIN_IMU_HZ or not known.any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,8 @@ REST_BEGINS_S, REST_ENDS_S = 1.5, 4.0
 # Rest: maximum rate, and maximum deviation of the force from gravity. Maximum difference between the tilt by attitude
 # and by force while motors are driven.
 MAX_REST_RATE_DPS, MAX_REST_FORCE_ERROR_M_S2, MAX_TILT_DIFFERENCE_DEG = 60.0, 2.5, 30.0
+# Shortest rest that shows how it lies, and step of the search for the last one.
+STILL_S, STILL_STEP_S = 0.4, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +97,11 @@ class CrashContext:
         """Return whether the vehicle is in the air at a time."""
         return any(a <= t <= b for a, b in self.air.spans)
 
+    @property
+    def disarmed_s(self) -> float | None:
+        """Time of the last disarming in s, None without one."""
+        return self.armed[-1][1] if self.armed and self.armed[-1][1] < self.end else None
+
     def driven_at(self, t0: float, t1: float) -> bool:
         """Return whether the vehicle was driven for most of [t0, t1] s."""
         part = spans.between(self.air.grid.t, t0, t1)
@@ -121,12 +128,18 @@ def rest_tilt(context: CrashContext, t: float) -> float | None:
 
 
 def _rest_tilt_of(context: CrashContext, imu: Imu, t0: float, t1: float) -> float | None:
+    """Return the tilt in deg at rest by an IMU, None if it moves or its samples end within 0.5 s."""
+    t = imu.acc.t_best[spans.between(imu.acc.t_best, t0, t1)]
+    return _tilt_while_still(context, imu, t0, t1) if len(t) and t[-1] - t0 >= 0.5 else None
+
+
+def _tilt_while_still(context: CrashContext, imu: Imu, t0: float, t1: float) -> float | None:
     """Return the angle in deg between static down and an IMU's mean force, None if moving."""
     n = min(len(imu.acc.t_best), len(imu.acc.x), len(imu.gyro.x))
     part = spans.between(imu.acc.t_best[:n], t0, t1)
-    t, acc, gyro = imu.acc.t_best[part], imu.acc.x[part], imu.gyro.x[part]
+    acc, gyro = imu.acc.x[part], imu.gyro.x[part]
     good = rotation.finite_rows(acc) & rotation.finite_rows(gyro)
-    if np.count_nonzero(good) < 3 or not t[good][-1] - t0 >= 0.5:
+    if np.count_nonzero(good) < 3:
         return None
     force = acc[good].mean(axis=0)
     turning = np.degrees(np.sqrt(np.mean(np.sum(gyro[good] ** 2, axis=1))))
@@ -134,6 +147,16 @@ def _rest_tilt_of(context: CrashContext, imu: Imu, t0: float, t1: float) -> floa
     if turning > MAX_REST_RATE_DPS or abs(size - G) > MAX_REST_FORCE_ERROR_M_S2:
         return None
     return float(np.degrees(np.arccos(np.clip(np.dot(-force / size, static_down(context)), -1.0, 1.0))))
+
+
+def last_still_tilt(context: CrashContext, t0: float, t1: float) -> float | None:
+    """Return the tilt in deg by the accelerometer in the last still 0.4 s of [t0, t1] s, None without any."""
+    for imu in sorted(context.log.imus, key=lambda one: one is not context.log.replay_imu):
+        for end in np.arange(min(t1, context.end), t0 + STILL_S, -STILL_STEP_S):
+            angle = _tilt_while_still(context, imu, float(end) - STILL_S, float(end))
+            if angle is not None:
+                return angle
+    return None
 
 
 def static_down(context: CrashContext) -> Array:
@@ -176,6 +199,11 @@ MIN_FALLEN_DEG, FALL_S = 75.0, 3.0  # tilt after an impact, and time until then
 LOG_STOPS_S = 1.0  # power is lost in the impact
 MIN_SPIN_DPS, MIN_SPIN_TILT_DEG = 250.0, 30.0  # around the peak
 MIN_LEAN_DEG = 20.0  # before a violent peak
+MIN_KILLED_TILT_DEG, DISARMED_S = 40.0, 3.0  # around a violent peak, and the time until it was disarmed for good
+# Largest tilt in the next seconds of a vehicle that landed hard.
+MAX_LANDED_DEG = 45.0
+# Samples of one contact, distance of contacts in a group, and how much harder a later one is.
+CONTACT_S, MAX_CONTACT_GAP_S, HARDER_RATIO = 0.4, 1.0, 1.1
 # Still in the air after this time: no crash.
 FLIES_ON_S = 6.0
 # Minimum IMU rate that resolves an impact peak; at 25 Hz a third of the peak is left.
@@ -184,12 +212,17 @@ MIN_IMPACT_HZ = 40.0
 
 @dataclass(frozen=True, slots=True)
 class ImpactPeak:
-    """Force peak of ``g`` (standard gravity) at ``t`` s; ``rate`` of the IMU in Hz."""
+    """Contact of ``g`` (standard gravity) at ``t`` s; ``rate`` of the IMU in Hz.
+
+    ``most``: largest force in g of the contacts up to 1 s apart. ``follows``: a harder one after another of these.
+    """
 
     t: float
     g: float
     source: str
     rate: float
+    most: float
+    follows: bool = False
 
 
 def shows_impacts(log: FlightLog) -> bool:
@@ -197,69 +230,72 @@ def shows_impacts(log: FlightLog) -> bool:
     return any(imu.acc.rate >= MIN_IMPACT_HZ for imu in log.imus)
 
 
-def impact_peaks(imu: Imu, within: list[Span], least_g: float) -> list[ImpactPeak]:
-    """Return force peaks within spans above ``least_g`` and above preceding vibration."""
+def impact_peaks(imus: list[Imu], within: list[Span], least_g: float) -> list[ImpactPeak]:
+    """Return contacts of all units within spans, above ``least_g`` and above preceding vibration.
+
+    A contact begins with the first sample above half the largest force of its group; the largest force of 0.4 s is its
+    size. A later one of the group counts where it is harder.
+    """
+    samples = [_samples_above(imu, within, least_g) for imu in imus]
+    t = np.concatenate([np.zeros(0), *(t for t, _ in samples)])
+    g = np.concatenate([np.zeros(0), *(g for _, g in samples)])
+    unit = np.repeat(np.arange(len(samples)), [len(t) for t, _ in samples])
+    order = np.argsort(t, kind="stable")
+    found: list[ImpactPeak] = []
+    for group in np.split(order, np.flatnonzero(np.diff(t[order]) > MAX_CONTACT_GAP_S) + 1) if len(order) else []:
+        rest, last, most = group, 0.0, float(g[group].max())
+        while len(rest) and g[rest].max() > HARDER_RATIO * last:
+            first = float(t[rest[np.argmax(g[rest] >= max(least_g, 0.5 * g[rest].max()))]])
+            contact = rest[(t[rest] >= first) & (t[rest] <= first + CONTACT_S)]
+            hardest = contact[np.argmax(g[contact])]
+            acc, last = imus[unit[hardest]].acc, float(g[hardest])
+            found.append(ImpactPeak(first, last, acc.source, acc.rate, most, rest is not group))
+            rest = rest[t[rest] > first + CONTACT_S]
+    return found
+
+
+def _samples_above(imu: Imu, within: list[Span], least_g: float) -> tuple[Array, Array]:
+    """Return times and forces (n,) in g of a unit's samples above a limit that stand out of vibration."""
     t, force = imu.acc.t_best, rotation.length(imu.acc.x) / G
     n = min(len(t), len(force), len(imu.gyro.x))
     t, force = t[:n], force[:n]
-    hit = np.flatnonzero((force > least_g) & spans.inside(t, within))
-    if not len(hit):
-        return []
+    hit = np.flatnonzero((force > least_g) & np.isfinite(force) & spans.inside(t, within))
     spinning = rotation.length(imu.gyro.x[hit]) ** 2 * MAX_SENSOR_ARM_M / G
     hit = hit[force[hit] > least_g + np.where(spinning > 0.25, spinning, 0.0)]
-    found: list[ImpactPeak] = []
-    groups = np.split(hit, np.flatnonzero(np.diff(t[hit]) > 1.0) + 1) if len(hit) else []
-    for group in groups:
+    kept = []
+    for group in np.split(hit, np.flatnonzero(np.diff(t[hit]) > MAX_CONTACT_GAP_S) + 1) if len(hit) else []:
         peak = float(np.max(force[group]))
         first = group[np.argmax(force[group] > max(least_g, 0.5 * peak))]
         before = force[spans.between(t, t[first] - PEAK_BEFORE_S, t[first] - 0.1)]
-        if len(before) > 10 and peak < PEAK_FACTOR * float(np.quantile(before, 0.98)):
-            continue
-        found.append(ImpactPeak(float(t[first]), peak, imu.acc.source, imu.acc.rate))
-    return found
+        before = before[np.isfinite(before)]
+        if len(before) <= 10 or peak >= PEAK_FACTOR * float(np.quantile(before, 0.98)):
+            kept.append(group)
+    good = np.concatenate(kept) if kept else np.zeros(0, np.int64)
+    return t[good], force[good]
 
 
 def find_impacts(context: CrashContext) -> list[CrashEvent]:
     """Return impacts, which need further evidence, and hard landings at a flight's end."""
     around = spans.merge((a - BEFORE_S, b + AFTER_S) for a, b in context.air.spans)
     around = spans.intersect(around, [(a, b + AFTER_S) for a, b in context.armed])
-    every = [b for imu in context.log.imus for b in impact_peaks(imu, around, MIN_HARD_LANDING_G)]
+    disarmed = context.disarmed_s
+    around = spans.merge([*around, *([] if disarmed is None else [(disarmed - DISARMED_S, disarmed + CONTACT_S)])])
+    least_g = MIN_SIMULATED_LANDING_G if context.log.simulated else MIN_HARD_LANDING_G
     found: list[CrashEvent] = []
-    for blow in _merge_peaks(every):
-        why = _impact_reason(context, blow) if blow.g > MIN_IMPACT_G else ""
+    for blow in impact_peaks(context.log.imus, around, MIN_HARD_LANDING_G):
+        why = _impact_reason(context, blow) if blow.most > MIN_IMPACT_G else ""
         lying = rest_tilt(context, blow.t)
+        size, source = f"a blow of {blow.g:.1f} g", (blow.source,)
         if why:
-            found.append(
-                CrashEvent(
-                    "impact",
-                    blow.t,
-                    blow.t,
-                    blow.g,
-                    "g",
-                    f"a blow of {blow.g:.1f} g, {why}",
-                    lying,
-                    blow.rate,
-                    (blow.source,),
-                )
-            )
-        elif blow.g > (MIN_SIMULATED_LANDING_G if context.log.simulated else MIN_HARD_LANDING_G) and _at_flight_end(
-            context, blow.t
-        ):
-            why = f"a blow of {blow.g:.1f} g as it landed"
-            found.append(CrashEvent("hard_landing", blow.t, blow.t, blow.g, "g", why, lying, blow.rate, (blow.source,)))
-    return found
-
-
-def _merge_peaks(every: list[ImpactPeak]) -> list[ImpactPeak]:
-    """Merge peaks within 1 s: largest size, earliest time of a peak of half that size."""
-    found: list[ImpactPeak] = []
-    for blow in sorted(every, key=lambda b: b.t):
-        if found and blow.t - found[-1].t < 1.0:
-            stronger = max(found[-1], blow, key=lambda b: b.g)
-            t = found[-1].t if found[-1].g > 0.5 * stronger.g else blow.t
-            found[-1] = replace(stronger, t=t)
-        else:
-            found.append(blow)
+            text = f"{size}, {why}"
+            found.append(CrashEvent("impact", blow.t, blow.t, blow.g, "g", text, lying, blow.rate, source))
+            continue
+        upright = not context.tilt.largest(blow.t, blow.t + FALL_S) > MAX_LANDED_DEG
+        if blow.g > least_g and upright and _at_flight_end(context, blow.t):
+            text = f"{size} as it landed"
+            landing = CrashEvent("hard_landing", blow.t, blow.t, blow.g, "g", text, lying, blow.rate, source)
+            softer = found and found[-1].kind == "hard_landing" and blow.t - found[-1].t <= MAX_CONTACT_GAP_S
+            found[-1 if softer else len(found) :] = [landing]
     return found
 
 
@@ -281,8 +317,12 @@ def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
     leaned = context.tilt.largest(t - 0.5, t + 0.5)
     if spun > MIN_SPIN_DPS and leaned > MIN_SPIN_TILT_DEG:
         return f"at {spun:.0f} deg/s and {leaned:.0f} deg of tilt"
+    disarmed = context.disarmed_s
+    killed = disarmed is not None and 0.0 <= disarmed - t <= DISARMED_S
+    if blow.most > MIN_VIOLENT_G and leaned > MIN_KILLED_TILT_DEG and killed:
+        return f"at {leaned:.0f} deg of tilt, and it was disarmed"
     leaned = context.tilt.largest(t - 0.5, t)
-    if blow.g > MIN_VIOLENT_G and leaned > MIN_LEAN_DEG:
+    if blow.most > MIN_VIOLENT_G and leaned > MIN_LEAN_DEG:
         return f"after {leaned:.0f} deg of tilt"
     return ""
 

@@ -11,7 +11,7 @@ import numpy as np
 from attlog.core import rotation
 from attlog.core.spans import Span, between, inside, merge
 from attlog.flight.model import VIBRATION_LIMITS, FlightLog, Stream
-from attlog.segments.airborne import height_stream
+from attlog.segments.heights import height_stream
 from attlog.segments.impacts import CrashEvent, shows_impacts
 from attlog.segments.model import Segments
 from attlog.segments.rest import vibration_levels
@@ -151,6 +151,10 @@ def is_warning(text: Text) -> bool:
 
 # The log ends in flight where the flight lasts to within this time of its end.
 END_S = 1.0
+# Time before a log's end in which a disarming, land detector or text shows a landing.
+LANDING_KNOWN_S = 3.0
+# Below LOW_M contact with the ground for this share of the last second is a landing, and below TOUCHING_M no drive.
+LOW_M, TOUCHING_M, TOUCHING_SHARE = 5.0, 0.5, 0.5
 # The log begins in flight where the flight starts within this time of its begin.
 BEGUN_S = 0.5
 BOOT_S = 3600.0
@@ -175,7 +179,7 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
         if a - begin > BEGUN_S:
             found.append(_flown_event(log, "liftoff", a, "Lifted off", matching_texts(log, TAKE_OFF), quoted))
         ended = [e for e in segments.crash_events if abs(e.t - b) <= TEXT_MARGIN_S]
-        if not ended and end - b < END_S:
+        if not ended and end - b < END_S and _is_still_flying(log, segments, end):
             found.append(
                 Event(
                     "ends_in_air", b, "note", f"The log ends in the air, at {b:.1f} s.", evidence=_flight_sources(log)
@@ -196,6 +200,25 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
         found.append(_crash_event(ending, evidence))
     found += _wreck_moved(segments, crashes, end)
     return found, quoted
+
+
+def _is_still_flying(log: FlightLog, segments: Segments, end: float) -> bool:
+    """Return whether nothing in the last seconds of a log shows a landing."""
+    since, state, air = end - LANDING_KNOWN_S, log.state, segments.air
+    above = np.nan if air is None or not air.levels else air.levels[0].above[air.grid.index(end)]
+    if above >= LOW_M:
+        return True
+    for line, landed in ((state.armed, False), (state.landed, True)):
+        changes = [] if line is None else zip(line.t.tolist(), line.value, strict=True)
+        if any(since <= t <= end + END_S and bool(value) is landed for t, value in changes):
+            return False
+    if any(since <= t <= end + END_S for t, _, _ in matching_texts(log, LANDED)):
+        return False
+    if air is None or not above < LOW_M:
+        return True
+    last = between(air.grid.t, end - END_S, end + END_S)
+    gone = above < TOUCHING_M and not air.driven[last][-1:].any()
+    return not gone and bool(air.grid.contact[last].mean() < TOUCHING_SHARE)
 
 
 def _power_up(log: FlightLog) -> list[Event]:

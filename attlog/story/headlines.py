@@ -13,8 +13,9 @@ from attlog.core import rotation
 from attlog.core.spans import Span, inside
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments.airborne import MAX_IDLE_POWER, highest_level
+from attlog.segments.airborne import MAX_IDLE_POWER
 from attlog.segments.flight_signs import speed_at, true_runs
+from attlog.segments.heights import highest_level
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segments
 from attlog.story import failsafe_events
@@ -381,6 +382,8 @@ def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
     blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
     if blow is not None:
         hit = f"hit {what or 'something'} at {blow.t:.1f} s ({format_size(blow)})"
+        harder = max((e for e in group if e.kind == "impact"), key=lambda e: e.size)
+        hit += f", then {format_size(harder)} at {harder.t:.1f} s" if harder is not blow else ""
         short = hit[0].upper() + hit[1:]
         if over is None:
             return f"{short}{_rest_phrase(blow)}", short

@@ -227,7 +227,7 @@ def test_the_pull_of_a_spin_is_no_blow(spin, found):
     part = (imu.acc.t >= 60.0) & (imu.acc.t < 60.3)
     imu.acc.x[part] = [4.1 * 9.81, 0.0, -3.0 * 9.81]
     imu.gyro.x[part] = [0.0, 0.0, spin]
-    assert [b.g for b in impact_peaks(imu, [(TAKE_OFF, LANDED)], 3.0)] == pytest.approx(found, abs=0.1)
+    assert [b.g for b in impact_peaks([imu], [(TAKE_OFF, LANDED)], 3.0)] == pytest.approx(found, abs=0.1)
 
 
 @pytest.mark.parametrize("driven", [False, True])

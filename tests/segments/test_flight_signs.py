@@ -11,9 +11,9 @@ import pytest
 from attlog.core import rotation
 from attlog.flight.model import Attitude, Firmware, FlightLog, Gnss, Imu, Stream
 from attlog.flight.vehicle import VehicleKind
-from attlog.segments import airborne, flight_signs, rest
-from attlog.segments.airborne import HeightLevel
+from attlog.segments import airborne, flight_signs, heights, rest
 from attlog.segments.flight_signs import Grid
+from attlog.segments.heights import HeightLevel
 from tests.flight.made_log import with_fields
 from tests.segments.flights import imu_log
 
@@ -180,7 +180,7 @@ def test_heights_count_from_the_line_through_the_ground_before_and_after() -> No
     drift = 100.0 + 0.1 * T
     flown = np.interp(T, [10.0, 12.0, 23.0, 25.0], [0.0, 10.0, 10.0, 0.0])
     log = made_log(baro=[stream(T, drift + flown, "BARO", "m")])
-    (found,) = airborne.height_levels(log, made_grid(), (T > 9.5) & (T < 25.5))
+    (found,) = heights.height_levels(log, made_grid(), (T < 9.5) | (T > 25.5))
     assert found.sensor == "barometer"
     np.testing.assert_allclose(found.above[130:220], 10.0, atol=0.01)
     np.testing.assert_allclose(found.above[5:80], 0.0, atol=0.01)
@@ -189,12 +189,12 @@ def test_heights_count_from_the_line_through_the_ground_before_and_after() -> No
 
 def test_ground_is_where_it_stands_for_a_second_and_neither_moves_nor_climbs() -> None:
     climb = stream(T, 0.6 * T, "BARO", "m")
-    assert airborne.height_levels(made_log(baro=[climb]), made_grid(), np.zeros(400, bool)) == []
+    assert heights.height_levels(made_log(baro=[climb]), made_grid(), np.ones(400, bool)) == []
     slow = stream(T, 0.4 * T, "BARO", "m")
-    assert len(airborne.height_levels(made_log(baro=[slow]), made_grid(), np.zeros(400, bool))) == 1
+    assert len(heights.height_levels(made_log(baro=[slow]), made_grid(), np.ones(400, bool))) == 1
     fast = made_grid(speed=np.full(400, 2.1))
-    assert airborne.height_levels(made_log(baro=[slow]), fast, np.zeros(400, bool)) == []
-    assert airborne._long_runs(np.array([1, 1, 0, 1, 1, 1, 0], bool), 3).tolist() == [0, 0, 0, 1, 1, 1, 0]
+    assert heights.height_levels(made_log(baro=[slow]), fast, np.ones(400, bool)) == []
+    assert heights.long_runs(np.array([1, 1, 0, 1, 1, 1, 0], bool), 3).tolist() == [0, 0, 0, 1, 1, 1, 0]
 
 
 def test_two_flights_are_one_where_the_height_between_them_changes_by_more_than_five_metres() -> None:

@@ -302,3 +302,9 @@ def heading_and_sigma(table: Table) -> tuple[Array, Array]:
     if np.any(sigma > MAX_YAW_SIGMA_ROOT):
         return np.radians(yaw), np.radians(sigma)
     return np.radians(yaw), np.sqrt(np.radians(sigma**2))
+
+
+def height_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return the estimator's height (n, 1) in m above home (POS.RelHomeAlt)."""
+    own = builder.quiet()
+    return own.column_stream(builder.table("POS"), ("RelHomeAlt",), "m", "POS", limits.ESTIMATED_HEIGHT)

@@ -53,6 +53,7 @@ STREAMS = (
     Part("power.battery", "The battery", sensors.battery_stream),
     Part("estimator.acc_bias", "XKF2", estimator.acc_bias_stream),
     Part("estimator.gyro_bias", "The onboard gyro bias", estimator.gyro_bias_stream),
+    Part("estimator.height", "POS", estimator.height_stream),
     Part("vibration.level", "VIBE", sensors.vibration_stream),
     Part("vibration.levels", "VIBE", sensors.vibration_levels),
     Part("vibration.bursts", "ISBH and ISBD", sensors.read_bursts),

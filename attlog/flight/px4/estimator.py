@@ -173,6 +173,30 @@ def acc_bias_stream(builder: TopicBuilder) -> Stream | None:
     return builder.column_stream(builder.table(name), ("accel_bias",), "m/s^2", name, limits.ACC_BIAS, frame="FRD")
 
 
+def height_stream(builder: TopicBuilder) -> Stream | None:
+    """Return the estimator's valid height (n, 1) in m above its origin."""
+    return _local_position(builder, "z_valid", ("z",), limits.ESTIMATED_HEIGHT)
+
+
+def speed_stream(builder: TopicBuilder) -> Stream | None:
+    """Return the estimator's valid speed (n, 1) over ground in m/s."""
+    return _local_position(builder, "v_xy_valid", ("vx", "vy"), limits.ESTIMATED_SPEED)
+
+
+def _local_position(
+    builder: TopicBuilder, valid: str, names: tuple[str, ...], quantity: limits.Quantity
+) -> Stream | None:
+    """Return the valid height, or the length of a velocity, of the local position."""
+    name = "vehicle_local_position"
+    table = builder.table(name)
+    if table is None or not all(column in table for column in names):
+        return None
+    x = columns(table, *names)
+    x = -x[:, 0] if len(names) == 1 else rotation.length(x)
+    x = np.where(table[valid] != 0, x, np.nan) if valid in table else x
+    return builder.quiet().stream(builder.stamps(table), x, quantity.unit, name, within=quantity, allow_nan=True)
+
+
 # EKFGSF_yaw_err_max, the largest sigma that EKF2 accepts.
 MAX_YAW_SIGMA_RAD = 0.262
 

@@ -58,6 +58,8 @@ STREAMS = (
     Part("estimator.acc_bias", "estimator_sensor_bias", estimator.acc_bias_stream),
     Part("estimator.gyro_bias", "The onboard gyro bias", estimator.gyro_bias_stream),
     Part("estimator.yaw", "The yaw estimator", estimator.yaw_estimator_stream),
+    Part("estimator.height", "vehicle_local_position", estimator.height_stream),
+    Part("estimator.speed", "vehicle_local_position", estimator.speed_stream),
     Part("vibration.clippings", "Clipping", clippings),
     Part("vibration.levels", "The vibration metric", sensors.vibration_levels),
     Part("vibration.spectrum", "sensor_gyro_fft", sensors.onboard_spectrum),
