@@ -30,7 +30,7 @@ from attlog.simulate.imu import RAW_COLUMNS, ImuSensor
 from attlog.simulate.logs import write
 from attlog.simulate.rigid_body import POINTS, TOUCHING, Body, prescribed_motion
 from attlog.simulate.scenario import Scenario
-from attlog.simulate.sensors import BaroSensor, GnssSensor, MagSensor, sample_battery, sample_rpm
+from attlog.simulate.sensors import BaroSensor, GnssSensor, MagSensor, rotor_health, sample_battery, sample_rpm
 
 Array = NDArray[np.float64]
 # Before the start the vehicle leans into the wind on its feet for this time.
@@ -161,7 +161,8 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
     sub, period = scenario.loop.substeps, 1.0 / scenario.loop.rate_hz
     body = Body(scenario.vehicle, home.gravity, home.density, math.radians(scenario.place.heading_deg))
     truth.wind[:], truth.field[:] = wind_at(scenario.wind, truth.t, seed), home.field_t
-    broken = [f for f in scenario.fault if f.part == "rotor" and f.kind != "unbalanced"]
+    health = rotor_health(scenario, truth.t)
+    stopped = [f for f in scenario.fault if f.kind == "stopped"]
     last = len(truth.t) - 1
     if scenario.motion is not None and scenario.motion.after_s is not None:
         last = min(round(scenario.motion.after_s / period), last)
@@ -172,16 +173,15 @@ def _flown(scenario: Scenario, home: Environment, truth: Truth, sensors: _Sensor
         body.advance(command, truth.wind[0], period / sub, raw)
     _note(scenario, home, truth, body, 0)
     for k in range(last):
-        if broken:
-            body.health[:] = 1.0
-            for fault in broken:
-                if fault.holds(float(truth.t[k])):
-                    body.health[fault.instance] *= 0.0 if fault.kind == "off" else fault.factor
+        body.health[:] = health[k]
+        for fault in stopped:
+            if fault.holds(float(truth.t[k])):
+                command[fault.instance] = 0.0
         truth.wind[k + 1] *= share_at(-float(truth.p[k, 2]))
         body.advance(command, truth.wind[k + 1], period / sub, raw)
         _note(scenario, home, truth, body, k + 1)
         sensors.advance(truth, k, raw, k + 1)
-        command = np.asarray(pilot.step(float(truth.t[k + 1]), sensors.measured(truth, k + 1)), np.float64)
+        command = np.array(pilot.step(float(truth.t[k + 1]), sensors.measured(truth, k + 1)), np.float64)
     return last
 
 

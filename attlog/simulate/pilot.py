@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.estimators import EstimatorSpec
 from attlog.simulate import controller
@@ -14,6 +15,7 @@ from attlog.simulate.flight import Onboard, SensorInputs
 from attlog.simulate.guidance import Guidance, Navigator
 from attlog.simulate.onboard import TRUE_ATTITUDE, Live, stepping
 from attlog.simulate.scenario import ROTOR_SIGNS, ROTOR_TURNS, Scenario
+from attlog.simulate.sensors import grown, is_acting
 
 Array = NDArray[np.float64]
 
@@ -60,6 +62,8 @@ class Pilot:
         self._ready = self._live is None
         self._mag: Array | None = None
         self._kept: list[Array] = []
+        self._outputs = [f for f in scenario.fault if f.part == "output"]
+        self._sent = np.zeros(ROTORS)
         self._lines: dict[str, list[tuple[float, bool | str]]] = {
             "armed": [(0.0, False)],
             "landed": [(0.0, True)],
@@ -85,6 +89,10 @@ class Pilot:
         motors = self._out[:ROTORS].copy()
         if guidance.armed and guidance.landed:
             motors[:] = self._gains.idle
+        for fault in self._outputs:
+            if fault.holds(t):
+                motors[fault.instance] = self._sent[fault.instance] if fault.kind == "stuck" else 0.0
+        self._sent = motors
         self._note(t, motors)
         return motors
 
@@ -92,11 +100,12 @@ class Pilot:
         """Return estimates and set-points of every step."""
         x = np.array(self._kept).reshape(-1, 19 + ROTORS)
         name = self._scenario.estimator.name if self._live is None else self._live.row.name
+        turn = heading_error(self._scenario, x[:, 0])
         return Onboard(
             t=x[:, 0],
-            q=x[:, 1:5],
+            q=rotation.turn_about_down(x[:, 1:5], turn) if turn.any() else x[:, 1:5],
             bias=x[:, 5:8],
-            q_setpoint=x[:, 8:12],
+            q_setpoint=rotation.turn_about_down(x[:, 8:12], turn) if turn.any() else x[:, 8:12],
             rate_setpoint=x[:, 12:15],
             torque_setpoint=x[:, 15:18],
             thrust_setpoint=x[:, 18],
@@ -146,6 +155,16 @@ class Pilot:
             value = getattr(guidance, name)
             if value != line[-1][1]:
                 line.append((t, value))
+
+
+def heading_error(scenario: Scenario, t: Array) -> Array:
+    """Return by how much (n,) rad the onboard heading is off at times (n,) s, by faults."""
+    error = np.zeros(len(t))
+    for fault in scenario.fault:
+        if fault.part == "heading":
+            share = grown(fault, t) if fault.kind == "ramp" else is_acting(fault, t)
+            error += share * math.radians(fault.value[0])
+    return error
 
 
 def estimator_spec(name: str, params: dict[str, bool | float | str]) -> str:

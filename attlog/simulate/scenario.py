@@ -68,13 +68,17 @@ class EstimatorChoice:
 
 @dataclass(frozen=True, config=STRICT)
 class LoggingRates:
-    """Logging rates [Hz], 0 for every value; sensors have their own rates unless given."""
+    """Logging rates [Hz], 0 for every value; sensors have their own rates unless given.
+
+    Without ``truth`` the log lacks the true motion, as that of a real vehicle does.
+    """
 
     imu_hz: NotNegative = 0.0
     attitude_hz: NotNegative = 100.0
     setpoint_hz: NotNegative = 50.0
     motors_hz: NotNegative = 50.0
     truth_hz: NotNegative = 100.0
+    truth: bool = True
 
 
 NotNegativeThree = tuple[NotNegative, NotNegative, NotNegative]
@@ -252,8 +256,10 @@ class PrescribedMotion:
     move: tuple[Move, ...] = ()
 
 
-Part = Literal["gyro", "acc", "mag", "gnss", "baro", "rotor"]
-Kind = Literal["stuck", "silent", "zero", "offset", "scale", "noise", "spikes", "flipped", "off", "unbalanced"]
+Part = Literal["gyro", "acc", "mag", "gnss", "baro", "rotor", "output", "heading"]
+Kind = Literal[
+    "stuck", "silent", "zero", "offset", "ramp", "scale", "noise", "spikes", "flipped", "off", "stopped", "unbalanced"
+]
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -261,9 +267,12 @@ class PlantedFault:
     """A fault of ``part`` number ``instance`` from ``t`` for ``seconds`` (None: to the end).
 
     ``stuck`` at its last value, ``silent`` (no samples), ``zero``, ``offset`` by ``value`` (SI; T for mag, m and
-    m/s NED for gnss; baro: m, the first), ``scale`` by ``factor``, ``noise`` of standard deviation ``size`` added
-    (SI), ``spikes`` of ``size`` in ``share_pct`` of the samples, ``flipped`` (x and y change sign). A rotor is
-    ``off``, ``scale`` d in thrust, or ``unbalanced``: it shakes every IMU ``factor`` times as much.
+    m/s NED for gnss; baro: m, the first), ``ramp`` (an offset that grows to ``value`` within ``seconds`` and stays; of
+    gnss the position alone), ``scale`` by ``factor``, ``noise`` of standard deviation ``size`` added (SI), ``spikes``
+    of ``size`` in ``share_pct`` of the samples, ``flipped`` (x and y change sign). A rotor is ``off`` (turns without
+    thrust, its propeller lost), ``stopped`` (its motor dead), ``scale`` d in thrust at once or by ``ramp``, or
+    ``unbalanced``: it shakes every IMU ``factor`` times as much. ``output``: what the autopilot sends to a motor is
+    ``stuck`` or ``zero``. ``heading``: the onboard one is off by the first ``value`` [deg], set-points with it.
     """
 
     t: NotNegative
@@ -281,12 +290,24 @@ class PlantedFault:
         return t >= self.t and (self.seconds is None or t < self.t + self.seconds)
 
 
+@dataclass(frozen=True, config=STRICT)
+class ParameterChange:
+    """A parameter set at ``t`` s, logged by the firmware that has it; nothing else on board changes."""
+
+    t: NotNegative
+    firmware: Literal["ardupilot", "px4"]
+    name: Annotated[str, Field(pattern=r"^[A-Z0-9_]{1,16}$")]
+    value: float
+
+
 LIBRARY = Path(__file__).parent / "scenarios"
 # Names become file names: no path.
 NAME = r"^[^/\\\x00-\x1f]*$"
 # Steps of physics in a flight: an hour or two at the default rates, about 1 GB and minutes.
 MAX_STEPS = 20_000_000
-ROTOR_FAULTS = ("off", "scale", "unbalanced")
+ROTOR_FAULTS = ("off", "stopped", "scale", "ramp", "unbalanced")
+OUTPUT_FAULTS = ("stuck", "zero")
+HEADING_FAULTS = ("offset", "ramp")
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -312,6 +333,7 @@ class Scenario:
     estimator: EstimatorChoice = EstimatorChoice()
     logging: LoggingRates = LoggingRates()
     fault: tuple[PlantedFault, ...] = ()
+    parameter: tuple[ParameterChange, ...] = ()
 
     def changed(self, **values: Any) -> Scenario:
         """Return a copy with other values, validated like a file."""
@@ -385,18 +407,35 @@ def _contradictions(scenario: Scenario) -> list[str]:
         found.append(f"vehicle: four rotors lift {lift:.1f} N, too little to fly a weight of {weight:.1f} N")
     if [c.t for c in scenario.command] != sorted(c.t for c in scenario.command):
         found.append("command: the times must ascend")
+    found += _impossible_faults(scenario)
+    return found
+
+
+def _impossible_faults(scenario: Scenario) -> Iterator[str]:
+    """Return faults that their part cannot have."""
     counts = {"gyro": len(scenario.sensors.imu), "acc": len(scenario.sensors.imu), "mag": len(scenario.sensors.mag)}
-    counts |= {"gnss": len(scenario.sensors.gnss), "baro": len(scenario.sensors.baro), "rotor": 4}
+    counts |= {
+        "gnss": len(scenario.sensors.gnss),
+        "baro": len(scenario.sensors.baro),
+        "rotor": 4,
+        "output": 4,
+        "heading": 1,
+    }
     for k, fault in enumerate(scenario.fault):
         if fault.instance >= counts[fault.part]:
-            found.append(f"fault[{k}].instance: there is no {fault.part} {fault.instance}")
+            yield f"fault[{k}].instance: there is no {fault.part} {fault.instance}"
         if fault.part == "rotor" and fault.kind not in ROTOR_FAULTS:
-            found.append(f"fault[{k}].kind: a rotor can be {' or '.join(ROTOR_FAULTS)}, not {fault.kind}")
-        if fault.part != "rotor" and fault.kind == "off":
-            found.append(f"fault[{k}].kind: only a rotor is off; a sensor that sends nothing is silent")
+            yield f"fault[{k}].kind: a rotor can be {' or '.join(ROTOR_FAULTS)}, not {fault.kind}"
+        if fault.part == "output" and fault.kind not in OUTPUT_FAULTS:
+            yield f"fault[{k}].kind: an output can be {' or '.join(OUTPUT_FAULTS)}, not {fault.kind}"
+        if fault.part == "heading" and fault.kind not in HEADING_FAULTS:
+            yield f"fault[{k}].kind: a heading can have an {' or '.join(HEADING_FAULTS)}, not {fault.kind}"
+        if fault.part != "rotor" and fault.kind in ("off", "stopped"):
+            yield f"fault[{k}].kind: only a rotor is {fault.kind}; a sensor that sends nothing is silent"
         if fault.part != "rotor" and fault.kind == "unbalanced":
-            found.append(f"fault[{k}].kind: only a rotor is unbalanced; a sensor that shakes has noise")
-    return found
+            yield f"fault[{k}].kind: only a rotor is unbalanced; a sensor that shakes has noise"
+        if fault.kind == "ramp" and not fault.seconds:
+            yield f"fault[{k}].seconds: a ramp needs the time within which it grows"
 
 
 def _both_motions(scenario: Scenario) -> Iterator[str]:

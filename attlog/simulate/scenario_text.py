@@ -157,7 +157,8 @@ VALUES_OF_COMMAND = {
     "kill": set(),
 }
 # Value that gives the size of a fault; all others need none.
-FAULT_SIZE = {"offset": "value", "scale": "factor", "unbalanced": "factor", "noise": "size", "spikes": "size"}
+FAULT_SIZE = {"offset": "value", "ramp": "value", "scale": "factor", "unbalanced": "factor", "noise": "size",
+              "spikes": "size"}  # fmt: skip
 
 
 def ineffective_entries(scenario: Scenario) -> list[str]:
@@ -180,6 +181,9 @@ def _after_the_end(scenario: Scenario) -> Iterator[str]:
     for k, fault in enumerate(scenario.fault):
         if fault.t >= end:
             yield f"fault[{k}]: {fault.part} {fault.kind} at {fault.t:g} s does not happen; {over}"
+    for k, change in enumerate(scenario.parameter):
+        if change.t >= end:
+            yield f"parameter[{k}]: {change.name} at {change.t:g} s is not set; {over}"
     for k, gust in enumerate(scenario.wind.gust):
         if gust.t >= end:
             yield f"wind.gust[{k}]: at {gust.t:g} s does not blow; {over}"
@@ -207,7 +211,7 @@ def _harmless_faults(scenario: Scenario) -> Iterator[str]:
     """Return faults that change no number, and rotor faults where none turns."""
     standard = {field.name: field.default for field in fields(PlantedFault)}
     for k, fault in enumerate(scenario.fault):
-        needed = FAULT_SIZE.get(fault.kind)
+        needed = "factor" if (fault.part, fault.kind) == ("rotor", "ramp") else FAULT_SIZE.get(fault.kind)
         if needed is not None and getattr(fault, needed) == standard[needed]:
             yield f"fault[{k}]: {fault.kind} changes nothing as long as {needed} is {standard[needed]}"
         if fault.seconds == 0.0:

@@ -41,9 +41,26 @@ def kept_samples(t: Array, loss_pct: float, gaps: tuple[Span, ...], random: np.r
 
 def is_acting(fault: PlantedFault, t: Array) -> NDArray[np.bool_]:
     """Return at which of the times (n,) s a fault acts."""
-    end = np.inf if fault.seconds is None else fault.t + fault.seconds
+    end = np.inf if fault.seconds is None or fault.kind == "ramp" else fault.t + fault.seconds
     mask: NDArray[np.bool_] = (t >= fault.t) & (t < end)
     return mask
+
+
+def grown(fault: PlantedFault, t: Array) -> Array:
+    """Return the share (n,), 0 to 1, of a ramp at times (n,) s."""
+    share: Array = np.clip((t - fault.t) / (fault.seconds or 1.0), 0.0, 1.0)
+    return share
+
+
+def rotor_health(scenario: Scenario, t: Array) -> Array:
+    """Return the thrust of each rotor over a sound one's at the same speed, (n, 4), at times (n,) s."""
+    health = np.ones((len(t), 4))
+    for fault in scenario.fault:
+        if fault.part == "rotor" and fault.kind in ("off", "scale", "ramp"):
+            factor = 0.0 if fault.kind == "off" else fault.factor
+            share = grown(fault, t) if fault.kind == "ramp" else is_acting(fault, t)
+            health[:, fault.instance] *= 1.0 + share * (factor - 1.0)
+    return health
 
 
 def silence(faults: list[PlantedFault], t: Array) -> NDArray[np.bool_]:
@@ -72,6 +89,8 @@ def damage(faults: list[PlantedFault], t: Array, x: Array, last: Array, seed: in
             x[now] = 0.0
         elif fault.kind == "offset":
             x[now] += np.array(fault.value[:k])
+        elif fault.kind == "ramp":
+            x[now] += np.outer(grown(fault, t[now]), fault.value[:k])
         elif fault.kind == "scale":
             x[now] *= fault.factor
         elif fault.kind == "flipped":
@@ -147,10 +166,13 @@ class SlowSensor(ABC):
         return found
 
 
-def battery_current(scenario: Scenario, rotor: Array) -> Array:
-    """Return the current (n,) A at rotor speeds (n, 4) rad/s: idle and shaft power over efficiency and voltage."""
+def battery_current(scenario: Scenario, rotor: Array, t: Array) -> Array:
+    """Return the current (n,) A: idle and shaft power over efficiency and voltage.
+
+    ``rotor`` (n, 4): speeds [rad/s] at ``t`` (n,) s. What a rotor lacks in thrust it lacks in torque.
+    """
     b, v = scenario.sensors.battery, scenario.vehicle
-    shaft = v.torque_m * v.thrust_factor * np.sum(np.abs(rotor) ** 3, axis=1)
+    shaft = v.torque_m * v.thrust_factor * np.sum(rotor_health(scenario, t) * np.abs(rotor) ** 3, axis=1)
     total: Array = b.idle_a + shaft / (b.efficiency * 0.5 * (b.full_v + b.empty_v))
     return total
 
@@ -161,7 +183,7 @@ def sample_battery(scenario: Scenario, seed: int, truth: Truth) -> BatteryStream
     random = generator(seed, "battery", 0, "noise")
     t = sampling_instants(b.rate_hz, scenario.seconds, 0.0, random)
     t = t[t <= truth.t[-1]]
-    drawn = battery_current(scenario, truth.rotor)
+    drawn = battery_current(scenario, truth.rotor, truth.t)
     used = np.cumsum(drawn) * period / 3600.0
     volts = b.full_v - (b.full_v - b.empty_v) * used / b.capacity_ah - b.resistance_ohm * drawn
     noise = random.standard_normal((len(t), 2))
@@ -210,11 +232,8 @@ class MagSensor(SlowSensor):
         )
         b = b + self.hard
         if self.per_ampere.any():
-            b = (
-                b
-                + battery_current(self.scenario, interpolate_truth(truth.rotor, t, self.period))[:, None]
-                * self.per_ampere
-            )
+            rotor = interpolate_truth(truth.rotor, t, self.period)
+            b = b + battery_current(self.scenario, rotor, t)[:, None] * self.per_ampere
         x = b @ self.matrix.T + self.noise[k]
         x = np.clip(x, -self.limit, self.limit)
         if self.step > 0:
@@ -268,7 +287,8 @@ class GnssSensor(SlowSensor):
         self.pv[k] += self.noise[k]
         for part in (slice(0, 3), slice(3, 6)) if self.faults else ():
             last = self.pv[k[0] - 1, part] if k[0] else np.zeros(3)
-            self.pv[k, part] = damage(self.faults, t, self.pv[k, part], last, self.seed)
+            faults = [f for f in self.faults if f.kind != "ramp" or part.start == 0]
+            self.pv[k, part] = damage(faults, t, self.pv[k, part], last, self.seed)
 
     def fix(self, k: int) -> Fix | None:
         """Return fix number ``k``, None where there was none."""

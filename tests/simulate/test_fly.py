@@ -116,6 +116,53 @@ def test_events_tell_lift_off_faults_overturn_and_impact() -> None:
     assert np.linalg.norm(flight.truth.v[at - 1]) == pytest.approx(speed, abs=0.06)
 
 
+def test_a_rotor_without_propeller_turns_on_and_one_whose_motor_stops_does_not() -> None:
+    """Both are commanded to the ceiling while the opposite one is at its floor; only the speed tells them apart."""
+    speed = {}
+    for kind in ("off", "stopped"):
+        flight = fly(hop(fault=[{"t": 8.0, "part": "rotor", "kind": kind, "instance": 1}]), 2)
+        after = int(np.searchsorted(flight.truth.t, 8.25))
+        command = flight.onboard.motors[np.searchsorted(flight.onboard.t, 8.25)]
+        assert command[1] > 0.95
+        assert command[0] < 0.05
+        speed[kind] = flight.truth.rotor[after, 1] / flight.truth.rotor[: after - 200, 1].max()
+    assert speed["stopped"] < 0.05
+    assert speed["off"] > 0.9
+
+
+def test_an_output_that_is_off_stops_its_motor_and_is_logged_so() -> None:
+    flight = fly(hop(fault=[{"t": 8.0, "part": "output", "kind": "zero", "instance": 3}]), 2)
+    board, after = flight.onboard, flight.onboard.t >= 8.0
+    assert np.ptp(board.motors[after, 3]) == 0.0
+    assert board.motors[after, 3][0] == 0.0
+    assert flight.truth.rotor[flight.truth.t > 8.2, 3].max() < 5.0
+
+
+def test_a_heading_fault_turns_estimate_and_set_point_and_nothing_that_moves() -> None:
+    plain, turned = (
+        fly(hop(fault=fault), 2)
+        for fault in ([], [{"t": 8.0, "part": "heading", "kind": "offset", "value": [160.0, 0.0, 0.0]}])
+    )
+    assert np.array_equal(plain.truth.q, turned.truth.q)
+    assert np.array_equal(plain.mags[0].field, turned.mags[0].field)
+    off = rotation.multiply(turned.onboard.q, rotation.conjugate(plain.onboard.q))
+    known = np.isfinite(off[:, 0])
+    heading = np.degrees(rotation.to_euler(off[known])[:, 2])
+    want = np.where(turned.onboard.t[known] >= 8.0, 160.0, 0.0)
+    assert heading == pytest.approx(want, abs=1e-6)
+    set_off = rotation.multiply(turned.onboard.q_setpoint, rotation.conjugate(plain.onboard.q_setpoint))
+    assert np.degrees(rotation.to_euler(set_off[known])[:, 2]) == pytest.approx(want, abs=1e-6)
+
+
+def test_a_ramp_of_the_receiver_moves_its_position_alone() -> None:
+    ramp = {"t": 6.0, "part": "gnss", "kind": "ramp", "seconds": 2.0, "value": [0.0, 0.0, -20.0]}
+    plain, moved = (fly(hop(fault=fault), 2).gnss[0] for fault in ([], [ramp]))
+    assert np.array_equal(plain.vel, moved.vel)
+    want = 20.0 * np.clip((moved.t_sample - 0.12 - 6.0) / 2.0, 0.0, 1.0)
+    assert moved.alt - plain.alt == pytest.approx(want, abs=2.0)
+    assert (moved.alt - plain.alt)[-1] == pytest.approx(20.0, abs=1e-6)
+
+
 def test_wind_has_its_mean_its_turbulence_and_drydens_spectrum() -> None:
     t = np.arange(400_000) / 50.0
     wind = Wind(mean_ned_m_s=(3.0, 0.0, 0.0), turbulence_m_s=1.2, length_m=15.0)
@@ -225,6 +272,17 @@ WANTED = {
     "hard-landing",
     "no-liftoff",
     "clipping",
+    "motor-stops",
+    "half-thrust",
+    "weak-motor",
+    "output-off",
+    "no-thrust-left",
+    "gnss-height",
+    "gnss-jumps",
+    "accelerometer-step",
+    "parameters-in-flight",
+    "gyro-scale",
+    "heading-step",
 }
 FLOWN = sorted(WANTED - {"static", "lift-drop", "rotation", "flip", "no-liftoff"})
 

@@ -51,7 +51,7 @@ def flight(**given: Any) -> Any:
         logging=SimpleNamespace(imu_hz=0, setpoint_hz=0, attitude_hz=0, motors_hz=0, truth_hz=0),
         place=SimpleNamespace(alt_m=480.0, unix_time=1.7e9),
         sensors=SimpleNamespace(battery=SimpleNamespace(capacity_ah=5.0, resistance_ohm=0.02)),
-        vehicle=SimpleNamespace(hover_command=lambda gravity: 0.05 * gravity),
+        vehicle=SimpleNamespace(hover_command=lambda gravity: 0.05 * gravity, arm_m=0.3),
         loop=SimpleNamespace(rate_hz=400.0),
     )
     truth = SimpleNamespace(t=T, q=Q, w=x(3), p=10.0 * x(3), v=x(3), a=x(3), wind=x(3))
@@ -86,7 +86,7 @@ def test_a_dataflash_log_holds_angles_biases_heights_and_motors_of_the_vehicle_i
     for k, axis in enumerate("XYZ"):
         assert found["XKF1"][f"G{axis}"] == pytest.approx(np.degrees(board.bias[:, k]))
     for k in range(4):
-        assert found["RCOU"][f"C{k + 1}"] == pytest.approx(1000.0 + 1000.0 * board.motors[:, k])
+        assert found["RCOU"][f"C{k + 1}"] == pytest.approx(1150.0 + 800.0 * board.motors[:, k])
         assert found["XKQ"][f"Q{k + 1}"] == pytest.approx(Q[:, k])
     assert found["CTUN"]["BAlt"] == pytest.approx(baro.height - np.median(baro.height[:10]))
     assert np.unique(found["CTUN"]["ThH"]) == pytest.approx([0.49])
@@ -196,7 +196,8 @@ def test_px4s_mode_numbers_are_those_of_vehicle_status() -> None:
 def flown(**given: Any) -> Any:
     gains = {"angle_kp": 1.0, "yaw_angle_kp": 2.0, "rate_kp": 3.0, "rate_ki": 4.0, "rate_kd": 5.0}
     control = SimpleNamespace(**gains, yaw_rate_kp=6.0, yaw_rate_ki=7.0)
-    scenario = SimpleNamespace(controller=control, loop=SimpleNamespace(rate_hz=800.0, substeps=2))
+    loop, vehicle = SimpleNamespace(rate_hz=800.0, substeps=2), SimpleNamespace(arm_m=0.2)
+    scenario = SimpleNamespace(controller=control, loop=loop, vehicle=vehicle)
     unit = SimpleNamespace(sampling="interval", rate_hz=250.0, lowpass_hz=(20.0, 10.0))
     own = {"scenario": scenario, "imus": [unit, unit], "mags": [], "declination_deg": 12.0}
     return SimpleNamespace(**(own | given))

@@ -320,3 +320,24 @@ def test_the_motion_capture_is_the_truth_but_for_its_axes_and_noise(both: Logs) 
     spread = rotation.total_angle(rotation.multiply(rotation.conjugate(turned[:1]), turned))
     assert 0.02 < np.degrees(np.median(spread)) < 0.5
     assert len(pose.t) > 1100
+
+
+# Parameters set in flight, and logs without the truth.
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_parameter_is_set_at_its_time_in_the_log_of_its_firmware_and_the_truth_left_out(
+    suffix: str, tmp_path: Path
+) -> None:
+    changes = [
+        {"t": 3.0, "firmware": "ardupilot", "name": "AHRS_ORIENTATION", "value": 8.0},
+        {"t": 3.0, "firmware": "px4", "name": "SENS_BOARD_ROT", "value": 8.0},
+    ]
+    path, name = tmp_path / f"x{suffix}", {".ulg": "SENS_BOARD_ROT"}.get(suffix, "AHRS_ORIENTATION")
+    write(path, fly(build_scenario({"seconds": 6, "logging": {"truth": False}, "parameter": changes})))
+    assert flights.read(path).truth is None
+    found = formats.open(path).params
+    values = [(p.value, p.t_us) for p in found if p.name == name and not p.is_default]
+    assert [value for value, _ in values] == [0, 8]
+    assert {p.name for p in found if p.value == 8} == {name}
+    assert values[1][1] == pytest.approx(START_US + 3_000_000, abs=10_000 if suffix == ".tlog" else 0)

@@ -209,7 +209,7 @@ def test_current_is_shaft_power_over_efficiency_and_voltage() -> None:
     speed = 0.8 * v.speed_max_rad_s
     watt = 4 * v.torque_m * 0.64 * v.thrust_max_n * speed
     want = b.idle_a + watt / b.efficiency / (0.5 * (b.full_v + b.empty_v))
-    assert battery_current(one, np.full((1, 4), speed))[0] == pytest.approx(want, rel=1e-9)
+    assert battery_current(one, np.full((1, 4), speed), np.zeros(1))[0] == pytest.approx(want, rel=1e-9)
 
 
 def test_a_standing_vehicle_draws_its_idle_current_and_empties_the_battery_so() -> None:
@@ -292,3 +292,9 @@ def test_an_offset_a_scale_and_exchanged_signs_act_while_they_last() -> None:
     ]
     found = damage(faults, T, X, X[0])
     assert found.tolist() == [[10, 20, 30], [12, 20, 33.5], [6, 12, 18], [-13, -26, 39], [14, 28, 42]]
+
+
+def test_a_ramp_grows_within_its_time_and_stays() -> None:
+    fault = PlantedFault(1.0, "acc", "ramp", seconds=2.0, value=(4.0, 0.0, -2.0))
+    grown = damage([fault], T, X, X[0]) - X
+    assert grown.tolist() == [[0, 0, 0], [0, 0, 0], [2, 0, -1], [4, 0, -2], [4, 0, -2]]

@@ -162,6 +162,8 @@ HAPPENS = {
     "roll-in": ("liftoff", "overturn", "impact"),
     "carried-home": ("liftoff", "overturn", "impact"),
     "clipping": ("liftoff", "clipping", "landing"),
+    "motor-stops": ("liftoff", "impact", "overturn"),
+    "output-off": ("liftoff", "impact", "overturn"),
 }
 """What happens in a scenario, in order; in all others a lift-off and a landing, WHOLE."""
 TRUE = {
@@ -196,9 +198,13 @@ def true_times(flight: Flight, kind: str) -> list[float]:
     return [t for t, what in flight.events if what.startswith(TRUE[kind])]
 
 
+# What it strikes the ground with is told by tests/story/test_known_parts.py.
+OTHERS = {"no-thrust-left"}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize("name", scenario_names())
+@pytest.mark.parametrize("name", sorted(set(scenario_names()) - OTHERS))
 def test_what_happens_in_a_scenario_is_told_at_its_time_and_nothing_else(name: str, suffix: str, tmp_path: Path):
     write(tmp_path / f"x{suffix}", flown(name))
     events, start, headline = told(tmp_path / f"x{suffix}")
@@ -207,7 +213,9 @@ def test_what_happens_in_a_scenario_is_told_at_its_time_and_nothing_else(name: s
     for event in physical:
         truth = [t + start for t in true_times(flown(name), event.kind)]
         within = COUNTED_S.get((event.kind, suffix), WITHIN_S)
-        assert event.t == pytest.approx(truth[0], abs=within), event.kind
+        # In the air it wobbles beyond 90 deg for less than an overturn lasts.
+        nearest = min(truth, key=lambda t, told=event.t: abs(t - told))
+        assert event.t == pytest.approx(nearest, abs=within), event.kind
         if event.kind == "clipping":
             assert event.t_end == pytest.approx(truth[-1], abs=within)
     assert any(e.is_crash for e in events) == bool({"impact", "overturn"} & set(HAPPENS.get(name, WHOLE)))

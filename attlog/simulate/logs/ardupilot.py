@@ -97,6 +97,8 @@ MILLIGAUSS = 1e-7
 # A faster unit is logged in GYR and ACC.
 RAW_HZ = 500.0
 PWM_MIN, PWM_MAX = 1000, 2000
+# Shares of the output range at no and at full thrust of an armed motor, the firmware's defaults.
+SPIN_MIN, SPIN_MAX = 0.15, 0.95
 SLOW_HZ, VIBE_HZ, EKF_HZ = 10.0, 10.0, 10.0
 _NAN = float("nan")
 
@@ -246,8 +248,14 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
                       BAlt=_baro_height(flight, board.t[k], up))
     if len(board.motors):
         k = every(board.t, logging.motors_hz)
-        pwm = PWM_MIN + (PWM_MAX - PWM_MIN) * np.clip(board.motors[k], 0.0, 1.0)
+        pwm = output_pwm(board.motors[k])
         yield message("RCOU", 0, micros(board.t[k]), C1=pwm[:, 0], C2=pwm[:, 1], C3=pwm[:, 2], C4=pwm[:, 3])
+
+
+def output_pwm(motors: Array) -> Array:
+    """Return the outputs [us] of commands, 0 to 1; a motor that is off gets the lowest."""
+    share = np.where(motors > 0.0, SPIN_MIN + (SPIN_MAX - SPIN_MIN) * np.clip(motors, 0.0, 1.0), 0.0)
+    return PWM_MIN + (PWM_MAX - PWM_MIN) * share
 
 
 def _rate(flight: Flight) -> tuple[Key, Columns]:
@@ -314,6 +322,7 @@ def copter_parameters(flight: Flight) -> list[ParamChange]:
         "COMPASS_ENABLE": int(bool(flight.mags)),
         "COMPASS_DEC": np.radians(flight.declination_deg),
         "COMPASS_AUTODEC": 0,
+        "COMPASS_LEARN": 0,
         "INS_GYRO_FILTER": gyro_cut,
         "INS_ACCEL_FILTER": acc_cut,
         "INS_RAW_LOG_OPT": (1 | 4 * (gyro_cut > 0)) if raw else 0,
@@ -321,6 +330,8 @@ def copter_parameters(flight: Flight) -> list[ParamChange]:
         "LOG_DISARMED": 1,
         "MOT_PWM_MIN": PWM_MIN,
         "MOT_PWM_MAX": PWM_MAX,
+        "MOT_SPIN_MIN": SPIN_MIN,
+        "MOT_SPIN_MAX": SPIN_MAX,
         "ATC_ANG_RLL_P": control.angle_kp,
         "ATC_ANG_PIT_P": control.angle_kp,
         "ATC_ANG_YAW_P": control.yaw_angle_kp,

@@ -9,6 +9,7 @@ values that only PX4's EKF has (test ratios, position) are left out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -36,6 +37,7 @@ from attlog.simulate.logs.records import (
     texts,
     vibration,
 )
+from attlog.simulate.scenario import ROTOR_SIGNS, ROTOR_TURNS
 
 _TYPES = {"b": np.dtype(bool), "u1": np.dtype("u1"), "i1": np.dtype("i1"), "u2": np.dtype("<u2"), "u4": np.dtype("<u4"),
           "i4": np.dtype("<i4"), "u8": np.dtype("<u8"), "f4": np.dtype("<f4"), "f8": np.dtype("<f8")}
@@ -163,6 +165,11 @@ def px4_parameters(flight: Flight) -> list[ParamChange]:
         ("MC_PITCHRATE_D", control.rate_kd, 0.003), ("MC_YAWRATE_P", control.yaw_rate_kp, 0.2),
         ("MC_YAWRATE_I", control.yaw_rate_ki, 0.1),
     ]
+    side = flight.scenario.vehicle.arm_m / math.sqrt(2.0)
+    values += [("CA_AIRFRAME", 0, 0), ("CA_ROTOR_COUNT", len(ROTOR_SIGNS), 0)]
+    for k, ((ahead, right), turn) in enumerate(zip(ROTOR_SIGNS, ROTOR_TURNS, strict=True)):
+        values += [(f"CA_ROTOR{k}_PX", ahead * side, 0.0), (f"CA_ROTOR{k}_PY", right * side, 0.0),
+                   (f"CA_ROTOR{k}_KM", turn * 0.05, 0.05)]
     for kind, ids, count in (("GYRO", GYROS, len(flight.imus)), ("ACC", ACCS, len(flight.imus)),
                              ("MAG", MAGS, len(flight.mags))):
         for k in range(min(count, len(ids))):
@@ -364,7 +371,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     if len(board.motors):
         k = every(board.t, logging.motors_hz)
         control = np.full((len(k), 12), np.nan)
-        control[:, : board.motors.shape[1]] = board.motors[k]
+        control[:, : board.motors.shape[1]] = np.where(board.motors[k] > 0.0, board.motors[k], np.nan)
         yield message("actuator_motors", 0, **_both(board.t[k]), control=control)
 
 
