@@ -29,8 +29,8 @@ SEPARATE_KINDS = (BUG, "estimator_failed", "estimator_timed_out")
 KINDS = (
     *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "vibration", "attitude", "mounting", "trim", "reset"),
     *("coverage", "estimator", "accelerometer", "accelerometer_axes", "accelerometer_delay", "frozen_sensors"),
-    *("device", "arming", "gyro_range", "gnss", "imu_delay", "gyro_scale", "gaps", "jitter", "rate", "delay"),
-    *("compass", "declination"),
+    *("device", "parameters", "arming", "gyro_range", "gnss", "imu_delay", "gyro_scale", "gaps", "jitter", "rate"),
+    *("delay", "compass", "declination"),
 )
 
 
@@ -271,6 +271,7 @@ EVENT_KINDS = {
     "gnss_interference": "gnss",
     "arming_refused": "arming",
     "device_error": "device",
+    "parameter_changed": "parameters",
     "failsafe": "failsafe",
     "battery": "battery",
 }
@@ -284,6 +285,7 @@ MESSAGE_KINDS = (
 EVENT_ACTIONS = {
     "battery": "Charge or change the battery, and land earlier.",
     "arming_refused": "Remove what the autopilot names, and arm again.",
+    "parameter_changed": "Set parameters on the ground, or check who set them.",
     "device_error": "Check wiring, power and baud rate of this device.",
     "gnss_interference": "Look for transmitters near the antenna; do not rely on position modes there.",
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,21 +13,32 @@ from attlog.flight import aiding
 from attlog.flight.model import FIX_3D, Array, FlightLog, Gnss
 from attlog.health.check import Check, HealthCase, Verdict, unknown
 from attlog.health.flown import driven_spans, held_seconds
+from attlog.story.estimator_events import is_link_loss
 
 # Minimum fixes for a 5th percentile.
 MIN_FIXES = 20
 # Minimum outage; shorter ones are late messages.
 MIN_OUTAGE_S = 3.0
+# Records are missing from this number of usual intervals on.
+MAX_USUAL_INTERVALS = 5.0
+SILENT_CAUSE = "The receiver, its cable or its driver stopped; the fix before and after is sound."
 QUALITY_LIMIT = "ok: in 95 % of the flight as good as the firmware asks before take-off, and no loss above 3 s"
 # States of jamming and spoofing that receivers report.
 SEEN_STATE, WARNING_STATE, CRITICAL_STATE = 1, 2, 3
 # Minimum duration of a state, more than two records.
 MIN_JAMMED_S = 1.0
-INTERFERENCE_LIMIT = "ok: the receiver names no jamming and no spoofing for 1 s; fault: critical, or spoofing"
+# A warning of jamming counts where the fix is worse meanwhile: accuracy by this factor, or satellites by this number.
+# u-blox indicates it beside sound fixes (UBX-MON-HW, jammingState 2: interference visible but fix OK).
+WORSE_ACCURACY, WORSE_SATELLITES = 1.5, 3.0
+INTERFERENCE_LIMIT = (
+    "ok: for less than 1 s jamming that is critical or worsens the fix, and spoofing; fault: critical, or spoofing"
+)
 # Mean radius of the earth.
 EARTH_M = 6.371e6
 # Jump of a fix against the previous one plus mean velocity: minimum size, significance, maximum interval.
 JUMP_M, JUMP_SIGMAS, MAX_FIX_INTERVAL_S = 3.0, 5.0, 1.5
+# Steps within this time are one jump; a jump is at least this share of the largest.
+ONE_JUMP_S, MIN_JUMP_SHARE = 2.0, 1.0 / 3.0
 JUMP_LIMIT = f"ok: no step above {JUMP_M:.0f} m and {JUMP_SIGMAS:.0f} times its usual size"
 
 
@@ -42,22 +54,26 @@ def gnss_checks(case: HealthCase) -> list[Check]:
     return found
 
 
-def gnss_outages(gnss: Gnss, flights: list[Span], log: FlightLog) -> list[Span]:
-    """Return spans in flight without a 3D fix, except pauses of the logger."""
+def gnss_outages(gnss: Gnss, flights: list[Span], log: FlightLog) -> tuple[list[Span], list[Span]]:
+    """Return spans in flight with records but no 3D fix, and spans without records.
+
+    Pauses of a radio link or of the logger are neither.
+    """
     t: NDArray[np.float64] = gnss.t[gnss.fix >= FIX_3D]
-    imu = log.replay_imu
-    found = []
+    unfixed: NDArray[np.float64] = gnss.t[gnss.fix < FIX_3D]
+    usual = float(np.median(np.diff(gnss.t))) if len(gnss.t) > 1 else math.inf
+    lost: list[Span] = []
+    silent: list[Span] = []
     for begin, end in flights:
         edges = np.concatenate([[begin], t[(t > begin) & (t < end)], [end]])
-        for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        for a, b in pairwise(edges.tolist()):
             if b - a <= MIN_OUTAGE_S:
                 continue
-            if imu is not None:
-                stamps = np.concatenate([[a], imu.gyro.t[(imu.gyro.t > a) & (imu.gyro.t < b)], [b]])
-                if np.diff(stamps).max() > 0.5 * (b - a):
-                    continue  # the logger paused
-            found.append((a, b))
-    return found
+            if ((unfixed > a) & (unfixed < b)).any():
+                lost.append((a, b))
+            elif b - a > MAX_USUAL_INTERVALS * usual and not is_link_loss(log, a, b):
+                silent.append((a, b))
+    return lost, silent
 
 
 def _quality(log: FlightLog, receiver: Gnss, flown: list[Span], fixed: NDArray[np.bool_]) -> Check:
@@ -90,13 +106,18 @@ def _quality(log: FlightLog, receiver: Gnss, flown: list[Span], fixed: NDArray[n
         check.text = f"GNSS is poor in 5 % of the flight: {', '.join(bad)}."
         check.evidence = [f"All of it: {', '.join(words)}."]
         check.why_no_setting = "Give the antenna free sky and distance from transmitters and USB 3."
-    lost = gnss_outages(receiver, flown, log)
+    no_fix, silent = gnss_outages(receiver, flown, log)
+    lost = no_fix or silent
     if lost:
         check.verdict, check.t, check.count = "warning", round(lost[0][0], 1), len(lost)
         with_fix = [check.text, *check.evidence] if bad else [f"With a fix it has {', '.join(words)} (95 %)."]
         seconds = sum(b - a for a, b in lost)
         times = "" if len(lost) == 1 else f" in {len(lost)} outages"
-        check.text = f"GNSS had no fix for {seconds:.0f} s in flight{times}, first at {lost[0][0]:.0f} s."
+        what = "GNSS had no fix" if no_fix else "No GNSS message arrived"
+        check.text = f"{what} for {seconds:.0f} s in flight{times}, first at {lost[0][0]:.0f} s."
+        if not no_fix:
+            check.cause = SILENT_CAUSE
+            check.why_no_setting = "Check cable, power and baud rate of the receiver."
         check.value, check.unit, check.evidence = round(seconds, 1), "s", with_fix
     return check
 
@@ -135,11 +156,29 @@ def _interference(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
         if seconds < MIN_JAMMED_S:
             continue
         critical = float(np.nanmax(states[name])) >= CRITICAL_STATE
+        if name == "jamming" and not critical and not _is_worse(receiver, use, on):
+            check.evidence.append(f"It warned of jamming for {seconds:.0f} s, but the fix was no worse.")
+            continue
         check.verdict = "fault" if name == "spoofing" or critical else "warning"
         check.t, check.value, check.unit = round(float(t[on][0]), 1), round(seconds, 1), "s"
         check.text = f"The receiver reports {name} for {seconds:.0f} s in flight, first at {t[on][0]:.0f} s."
         check.why_no_setting = "Look for transmitters near the antenna; do not rely on position modes there."
     return [check]
+
+
+def _is_worse(receiver: Gnss, use: NDArray[np.bool_], on: NDArray[np.bool_]) -> bool:
+    """Return whether fix, accuracy or satellites are worse at the records ``on`` of those in ``use``."""
+    if (receiver.fix[use][on] < FIX_3D).any():
+        return True
+    accuracies = [x[use] for x in (receiver.h_acc, receiver.s_acc)]
+    satellites = np.full(len(on), np.nan) if receiver.reception is None else receiver.reception.satellites[use]
+    worse = [_median(x[on]) > WORSE_ACCURACY * _median(x[~on]) for x in accuracies]
+    return any(worse) or _median(satellites[on]) <= _median(satellites[~on]) - WORSE_SATELLITES
+
+
+def _median(x: Array) -> float:
+    known = x[np.isfinite(x)]
+    return float(np.median(known)) if len(known) else math.nan
 
 
 def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
@@ -155,7 +194,8 @@ def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
     left = np.diff(place, axis=0) - 0.5 * (v[1:] + v[:-1]) * dt[:, None]
     size = np.where((dt > 0.0) & (dt < MAX_FIX_INTERVAL_S), np.hypot(left[:, 0], left[:, 1]), 0.0)
     usual, largest = float(np.median(size)), float(size.max(initial=0.0))
-    jumps = int(np.count_nonzero(size > max(JUMP_M, JUMP_SIGMAS * usual)))
+    steps = t[1:][size > max(JUMP_M, JUMP_SIGMAS * usual, MIN_JUMP_SHARE * largest)]
+    jumps = int(np.count_nonzero(np.diff(steps, prepend=-np.inf) > ONE_JUMP_S))
     verdict: Verdict = "warning" if jumps else "ok"
     text = f"The largest step of the GNSS position beside its velocity is {largest:.1f} m in flight."
     check = Check("gnss_jumps", verdict, text, round(largest, 1), "m", JUMP_LIMIT, sensor=receiver.source)
@@ -164,7 +204,8 @@ def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
     if jumps:
         at = float(t[1:][int(np.argmax(size))])
         check.t = round(at, 1)
-        check.text = f"The GNSS position jumps {jumps} times in flight, by up to {check.value:.0f} m at {at:.0f} s."
+        times = "once" if jumps == 1 else "twice" if jumps == 2 else f"{jumps} times"
+        check.text = f"The GNSS position jumps {times} in flight, by up to {check.value:.0f} m at {at:.0f} s."
         check.evidence = [f"Usually it is {usual:.2f} m beside its velocity from fix to fix."]
         check.why_no_setting = "Give the antenna free sky; a ground plane helps against reflections."
     return [check]

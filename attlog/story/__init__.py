@@ -31,6 +31,9 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
     found += guarded_part(
         log, "The autopilot’s messages", lambda: message_events.message_events(log, quoted, segments), list[Event]
     )
+    found += guarded_part(
+        log, "Changed parameters", lambda: message_events.parameter_events(log, segments), list[Event]
+    )
     lost = [(s.t0, s.t1) for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
     for k, event in enumerate(found):
         # Warnings at the start of the log (autopilot boot) and of a wreck are only notes.

@@ -285,7 +285,7 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
             if ((unfixed > since) & (unfixed < until)).any():
                 text = f"GNSS had no fix for {until - since:.0f} s in flight, from {since:.1f} s."
                 evidence = [f"{log.gnss[0].source}: no 3D fix"]
-            elif _is_link_loss(log, since, until):
+            elif is_link_loss(log, since, until):
                 continue
             else:
                 text = f"No GNSS message arrived for {until - since:.0f} s in flight, from {since:.1f} s."
@@ -294,12 +294,13 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
     return found
 
 
-def _is_link_loss(log: FlightLog, since: float, until: float) -> bool:
+def is_link_loss(log: FlightLog, since: float, until: float) -> bool:
     """Return whether telemetry, or a pause of the logger, explains missing messages."""
-    attitude = log.onboard_attitude
-    if log.format in TELEMETRY or attitude is None:
+    imu = log.replay_imu
+    steady = log.onboard_attitude or (None if imu is None else imu.gyro)
+    if log.format in TELEMETRY or steady is None:
         return True
-    edges = np.concatenate([[since], attitude.t[(attitude.t > since) & (attitude.t < until)], [until]])
+    edges = np.concatenate([[since], steady.t[(steady.t > since) & (steady.t < until)], [until]])
     return float(np.diff(edges).max()) > PAUSE_SHARE * (until - since)
 
 

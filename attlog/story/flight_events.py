@@ -44,6 +44,7 @@ KINDS = (
     "battery",
     "arming_refused",
     "device_error",
+    "parameter_changed",
     "message",
 )
 # Kinds of crash events, with severity ``serious``.

@@ -209,6 +209,7 @@ TOLD_FIRST = (
     "gnss_jump",
     "gnss_interference",
     "device_error",
+    "parameter_changed",
 )
 # Margin after the first lift-off and before the last landing for an angle wrong throughout.
 THROUGHOUT_S = 10.0
@@ -287,6 +288,7 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
         "gnss_lost": f"GNSS {'messages missing' if first.text.startswith('No ') else 'lost'} from {since}",
         "gnss_interference": f"“{first.quote}” {format_time(first.t)}",
         "device_error": first.quote,
+        "parameter_changed": _changed_parameters(first),
         "gnss_jump": first.text.partition(",")[0].rstrip("."),
     }[first.kind]
     more = f" (vibration {format_significant(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
@@ -302,6 +304,12 @@ def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments) 
     when = "throughout" if whole else f"from {wrong.t:.0f} to {wrong.t_end:.0f} s"
     said = f"{wrong.angle.capitalize()} was {wrong.size_deg:.0f}° wrong {when}"
     return [*(f"{said}; {text}" for text in first if text), f"{said}."]
+
+
+def _changed_parameters(event: Event) -> str:
+    count = len(event.evidence)
+    first = event.evidence[0].replace(" from ", " changed from ", 1) if event.evidence else ""
+    return f"{first if count < 2 else f'{count} parameters changed'} at {event.t:.1f} s"
 
 
 def _realigned(found: Sequence[Event]) -> str:

@@ -1,4 +1,4 @@
-"""Events that only the autopilot's texts show: refused arming, failing devices, other warnings and errors."""
+"""Events that only the autopilot reports: refused arming, failing devices, other texts, changed parameters."""
 
 from __future__ import annotations
 
@@ -156,3 +156,49 @@ def _message_event(texts: Sequence[Text], in_use: list[Span]) -> Event:
     words = clean_text(first[2])
     text = f"“{words}”{_counted(len(texts))}."
     return Event("message", first[0], weight, text, _end(texts), evidence=[quote_text(first)], quote=words)
+
+
+# --- parameters --------------------------------------------------------------------------------------------------
+
+# Time after the start of log or flight from which a change is no late record of an older value, and time between
+# changes of one event.
+SETTLED_S, TOGETHER_S = 1.0, 5.0
+# Changes named in an event.
+MAX_CHANGES = 3
+# Parameters that firmware or ground station write by themselves: statistics, ground pressure, learned hover throttle,
+# stream rates, flight counters; and those of a simulator.
+BY_ITSELF = re.compile(
+    r"^(STAT_|(BARO|GND_)\w*PRESS|MOT_THST_HOVER|SR\d_|COM_FLIGHT_UUID|LND_FLIGHT_T|MIS_TOTAL|FENCE_TOTAL)"
+)
+OF_SIMULATOR = re.compile(r"^SIM_")
+
+
+def parameter_events(log: FlightLog, segments: Segments) -> list[Event]:
+    """Return changes of parameters in flight, those within 5 s as one event; a simulator's are notes."""
+    flown = [(a + SETTLED_S, b) for a, b in segments.spans("airborne") if b - a > SETTLED_S]
+    changes: list[tuple[float, str, float, float]] = []
+    for name, line in log.parameters.lines.items():
+        if len(line.value) > 1 and not BY_ITSELF.search(name):
+            steps = zip(line.t.tolist()[1:], line.value, line.value[1:], strict=False)
+            changes += [(t, name, before, after) for t, before, after in steps if t > SETTLED_S]
+    kept = [c for c, use in zip(changes, inside(np.array([c[0] for c in changes]), flown), strict=True) if use]
+    groups: list[list[tuple[float, str, float, float]]] = []
+    for change in sorted(kept):
+        simulator = bool(OF_SIMULATOR.search(change[1]))
+        near = groups and change[0] - groups[-1][-1][0] <= TOGETHER_S
+        if near and simulator == bool(OF_SIMULATOR.search(groups[-1][-1][1])):
+            groups[-1].append(change)
+        else:
+            groups.append([change])
+    return [_parameter_event(group) for group in groups]
+
+
+def _parameter_event(changes: Sequence[tuple[float, str, float, float]]) -> Event:
+    """Return changed parameters as one event, with old and new values."""
+    said = [f"{name} from {before:g} to {after:g}" for _, name, before, after in changes]
+    more = f" and {len(said) - MAX_CHANGES} more" if len(said) > MAX_CHANGES else ""
+    t, name = changes[0][0], changes[0][1]
+    text = f"Parameters changed in flight {format_time(t)}: {', '.join(said[:MAX_CHANGES])}{more}."
+    weight: EventSeverity = "note" if OF_SIMULATOR.search(name) else "warning"
+    t_end = changes[-1][0] if len(changes) > 1 else None
+    return Event("parameter_changed", t, weight, text, t_end, float(len(said)), "parameters", said)

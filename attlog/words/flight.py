@@ -185,6 +185,7 @@ EVENT_LABELS = {
     "battery": "battery",
     "arming_refused": "arming refused",
     "device_error": "device error",
+    "parameter_changed": "parameters",
     "message": "message",
 }
 # Event kinds in the collapsed list.

@@ -164,8 +164,7 @@ def test_what_a_receiver_tells_without_a_fix_is_no_quality() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "state", "verdict"),
-    [("jamming_state", 2.0, "warning"), ("jamming_state", 3.0, "fault"), ("spoofing_state", 2.0, "fault")],
+    ("name", "state", "verdict"), [("jamming_state", 3.0, "fault"), ("spoofing_state", 2.0, "fault")]
 )
 def test_what_the_receiver_reports_for_more_than_a_second_is_told(name: str, state: float, verdict: str) -> None:
     log = received()
@@ -177,6 +176,36 @@ def test_what_the_receiver_reports_for_more_than_a_second_is_told(name: str, sta
     assert one.verdict == verdict
     assert one.value == pytest.approx(10.0, abs=0.5)
     assert one.t == pytest.approx(50.0, abs=0.3)
+
+
+@pytest.mark.parametrize(("accuracy", "verdict"), [(0.3, "ok"), (0.6, "warning")])
+def test_a_warning_of_jamming_counts_where_the_fix_is_worse(accuracy: float, verdict: str) -> None:
+    log = received()
+    reception, t = log.gnss[0].reception, log.gnss[0].t
+    assert reception is not None
+    jammed = (t > 50.0) & (t < 60.0)
+    reception.jamming_state[jammed], log.gnss[0].s_acc[jammed] = 2.0, accuracy
+    assert quality_of(log, "gnss_interference").verdict == verdict
+
+
+def test_missing_records_are_no_lost_fix() -> None:
+    log = received()
+    gnss_ = log.gnss[0]
+    kept = (gnss_.t < 40.0) | (gnss_.t > 52.0)
+    for name in ("t", "lat", "lon", "alt", "vel_ned", "h_acc", "v_acc", "s_acc", "fix"):
+        setattr(gnss_, name, getattr(gnss_, name)[kept])
+    gnss_.reception = None
+    one = quality_of(log, "gnss_quality")
+    assert one.text.startswith("No GNSS message arrived for 12 s")
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 4.0])
+def test_two_jumps_are_two_whatever_the_noise_between(noise_m: float) -> None:
+    log = received()
+    t = log.gnss[0].t
+    moved = 44.0 * ((t > 40.0) & (t < 60.0)) + noise_m * (np.arange(len(t)) % 50 == 0)
+    log.gnss[0].lat = log.gnss[0].lat + np.degrees(moved / 6.371e6)
+    assert "jumps twice" in quality_of(log, "gnss_jumps").text
 
 
 def test_a_receiver_that_tells_nothing_raises_nothing() -> None:
