@@ -25,6 +25,9 @@ Array = NDArray[np.float64]
 
 # Interval over which the gyro's error is negligible: the difference of increments is the truth's noise.
 NOISE_S = 0.1
+# Turn by the gyro within HELD_S of a repeated pose, above which the markers were lost: at rest it stays far below.
+HELD_S, LOST_TURN_DEG = 0.25, 0.5
+MAX_GLITCH_POSES = 2  # between two jumps
 # Topics of a PX4 log with attitudes by motion capture or vision.
 EXTERNAL_TOPICS = ("vehicle_mocap_odometry", "vehicle_visual_odometry", "vehicle_vision_attitude")
 # Name of a dual-antenna heading as truth (the reference takes its tilt from the smoother); fewest headings.
@@ -118,12 +121,15 @@ def align_truth(log: FlightLog, trajectory: Trajectory, request: TruthRequest, o
     imu = log.replay_imu
     if imu is None:
         raise UsageError(f"--truth {trajectory.name}: no IMU is replayed that it could be aligned with")
-    found = clock.find_clock(trajectory, imu, request.offset, own_clock)
+    moving = trajectory.select(~trajectory.held)
+    found = clock.find_clock(moving if len(moving.t) >= MIN_ATTITUDES else trajectory, imu, request.offset, own_clock)
     timing, late = found.timing, imu.gyro.delay
+    trajectory = trajectory.select(~_lost_poses(trajectory, found, imu))
+    body = trajectory.readings[found.reading]
     t = trajectory.t + timing.offset + timing.drift * (trajectory.t - found.middle) - late
     inside = (t >= imu.gyro.t_best[0]) & (t <= imu.gyro.t_best[-1])
     turn = axes.snap_to_usual(rotation.from_matrix(timing.turn), timing.turn_sigma)
-    t, q = t[inside], rotation.multiply(found.q[inside], rotation.conjugate(turn))  # the IMU's body to its world
+    t, q = t[inside], rotation.multiply(body[inside], rotation.conjugate(turn))  # the IMU's body to its world
     world = axes.fit_world(log, imu, t, q, trajectory, inside, request.north)
     q = rotation.multiply(world.turn, q)
     rates = found.rates
@@ -152,6 +158,20 @@ def align_truth(log: FlightLog, trajectory: Trajectory, request: TruthRequest, o
         found.reading or "body to earth",
     )
     return Attitude(t, q, trajectory.name, fit=fit, normal=True)
+
+
+def _lost_poses(trajectory: Trajectory, found: clock.BestClock, imu: Imu) -> NDArray[np.bool_]:
+    """Mark poses (n,) repeated while the gyro turns, and single poses between two jumps."""
+    t = trajectory.t + found.timing.offset + found.timing.drift * (trajectory.t - found.middle)
+    part = np.cumsum(clock.jump_mask(t, trajectory.readings[found.reading], clock.fastest_rate(imu)))
+    lost: NDArray[np.bool_] = np.bincount(part)[part] <= MAX_GLITCH_POSES
+    gyro = increments.gyro_increments(imu)
+    for run in model.segment_slices(trajectory.held, np.zeros(len(t), np.int64)):
+        end = t[min(run.stop, len(t) - 1)]
+        edges = np.append(np.arange(t[run.start - 1], end - 1e-6, HELD_S), end)
+        turn = (gyro.mean_rates(edges[:-1], edges[1:]) - found.rates.bias) * np.diff(edges)[:, None]
+        lost[run] |= not np.max(np.degrees(rotation.length(turn))) <= LOST_TURN_DEG
+    return lost
 
 
 def _noise(t: Array, q: Array, imu: Imu, bias: Array, late: float) -> Array:

@@ -42,6 +42,13 @@ SPANS_S, MIN_RATES = (SPAN_S, 0.3), 30
 # Interval over which rates of the same flight correlate even with a noisy truth.
 LONG_S = 1.6
 MAX_TURN_SIGMA_DEG = 4.0  # mountings with a larger uncertainty are refused
+# Least jump of a pose that is cut: so many times the gyro's fastest rate, and the median step between poses.
+JUMP_RATES, JUMP_STEPS = 1.5, 8.0
+# The truth of another flight of one mission leaves the gyro's angle as the span grows; its own does not. Largest growth
+# of the misfit in deg from SPAN_S to LONG_S, beside a share of the turn for the gyro's scale; as a factor for a noisy
+# truth. Its own grows by up to 0.2 deg, another's by 0.6 and more (four missions flown twice, 24 flights).
+MAX_GROWTH_DEG, MAX_GROWTH_SHARE, MIN_GROWTH_RATIO = 0.35, 0.05, 1.2
+MAX_COMPARED_TURN_RAD = 0.35  # rotation vectors of long turns are no angle
 # An unusual reading is taken if its misfit is below this share of the first reading's.
 MAX_READING_MISFIT = 0.9
 # Search range around a given offset, and around zero for a topic of the log.
@@ -66,11 +73,32 @@ class RateFit:
     n: int
 
 
-def attitude_rates(t: Array, q: Array, span_s: float = SPAN_S) -> BodyRates:
-    """Return mean body rates over at least ``span_s`` of attitudes (n, 4), body to earth, at rising ``t`` (n,) s."""
+def attitude_rates(t: Array, q: Array, span_s: float = SPAN_S, fastest: float = np.inf) -> BodyRates:
+    """Return mean body rates over at least ``span_s`` of attitudes (n, 4), body to earth, at rising ``t`` (n,) s.
+
+    No interval contains a gap or a jump: a step faster than ``fastest`` rad/s by far.
+    """
     step = 1.0 / max(model.sample_rate(t), 1e-9)
     segment = model.number_segments(t, timestamps.gap_limit_of_times(t))
+    if np.isfinite(fastest):
+        segment = model.merge_numbers(segment, np.cumsum(jump_mask(t, q, fastest)))
     return body_rates(t, q, segment, max(1, int(np.ceil(span_s / step - 1e-6))))
+
+
+def jump_mask(t: Array, q: Array, fastest: float) -> NDArray[np.bool_]:
+    """Mark attitudes (n,) reached by a step that no vehicle turning at up to ``fastest`` rad/s makes."""
+    size = np.concatenate([[0.0], rotation.length(rotation.relative_rotvecs(q[:-1], q[1:]))])
+    span = np.concatenate([[1.0], np.diff(t)])
+    return np.asarray(size > np.maximum(JUMP_RATES * fastest * span, JUMP_STEPS * float(np.median(size))))
+
+
+def fastest_rate(imu: Imu) -> float:
+    """Return the largest mean rate of a gyro over SPAN_S, rad/s."""
+    gyro = gyro_increments(imu)
+    edges = np.arange(gyro.t[0], gyro.t[-1], SPAN_S)
+    rates = gyro.mean_rates(edges[:-1], edges[1:])
+    sizes = rotation.length(rates[rotation.finite_rows(rates)])
+    return float(np.max(sizes, initial=0.0)) or np.inf
 
 
 def fit_turn(truth: BodyRates, gyro: GyroIncrements, late: float = 0.0) -> RateFit | None:
@@ -129,6 +157,7 @@ def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | Non
     turned = gyro.between(edges[:-1], edges[1:]) / grid
     known = gyro.known(edges[:-1], edges[1:])
     b = np.where(known, rotation.length(turned - np.median(turned[known], axis=0)), np.nan) if known.any() else turned
+    a, b = (np.minimum(x, _fastest_second(b, grid)) for x in (a, b))
     score = _correlation(a, b, grid)
     found_at: list[float] = []
     for i in np.argsort(-score):
@@ -138,6 +167,12 @@ def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | Non
         if all(abs(offset - other) > MIN_PEAK_DISTANCE_S for other in found_at):
             found_at.append(offset)
     return found_at
+
+
+def _fastest_second(size: Array, grid: float) -> float:
+    """Return the rate exceeded for one second in all: a jump or a blow, which is shorter, must not decide a clock."""
+    known = np.sort(size[np.isfinite(size)])
+    return float(known[-min(len(known), max(1, round(1.0 / grid)))]) if len(known) else np.inf
 
 
 def _sizes(truth: BodyRates, grid: float) -> tuple[float, Array]:
@@ -314,13 +349,13 @@ def find_clock(trajectory: Trajectory, imu: Imu, offset: float | None, own_clock
     ``offset`` s: search near it only. ``own_clock``: the times are on the log's clock except for a delay. UsageError
     if no clock fits or several do.
     """
-    gyro, name = gyro_increments(imu), trajectory.name
+    gyro, name, fastest = gyro_increments(imu), trajectory.name, fastest_rate(imu)
     around = offset if offset is not None else 0.0 if own_clock else None
     within = AROUND_S if offset is not None else SAME_CLOCK_S
     tried: list[ClockFit] = []
     for span in SPANS_S:
         for words, q in trajectory.readings.items():
-            rates = attitude_rates(trajectory.t, q, span)
+            rates = attitude_rates(trajectory.t, q, span, fastest)
             if len(rates.start) < MIN_RATES:
                 continue
             for offset in clock_candidates(rates, gyro, around, within):
@@ -336,7 +371,7 @@ def find_clock(trajectory: Trajectory, imu: Imu, offset: float | None, own_clock
         tried,
         key=lambda c: (1.0 - max(c.rates.correlation, 0.0) ** 2) / (1.0 if c.reading == usual else MAX_READING_MISFIT),
     )
-    slow = fit_turn(attitude_rates(trajectory.t, best.q, LONG_S).at_most(MAX_INTERVALS), gyro, best.offset)
+    slow = fit_turn(attitude_rates(trajectory.t, best.q, LONG_S, fastest).at_most(MAX_INTERVALS), gyro, best.offset)
     if max(best.rates.correlation, 0.0 if slow is None else slow.correlation) < MIN_CORRELATION:
         turns = math.degrees(
             float(np.sqrt(np.mean(np.var(imu.gyro.x[rotation.finite_rows(imu.gyro.x)], axis=0).sum())))
@@ -352,12 +387,42 @@ def find_clock(trajectory: Trajectory, imu: Imu, offset: float | None, own_clock
         raise UsageError(
             f"--truth {name}: fits at {best.offset:.2f} s as well as at {rival.offset:.2f} s; give :offset=SECONDS"
         )
-    return _clock_with_drift(trajectory, best, gyro)
+    found = _clock_with_drift(trajectory, best, gyro, fastest)
+    _check_growth(trajectory, found, gyro, fastest)
+    return found
 
 
-def _clock_with_drift(trajectory: Trajectory, best: ClockFit, gyro: GyroIncrements) -> BestClock:
+def _check_growth(trajectory: Trajectory, found: BestClock, gyro: GyroIncrements, fastest: float) -> None:
+    """Raise UsageError for the truth of another flight of one mission, whose misfit grows with the span."""
+    t = trajectory.t + found.timing.offset + found.timing.drift * (trajectory.t - found.middle)
+    parts = [_angle_misfit_deg(attitude_rates(t, found.q, span, fastest), gyro, found) for span in (SPAN_S, LONG_S)]
+    (short, _), (long, turn) = parts
+    grown = math.sqrt(max(long**2 - short**2, 0.0))
+    if grown > MAX_GROWTH_DEG + MAX_GROWTH_SHARE * turn and long > MIN_GROWTH_RATIO * short:
+        raise UsageError(
+            f"--truth {trajectory.name}: leaves the gyro by {long:.1f} deg within {LONG_S:.1f} s and {short:.1f} deg "
+            f"within {SPAN_S:.2f} s: it is of another flight of this mission"
+        )
+
+
+def _angle_misfit_deg(truth: BodyRates, gyro: GyroIncrements, found: BestClock) -> tuple[float, float]:
+    """Return the median angle in deg between turns of truth and gyro, and the median turn; zeros without any."""
+    truth = truth.at_most(MAX_INTERVALS)
+    span = (truth.end - truth.start)[:, None]
+    seen = (gyro.mean_rates(truth.start, truth.end) - found.rates.bias) * span
+    own = truth.rate @ found.timing.turn.T * span
+    known = rotation.finite_rows(seen) & (rotation.length(own) < MAX_COMPARED_TURN_RAD)
+    known &= rotation.length(seen) < MAX_COMPARED_TURN_RAD
+    if np.count_nonzero(known) < MIN_RATES:
+        return 0.0, 0.0
+    sizes = rotation.length((seen - own)[known]), rotation.length(own[known])
+    misfit, turn = (math.degrees(float(np.median(size))) for size in sizes)
+    return misfit, turn
+
+
+def _clock_with_drift(trajectory: Trajectory, best: ClockFit, gyro: GyroIncrements, fastest: float) -> BestClock:
     """Fit the drift. UsageError if the rotation between both bodies stays uncertain."""
-    rates = attitude_rates(trajectory.t, best.q, best.span)
+    rates = attitude_rates(trajectory.t, best.q, best.span, fastest)
     shared = gyro.known(rates.start + best.offset, rates.end + best.offset)
     rates = rates.select(shared)
     middle = float(np.mean(rates.start))

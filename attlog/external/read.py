@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -149,7 +149,8 @@ class Trajectory:
     """Attitudes of a file at rising ``t`` (n,) s on its own clock, with positions (n, 3) m if given.
 
     ``readings``: quaternions (n, 4), scalar first, by interpretation of the numbers; a file with one interpretation
-    names it "". ``known_axes``: body FRD and earth NED. ``left_out``: rows without attitude or rising time.
+    names it "". ``known_axes``: body FRD and earth NED. ``left_out``: rows without attitude or rising time. ``held``
+    (n,): repetitions of the pose before, as written while markers are lost or the vehicle stands still.
     """
 
     name: str
@@ -158,6 +159,13 @@ class Trajectory:
     position: Array | None = None
     known_axes: bool = False
     left_out: int = 0
+    held: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+
+    def select(self, use: NDArray[np.bool_]) -> Trajectory:
+        """Return the selected poses (n,)."""
+        position = None if self.position is None else self.position[use]
+        readings = {name: q[use] for name, q in self.readings.items()}
+        return replace(self, t=self.t[use], readings=readings, position=position, held=self.held[use])
 
     def with_inverses(self) -> Trajectory:
         """Add readings of the quaternions as earth to body, as some programs write them."""
@@ -180,7 +188,15 @@ def make_trajectory(
     if count < MIN_ATTITUDES:
         raise UsageError(f"{name}: {count} usable attitudes in rising time; {MIN_ATTITUDES} are needed")
     kept = {reading: rotation.normalize(q[good]) for reading, q in readings.items()}
-    return Trajectory(name, t[good], kept, None if position is None else position[good], known_axes, len(t) - count)
+    place = None if position is None else position[good]
+    held = _held_poses(next(iter(readings.values()))[good], place)
+    return Trajectory(name, t[good], kept, place, known_axes, len(t) - count, held)
+
+
+def _held_poses(q: Array, position: Array | None) -> NDArray[np.bool_]:
+    """Mark poses (n,) equal to the one before: noise never repeats a measured pose to the last digit."""
+    pose = q if position is None else np.column_stack([q, np.nan_to_num(position)])
+    return np.concatenate([[False], np.all(pose[1:] == pose[:-1], axis=1)])
 
 
 def read_trajectory(path: Path, angles: str = "auto") -> Trajectory:

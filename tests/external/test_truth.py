@@ -153,6 +153,28 @@ def test_damage_gaps_and_signs_change_nothing(log: FlightLog, tmp_path: Path) ->
     assert np.diff(found.t).max() > 3.9
 
 
+def test_one_jump_does_not_refuse_a_truth(log: FlightLog, tmp_path: Path) -> None:
+    m = made(rate=10.0, noise_deg=0.05)
+    q = m.q.copy()
+    q[500] = rotation.multiply(q[500], rotation.from_euler(0.0, 2.5, 1.0))  # the markers are mixed up once
+    found = brought(log, tum(tmp_path, replace(m, q=q)))
+    assert abs(found.fit.offset_s - OFFSET) < 4.0 * found.fit.offset_sigma_s
+    assert tilt_deg(found) < 2.0 * found.fit.sigma_tilt_deg
+    assert len(found.t) == len(m.t) - 1
+
+
+def test_a_pose_repeated_while_the_vehicle_turns_is_a_gap_and_at_rest_a_pose(log: FlightLog, tmp_path: Path) -> None:
+    m = made(noise_deg=0.05)
+    q = m.q.copy()
+    flown, still = slice(3000, 3150), slice(100, 250)  # 65 to 68 s, 7 to 10 s
+    q[flown], q[still] = q[flown.start - 1], q[still.start - 1]
+    found = brought(log, tum(tmp_path, replace(m, q=q)))
+    times = m.t + OFFSET
+    assert not np.any((found.t > times[flown][0]) & (found.t < times[flown][-1]))
+    assert np.any((found.t > times[still][0]) & (found.t < times[still][-1]))
+    assert tilt_deg(found) < 2.0 * found.fit.sigma_tilt_deg
+
+
 def test_noise_is_told(log: FlightLog, tmp_path: Path) -> None:
     quiet, loud = (brought(log, tum(tmp_path, made(noise_deg=x), f"{x}.txt")).fit for x in (0.02, 0.3))
     assert loud.sigma_heading_deg == pytest.approx(0.3, rel=0.25)
@@ -257,6 +279,16 @@ def wandering(seed: int) -> Made:
 def test_another_flight(refused_log: FlightLog, tmp_path: Path) -> None:
     said = refused(refused_log, tum(tmp_path, wandering(0)))
     assert "is it of this flight" in said or "offset=" in said or "how it is mounted" in said
+
+
+def test_another_flight_of_the_same_mission_is_refused(refused_log: FlightLog, tmp_path: Path) -> None:
+    """The same turns, but for 0.7 deg of wind about each axis within a few seconds."""
+    m = made(noise_deg=0.1)
+    rng = np.random.default_rng(5)
+    smooth = np.hanning(101) / np.sqrt(np.sum(np.hanning(101) ** 2))
+    wind = np.column_stack([np.convolve(x, smooth, "same") for x in rng.normal(size=(3, len(m.t)))])
+    other = replace(m, q=rotation.multiply(m.q, rotation.from_rotvec(np.radians(0.7) * wind)))
+    assert "another flight of this mission" in refused(refused_log, tum(tmp_path, other))
 
 
 def test_a_constant_attitude(refused_log: FlightLog, tmp_path: Path) -> None:
