@@ -1,10 +1,5 @@
 """Read MAVLink telemetry (tlog, raw stream) of ArduPilot and PX4 as a flight log.
 
-Most messages hold ``time_boot_ms`` or ``time_usec``. The others (SIM_STATE, AHRS2, HEARTBEAT) have only the receiver's
-packet stamp, which messages with both clocks map to the boot clock; a running median follows radio delay and the
-computer's clock. Where the stamps do not advance as the boot clock does (bursts of a radio link, constant stamps,
-another unit), a packet's place in the file between messages with a clock gives a better time.
-
 ArduPilot's RAW_IMU and SCALED_IMU* are calibrated, in the body frame and cut to 1 mrad/s and 1 mg; PX4 sends
 HIGHRES_IMU in SI units. EKF_STATUS_REPORT carries the roots of the test ratios under the name of variances (AP_NavEKF3
 ``getVariances``), ESTIMATOR_STATUS those of ``estimator_status``. VIBRATION counts clipped samples by unit at the
@@ -44,118 +39,13 @@ from attlog.flight.model import (
     Stream,
     TimeLine,
 )
+from attlog.flight.packet_clock import UNIX_US, PacketClock, without_stale_packets
 from attlog.flight.px4 import reader as px4
 from attlog.flight.vehicle import ardupilot_mode, firmware_family, px4_custom_mode, px4_version, vehicle_name
-from attlog.formats.mavlink.layout import STAMP_COLUMN
-from attlog.formats.mavlink.reader import CLOCK_MESSAGES
 from attlog.formats.table import Messages, Table
 
 # Values of HEARTBEAT.autopilot.
 ARDUPILOT, PX4 = 3, 12
-
-# --- clock ------------------------------------------------------------------------------------------------------
-
-# A time_usec above this is Unix time (2001), not time since boot.
-UNIX_US = 10**15
-# Largest median difference of steps of packet stamps and boot clock, as a share of the mean step, with which packet
-# stamps are used as a clock. It is 0.01 to 0.25 by wire and good links, 0.6 by radio links that send in bursts.
-MAX_UNSTEADY_SHARE = 0.5
-# Mean truncation of a clock in whole milliseconds.
-HALF_MILLISECOND_US = 500
-# Length of the running median of packet clock minus boot clock, in clock packets.
-MEDIAN_PACKETS = 21
-# Largest backward step of an estimated time that is removed; larger ones are real.
-MAX_BACKWARD_US = 1_000_000
-
-
-class PacketClock:
-    """Boot clock in us for the packets of one autopilot.
-
-    ``offsets``, ``boot`` (n,): byte offsets and boot times of clock packets. ``ahead`` (n,): packet clock minus boot
-    clock. ``is_steady``: packet stamps are usable as a clock. ``unix``: Unix time minus boot time, None if unknown.
-    """
-
-    def __init__(self, messages: Messages, instance: int) -> None:
-        offsets, boot, packet = [np.zeros(0, np.int64)], [np.zeros(0, np.int64)], [np.zeros(0, np.int64)]
-        for name in CLOCK_MESSAGES:
-            table = messages.tables.get((name, instance))
-            if table is None or "time_boot_ms" not in table:
-                continue
-            known = table["time_boot_ms"] > 0
-            offsets.append(table.offsets[known])
-            boot.append(boot_stamps(table)[known])
-            packet.append((table[STAMP_COLUMN] if STAMP_COLUMN in table else table.offsets)[known])
-        joined = np.concatenate(offsets)
-        order = np.argsort(joined, kind="stable")
-        self.offsets = joined[order]
-        self.boot = np.concatenate(boot)[order]
-        stamped = np.concatenate(packet)[order]
-        self.ahead = running_median(stamped - self.boot) if len(order) else self.boot
-        self.is_steady = is_steady(stamped, self.boot)
-        self.unix = unix_minus_boot(messages, instance)
-
-    def of(self, table: Table) -> Stamps:
-        """Return boot times (n,) of a table in us, by its own clock or by packets."""
-        if "time_boot_ms" in table:
-            return boot_stamps(table)
-        if "time_usec" in table:
-            time = table["time_usec"].astype(np.int64)
-            if self.unix is not None:
-                time = np.where(time > UNIX_US, time - self.unix, time)
-            if len(time) and 0 < np.median(time) < UNIX_US:
-                return time
-        return self.by_packet(table)
-
-    def by_packet(self, table: Table) -> Stamps:
-        """Return boot times (n,) by packet stamps, or interpolated by byte offset if these are unsteady."""
-        if len(self.boot) == 0:
-            return np.zeros(len(table), np.int64)
-        if STAMP_COLUMN in table and self.is_steady:
-            k = np.clip(np.searchsorted(self.offsets, table.offsets), 0, len(self.offsets) - 1)
-            return force_rising(table[STAMP_COLUMN] - self.ahead[k])
-        return np.interp(table.offsets, self.offsets, self.boot).astype(np.int64)
-
-
-def is_steady(packet: Stamps, boot: Stamps) -> bool:
-    """Return whether packet stamps (n,) advance like the boot times (n,), True for too few."""
-    if len(boot) < MEDIAN_PACKETS:
-        return True
-    steps = np.abs(np.diff(boot))
-    return float(np.median(np.abs(np.diff(packet) - np.diff(boot)))) <= MAX_UNSTEADY_SHARE * float(steps.mean())
-
-
-def boot_stamps(table: Table) -> Stamps:
-    """Return boot times (n,) in us from the truncated milliseconds in ``time_boot_ms``."""
-    return table["time_boot_ms"].astype(np.int64) * 1000 + HALF_MILLISECOND_US
-
-
-def force_rising(t_us: Stamps) -> Stamps:
-    """Return stamps at least 1 us apart, by moving stamps behind backward steps below MAX_BACKWARD_US."""
-    count = np.arange(len(t_us))
-    least: Stamps = np.maximum.accumulate(t_us - count) + count
-    return np.where(least - t_us < MAX_BACKWARD_US, least, t_us)
-
-
-def running_median(x: Stamps) -> Stamps:
-    """Return the running median over MEDIAN_PACKETS entries, with reflected ends."""
-    half = MEDIAN_PACKETS // 2
-    if len(x) <= half:
-        return np.full(len(x), int(np.median(x)), np.int64)
-    padded = np.concatenate([x[half:0:-1], x, x[-2 : -half - 2 : -1]])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_PACKETS)
-    medians: Stamps = np.median(windows, axis=1).astype(np.int64)
-    return medians
-
-
-def unix_minus_boot(messages: Messages, instance: int) -> int | None:
-    """Return Unix time minus boot time in us (SYSTEM_TIME), None without a valid date."""
-    table = messages.tables.get(("SYSTEM_TIME", instance))
-    if table is None:
-        return None
-    unix, boot = table["time_unix_usec"].astype(np.int64), table["time_boot_ms"].astype(np.int64) * 1000
-    known = (unix > UNIX_US) & (unix < limits.UTC_US.high) & (boot > 0)
-    return int(np.median(unix[known] - boot[known])) if known.any() else None
-
 
 # --- vehicle ----------------------------------------------------------------------------------------------------
 
@@ -203,11 +93,14 @@ def choose_system_id(messages: Messages, path: Path, system: int | None) -> int:
 def read(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:
     """Read the flight of one vehicle in a MAVLink file; ``imu`` and ``mag`` select units."""
     instance = choose_system_id(messages, messages.path, system)
+    messages, stale = without_stale_packets(messages, instance, [name for _, _, name in INERTIAL])
     systems = messages.info.get("systems", {})
     autopilot = systems.get(instance >> 8, {}).get("autopilot")
     builder = TelemetryBuilder(messages, instance=instance, autopilot=autopilot)
     log, read_optional = builder.log, builder.read_optional
     _report_other_systems(builder, systems)
+    if stale:
+        builder.problem("stale_packets", "note", stale)
     candidates = best_per_unit(builder, read_optional("The inertial messages", partial(imu_candidates, builder), []))
     log.firmware = read_optional("The firmware", partial(read_firmware, builder), Firmware("unknown autopilot"))
     suffix = {"PX4": ".ulg", "ArduPilot": ".bin"}.get(log.firmware.name, ".bin or .ulg")

@@ -117,7 +117,8 @@ def record_clock(messages: Messages, system: int | None = None) -> Callable[[Tab
         dataflash = RecordClock(messages)
         return dataflash.of if dataflash.known else lambda table: None
     if messages.format in ("tlog", "mavlink"):
-        from attlog.flight.mavlink import PacketClock, choose_system_id
+        from attlog.flight.mavlink import choose_system_id
+        from attlog.flight.packet_clock import PacketClock
 
         instance = choose_system_id(messages, messages.path, system)
         packets = PacketClock(messages, instance)

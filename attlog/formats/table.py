@@ -382,7 +382,10 @@ class Messages(Mapping[tuple[str, int], Table]):
         """Return the log restricted to one power-up. IndexError without such a boot."""
         if len(self.boots) <= 1 and index == 0:
             return self
-        b = self.boots[index]
+        return self.between(self.boots[index])
+
+    def between(self, b: Boot) -> Messages:
+        """Return the log restricted to a part of the file."""
         parts = {
             key: table.rows((table.offsets >= b.start) & (table.offsets < b.end)) for key, table in self.tables.items()
         }

@@ -780,8 +780,8 @@ RECORD_KINDS = frozenset(
     """calibration_applied calibration_not_applied coverage cut_at_end damage damaged_reports delay duplicate_times
     estimator_failed estimator_not_compiled estimator_timed_out false_times gaps gaps_and_rate imu_covers_a_part
     imu_decimated imu_delay imu_that_flew_too_slow jitter late_field log_limit not_checked params_differ
-    params_unknown rate rate_impossible several_boots several_systems time_backward truth_packet_times unanswered
-    unreadable_message unset_times values_out_of_range""".split()
+    params_unknown rate rate_impossible several_boots several_systems stale_packets time_backward truth_packet_times
+    unanswered unreadable_message unset_times values_out_of_range""".split()
 )
 
 

@@ -13,12 +13,13 @@ from scipy.ndimage import median_filter
 from attlog import flight, formats
 from attlog.core import rotation
 from attlog.core.errors import UsageError
-from attlog.flight import mavlink
-from attlog.flight.mavlink import PacketClock, TelemetryBuilder, is_steady
+from attlog.flight import mavlink, packet_clock
+from attlog.flight.mavlink import TelemetryBuilder
 from attlog.flight.model import FlightLog
+from attlog.flight.packet_clock import PacketClock, is_steady
 from attlog.formats import Recording
 from attlog.formats.mavlink.layout import STAMP_COLUMN
-from attlog.formats.table import Messages
+from attlog.formats.table import Boot, Messages
 from attlog.health.check import HealthCase
 from attlog.health.timing import timing_checks
 from attlog.segments.model import Segments
@@ -315,16 +316,19 @@ ATTITUDE = told(100 * np.arange(200), time_boot_ms=BOOT_MS, stamp=AHEAD_US + 100
 
 
 def test_whole_milliseconds_that_have_passed_are_half_of_one_more() -> None:
-    assert mavlink.boot_stamps(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [7_500, 4_000_000_000_500]
+    assert packet_clock.boot_stamps(told([1, 2], time_boot_ms=[7, 4_000_000_000])).tolist() == [
+        7_500,
+        4_000_000_000_500,
+    ]
 
 
 @pytest.mark.parametrize(("late", "steady"), [(0.45, True), (0.55, False)])
 def test_stamps_that_advance_otherwise_by_more_than_half_of_a_step_are_no_clock(late: float, steady: bool) -> None:
     boot = 20_000 * np.arange(60)
     packet = boot + np.where(np.arange(60) % 2, round(late * 20_000), 0)
-    assert mavlink.is_steady(packet, boot) is steady
-    assert mavlink.is_steady(packet[:20], boot[:20])
-    assert mavlink.is_steady(packet[:21], boot[:21]) is steady
+    assert packet_clock.is_steady(packet, boot) is steady
+    assert packet_clock.is_steady(packet[:20], boot[:20])
+    assert packet_clock.is_steady(packet[:21], boot[:21]) is steady
 
 
 def test_a_date_that_the_autopilot_never_knew_or_that_cannot_be_is_none() -> None:
@@ -337,17 +341,17 @@ def test_a_date_that_the_autopilot_never_knew_or_that_cannot_be_is_none() -> Non
 
 def test_small_backward_steps_become_steps_of_a_microsecond_and_large_ones_stay() -> None:
     t = np.array([0, 10, 7, 8, 30, 31])
-    assert mavlink.force_rising(t).tolist() == [0, 10, 11, 12, 30, 31]
+    assert packet_clock.force_rising(t).tolist() == [0, 10, 11, 12, 30, 31]
     restarted = np.array([2_000_000, 2_000_010, 5, 15])
-    assert mavlink.force_rising(restarted).tolist() == restarted.tolist()
+    assert packet_clock.force_rising(restarted).tolist() == restarted.tolist()
     edge = np.array([1_000_000, 2])
-    assert mavlink.force_rising(edge).tolist() == [1_000_000, 1_000_001]
+    assert packet_clock.force_rising(edge).tolist() == [1_000_000, 1_000_001]
 
 
 @pytest.mark.parametrize("count", [11, 12, 21, 60])
 def test_the_running_median_is_that_of_scipy_mirrored_at_the_ends(count: int) -> None:
     x = np.random.default_rng(count).integers(0, 10_000, count)
-    np.testing.assert_array_equal(mavlink.running_median(x), median_filter(x, 21, mode="mirror"))
+    np.testing.assert_array_equal(packet_clock.running_median(x), median_filter(x, 21, mode="mirror"))
 
 
 # Units and unset values of MAVLink's rarer messages: other numbers in every column.
@@ -466,3 +470,47 @@ def test_a_date_is_unix_time_between_the_first_flights_and_the_end_of_the_clock(
         builder.clock.unix = unix
         assert mavlink.utc_offset(builder) is None
     assert len(builder.problems) == 2
+
+
+def link(boot_s: np.ndarray, received_s: np.ndarray, counter_s: np.ndarray | None = None) -> Messages:
+    """A tlog of ATTITUDE and RAW_IMU packets in turn, sent at boot times and received at others."""
+    n = len(boot_s)
+    both = {
+        "ATTITUDE": attitude(n, 5.0) | {"time_boot_ms": np.round(1e3 * boot_s).astype(np.uint32)},
+        "RAW_IMU": raw_imu(n, 5.0)
+        | {"time_usec": np.round(1e6 * (boot_s if counter_s is None else counter_s)).astype(np.uint64)},
+    }
+    made = {}
+    for k, (name, columns) in enumerate(both.items()):
+        stamped = columns | {STAMP_COLUMN: UNIX + np.round(1e6 * received_s).astype(np.int64)}
+        made[name, ME] = fake.table(name, ME, stamped, 200 * np.arange(n) + 100 * k)
+    result = Messages(Path("made.tlog"), "tlog", 200 * n, made, [], [], systems(3))
+    result.boots = [Boot(0, 200 * n)]
+    return result
+
+
+@pytest.mark.parametrize(("jump_s", "gap_s", "left"), [(520.0, 0.2, 380), (520.0, 500.0, 400), (20.0, 0.2, 400)])
+def test_packets_from_before_a_jump_of_the_boot_clock_alone_are_stale(jump_s: float, gap_s: float, left: int) -> None:
+    """Twenty packets at the start: where the receiver waits as long, the link or the logger paused."""
+    even, behind = 0.2 * np.arange(400), np.arange(400) >= 20
+    log = mavlink.read(link(1000.0 + even + jump_s * behind, even + gap_s * behind), None, None, None)
+    assert len(log.imus[0].gyro.t) == left
+    assert ("stale_packets" in [p.code for p in log.problems]) is (left < 400)
+
+
+def test_a_clock_that_jumps_again_and_again_is_left_alone() -> None:
+    even = 0.2 * np.arange(400)
+    assert (
+        len(mavlink.read(link(even + 1.0 + 40.0 * (np.arange(400) // 80), even), None, None, None).imus[0].gyro.t)
+        == 400
+    )
+
+
+@pytest.mark.parametrize("turns", [0, 1, 3])
+def test_a_counter_of_microseconds_that_turned_over_is_put_on_the_boot_clock(turns: int) -> None:
+    """It turns once more in the middle of the log."""
+    turn_s = 2.0**32 * 1e-6
+    boot = turn_s * (turns + 1) - 40.0 + 0.2 * np.arange(400)
+    log = mavlink.read(link(boot, boot, boot % turn_s), None, None, None)
+    assert log.t0_us == pytest.approx(1e6 * boot[0], abs=1e3)
+    np.testing.assert_allclose(log.imus[0].gyro.t, boot - boot[0], atol=2e-3)
