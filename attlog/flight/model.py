@@ -245,11 +245,15 @@ class TimeLine:
 
 @dataclass(slots=True)
 class FlightState:
-    """Arming, ground contact and flight mode over time, None if not logged."""
+    """Arming, ground contact and flight mode over time, None if not logged.
+
+    ``mode_reason``: failsafe that set the mode, empty if none did.
+    """
 
     armed: TimeLine | None = None
     landed: TimeLine | None = None
     mode: TimeLine | None = None
+    mode_reason: TimeLine | None = None
 
 
 @dataclass(slots=True)

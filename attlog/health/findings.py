@@ -17,6 +17,7 @@ from attlog.health.gravity import MEAN_GRAVITY
 from attlog.health.gyro import UNUSABLE_DPS
 from attlog.health.registry import CAUSES, CHECKS
 from attlog.reference.model import Reference
+from attlog.story import causes
 from attlog.story.estimator_events import is_estimator_jump
 from attlog.story.flight_events import CRASHES, Event
 
@@ -294,6 +295,8 @@ EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibr
 STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
 # Maximum number of quoted messages in a finding.
 MAX_EVIDENCE = 4
+# Maximum number of effects named in a finding.
+MAX_EFFECTS = 2
 # Maximum time between events of one crash, as in the headline.
 ONE_CRASH_S = 5.0
 # Maximum number of later crashes listed.
@@ -308,7 +311,7 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
 
     A failsafe already in ``reports`` with its sensor is dropped.
     """
-    found = crash_signs(events, log.kind.hovers)
+    pairs: list[tuple[Event, Finding]] = []
     wrecks = wreck_spans(events)
     explained = [report.t for report in reports if report.kind in EXPLAINED_FAILSAFES and report.t is not None]
     for event in events:
@@ -318,7 +321,7 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             continue
         if event.kind == "message":
             kind = next((kind for words, kind in MESSAGE_KINDS if words.search(event.text)), "message")
-            found.append(replace(event_finding(event, kind), text=f"The autopilot said {event.text}"))
+            pairs.append((event, replace(event_finding(event, kind), text=f"The autopilot said {event.text}")))
         elif event.kind in EVENT_KINDS:
             sign = event_finding(event, EVENT_KINDS[event.kind])
             if is_estimator_jump(event):
@@ -327,9 +330,29 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             sign = replace(sign, about=about, action=EVENT_ACTIONS.get(event.kind, ""))
             if about == "vibration":
                 sign = replace(sign, cause=CAUSES["vibration_level"], action=log.remedy("vibration"))
-            found.append(sign)
+            pairs.append((event, sign))
+    found = [*crash_signs(events, log.kind.hovers), *join_effects(pairs, events)]
     counted = [sign for sign in found if sign.kind == "crash" or not _is_within(sign.t, wrecks)]
     return [replace(sign, evidence=sign.evidence[:MAX_EVIDENCE]) for sign in counted]
+
+
+def join_effects(pairs: Sequence[tuple[Event, Finding]], events: Sequence[Event]) -> Signs:
+    """Return the signs of events: those of a kind with their first cause, which lists its effects."""
+    kinds = {id(event): sign.kind for event, sign in pairs}
+    joined = []
+    for event, sign in pairs:
+        first = causes.root(event, events)
+        if first is not event and id(first) in kinds:
+            sign = replace(sign, kind=kinds[id(first)], cause="", action="")
+        elif event.cause is not None:
+            sign = replace(sign, cause=sign.cause or event.cause.text)
+        results = [other for other, its in pairs if causes.follows(other, event) and its.kind != sign.kind]
+        if results:
+            said = [causes.effect_phrase(other) for other in results[:MAX_EFFECTS]]
+            said += [f"{len(results) - MAX_EFFECTS} more"] if len(results) > MAX_EFFECTS else []
+            sign = replace(sign, text=f"{sign.text} {'Effects' if len(said) > 1 else 'Effect'}: {'; '.join(said)}.")
+        joined.append(sign)
+    return joined
 
 
 def crash_signs(events: Sequence[Event], hovers: bool = True) -> Signs:
@@ -342,7 +365,9 @@ def crash_signs(events: Sequence[Event], hovers: bool = True) -> Signs:
     if found:
         flipped = hovers and happened[0].kind == "overturn" and _was_on_ground(events, happened[0].t)
         text = _crash_text(_group_crashes(happened))
-        found[0] = replace(found[0], text=text, action=FLIPPED_ADVICE if flipped else "")
+        first = causes.root(happened[0], events)
+        cause = "" if first.kind in CRASHES else first.text
+        found[0] = replace(found[0], text=text, cause=cause, action=FLIPPED_ADVICE if flipped else "")
     return found
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from attlog.flight.model import FlightLog, guarded_part
 from attlog.segments.model import Segments
-from attlog.story import estimator_events, failsafe_events, flight_events, message_events
+from attlog.story import causes, estimator_events, failsafe_events, flight_events, message_events
 from attlog.story.flight_events import CRASHES, KINDS, Event
 from attlog.story.headlines import WrongAngle, headline
 
@@ -41,4 +41,5 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
         if event.severity == "warning" and (starts or any(a + 0.1 < event.t <= b for a, b in lost)):
             found[k] = replace(event, severity="note")
     found = [replace(event, t=round(event.t, 3)) for event in found]
-    return sorted(found, key=lambda e: (e.t, KINDS.index(e.kind)))
+    found.sort(key=lambda e: (e.t, KINDS.index(e.kind)))
+    return guarded_part(log, "Causes of events", lambda: causes.link(log, found), lambda: found)

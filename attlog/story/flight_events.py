@@ -52,11 +52,21 @@ CRASHES = ("impact", "overturn", "tumble")
 
 
 @dataclass(frozen=True, slots=True)
+class Cause:
+    """Earlier event that caused an event: its kind, time and text, and the evidence that joins them."""
+
+    kind: str
+    t: float
+    text: str
+    evidence: str
+
+
+@dataclass(frozen=True, slots=True)
 class Event:
     """Event at ``t`` s, or from ``t`` to ``t_end`` s, with its size and evidence.
 
     ``evidence``: sensors with their values, flags, and the autopilot's texts. ``quote``: the autopilot's own words,
-    empty without any.
+    empty without any. ``cause``: None where no evidence shows one.
     """
 
     kind: str
@@ -68,6 +78,7 @@ class Event:
     unit: str = ""
     evidence: list[str] = field(default_factory=list)
     quote: str = ""
+    cause: Cause | None = None
 
     @property
     def is_crash(self) -> bool:

@@ -41,6 +41,7 @@ STREAMS = (
     Part("state.armed", "Arming", vehicle.armed_line),
     Part("state.landed", "Landing", vehicle.landed_line),
     Part("state.mode", "The flight mode", vehicle.mode_line),
+    Part("state.mode_reason", "The reason of the flight mode", vehicle.mode_reason_line),
     Part("setpoints.rates", "The rate set-point", sensors.rate_setpoint_stream),
     Part("gnss", "GPS", sensors.receivers),
     Part("utc_offset", "The date", utc_offset),

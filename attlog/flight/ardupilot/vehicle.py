@@ -19,7 +19,7 @@ from attlog.flight.ardupilot.imu import DataflashBuilder
 from attlog.flight.builder import LogBuilder
 from attlog.flight.model import Firmware, Problem, Severity, TimeLine
 from attlog.flight.parameters import boot_values
-from attlog.flight.vehicle import ardupilot_mode
+from attlog.flight.vehicle import ardupilot_mode, version_number
 from attlog.formats.table import Messages
 
 BANNER = re.compile(
@@ -189,6 +189,31 @@ def mode_line(builder: DataflashBuilder) -> TimeLine | None:
         for n in logged
     ]
     return builder.time_line(builder.stamps(table), names, "MODE")
+
+
+# Failsafes that set a mode, by MODE.Rsn (ModeReason.h; in 3.4 to 3.6 Copter alone has these numbers).
+MODE_REASONS = {
+    3: "radio failsafe",
+    4: "battery failsafe",
+    5: "ground station failsafe",
+    6: "EKF failsafe",
+    7: "GNSS glitch",
+    10: "fence",
+    11: "terrain failsafe",
+    44: "dead reckoning failsafe",
+}
+COMMON_REASONS_VERSION = (4, 0)
+
+
+def mode_reason_line(builder: DataflashBuilder) -> TimeLine | None:
+    """Return the failsafe that set the mode over time, empty where none did; None without reasons."""
+    table = builder.messages.first("MODE")
+    column = next((c for c in ("Rsn", "Reason") if table is not None and c in table), None)
+    version = version_number(read_banner(builder.messages)[1])
+    if table is None or column is None or (builder.family != "copter" and version < COMMON_REASONS_VERSION):
+        return None
+    reasons = [MODE_REASONS.get(int(n), "") for n in table[column].tolist()]
+    return builder.time_line(builder.stamps(table), reasons, "MODE")
 
 
 def _events(builder: DataflashBuilder, wanted: tuple[int, ...]) -> tuple[Stamps, NDArray[np.int64]]:

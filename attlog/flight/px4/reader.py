@@ -46,6 +46,7 @@ STREAMS = (
     Part("setpoints.rates", "The rate set-point", sensors.rate_setpoint_stream),
     Part("state.armed", "Arming", sensors.armed_line),
     Part("state.mode", "The flight mode", sensors.mode_line),
+    Part("state.mode_reason", "The reason of the flight mode", sensors.mode_reason_line),
     Part("state.landed", "The land detector", sensors.landed_line),
     Part("gnss", "GNSS", sensors.receivers),
     Part("utc_offset", "The date", utc_offset),

@@ -367,6 +367,16 @@ def mode_line(builder: TopicBuilder) -> TimeLine | None:
     return builder.time_line(builder.stamps(status), names, "vehicle_status")
 
 
+def mode_reason_line(builder: TopicBuilder) -> TimeLine | None:
+    """Return "failsafe" while the autopilot's failsafe chooses the mode, else an empty text."""
+    status = builder.table("vehicle_status")
+    if status is None or "failsafe" not in status:
+        return None
+    return builder.time_line(
+        builder.stamps(status), ["failsafe" if on else "" for on in status["failsafe"].tolist()], "vehicle_status"
+    )
+
+
 def landed_line(builder: TopicBuilder) -> TimeLine | None:
     """Return ground contact over time, by the land detector."""
     table = builder.table("vehicle_land_detected")

@@ -256,6 +256,25 @@ def test_armed_and_landed_follow_the_events_and_begin_on_the_ground() -> None:
     assert [log.state.landed.at(t) for t in (0, 8, 16)] == [True, False, True]
 
 
+@pytest.mark.parametrize(
+    ("banner", "reasons"),
+    [
+        ("ArduCopter V3.5.7 (1ebd4d99)", ["", "EKF failsafe", ""]),
+        ("ArduPlane V4.5.7 (1ebd4d99)", ["", "EKF failsafe", ""]),
+        ("ArduRover V3.5.0 (1ebd4d99)", None),  # its numbers meant something else until 4.0
+    ],
+)
+def test_the_failsafe_that_set_a_mode_is_its_reason(banner: str, reasons: list[str] | None) -> None:
+    modes = {
+        "TimeUS": np.array([11, 13, 15], np.uint64) * 1_000_000,
+        "Mode": np.array([5, 9, 2], np.uint8),
+        "Rsn": np.array([1, 6, 1], np.uint8),
+    }
+    log = read({("IMU", 0): imu(), ("MODE", 0): modes}, texts=[Text(banner, 6, 9_000_000)])
+    line = log.state.mode_reason
+    assert (line and line.value) == reasons
+
+
 def test_gps_week_time_is_not_taken_for_the_boot_clock() -> None:
     n = 50
     columns = {

@@ -192,6 +192,13 @@ def test_the_vehicle_is_what_its_status_says(columns: dict[str, Any], mav_type: 
     assert sensors.vehicle_type(made) == said
 
 
+def test_the_mode_is_the_failsafe_s_while_its_flag_is_set() -> None:
+    line = sensors.mode_reason_line(builder(vehicle_status={"failsafe": np.array([0, 0, 1, 1, 0, 0], np.uint8)}))
+    assert line is not None
+    assert line.value == ["", "failsafe", ""]
+    assert sensors.mode_reason_line(builder(vehicle_status={"nav_state": np.zeros(6, np.uint8)})) is None
+
+
 @pytest.mark.parametrize(
     ("info", "hil", "truth", "simulated"),
     [

@@ -1,0 +1,319 @@
+"""Join events to the earlier events that caused them, by rules that each need evidence.
+
+A rule joins two events only where something beside their order shows the cause: the text or mode that the autopilot
+gives as reason, a loss that lasts when its effect comes, samples clipped just before, motors at zero in a free fall.
+Without it events stay in time order. Rates of every rule on real logs: docs/verified.md.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from attlog.core.spans import between
+from attlog.flight.model import FlightLog
+from attlog.story.flight_events import CRASHES, Cause, Event, format_significant
+
+# Indices of cause and effect in a list of events, with the evidence.
+Link = tuple[int, int, str]
+Rule = Callable[[FlightLog, Sequence[Event]], Iterator[Link]]
+
+
+def link(log: FlightLog, events: list[Event]) -> list[Event]:
+    """Return the events, in time order, with the cause of each where evidence shows one."""
+    causes: dict[int, tuple[int, str]] = {}
+    for rule in RULES:
+        for cause, effect, evidence in rule(log, events):
+            if cause != effect and effect not in causes and not _explains(causes, effect, cause):
+                causes[effect] = cause, evidence
+    return [
+        event if k not in causes else replace(event, cause=_cause(events[causes[k][0]], causes[k][1]))
+        for k, event in enumerate(events)
+    ]
+
+
+def _explains(causes: dict[int, tuple[int, str]], first: int, last: int) -> bool:
+    """Return whether ``first`` is already a cause of ``last``, at any distance."""
+    while last in causes:
+        last = causes[last][0]
+        if last == first:
+            return True
+    return False
+
+
+def _cause(event: Event, evidence: str) -> Cause:
+    return Cause(event.kind, event.t, event.text, evidence)
+
+
+def follows(event: Event, earlier: Event) -> bool:
+    """Return whether ``earlier`` is the direct cause of an event."""
+    cause = event.cause
+    return cause is not None and (cause.kind, cause.t, cause.text) == (earlier.kind, earlier.t, earlier.text)
+
+
+def root(event: Event, events: Sequence[Event]) -> Event:
+    """Return the first cause of an event, the event itself without one."""
+    while event.cause is not None:
+        event = next(e for e in events if follows(event, e))
+    return event
+
+
+def effects(event: Event, events: Sequence[Event]) -> list[Event]:
+    """Return the events that an event caused, directly or not, in time order."""
+    return [other for other in events if other is not event and root(other, events) is event]
+
+
+def effect_phrase(event: Event) -> str:
+    """Return an event as a clause with its time, without capital and full stop."""
+    text = event.text.rstrip(".").partition(". ")[0].partition(": ")[0]
+    if event.kind in ("aid_rejected", "clipping"):
+        text = re.split(" for | from ", text)[0] + f" from {event.t:.1f} s"
+    elif not re.search(r"\b(at|from) [\d.]+", text):
+        text += f" at {event.t:.1f} s"
+    return text[:1].lower() + text[1:] if text[1:2].islower() or text[1:2] == " " else text
+
+
+def _of(events: Sequence[Event], *kinds: str) -> Iterator[tuple[int, Event]]:
+    """Yield index and event of the given kinds."""
+    return ((k, event) for k, event in enumerate(events) if event.kind in kinds)
+
+
+def _words(event: Event) -> str:
+    return " ".join((event.text, *event.evidence))
+
+
+# --- lost position ----------------------------------------------------------------------------------------------
+
+# Time from a loss of GNSS to an effect: PX4 coasts for 1 to 7 s (COM_POS_FS_DELAY, EKF2_NOAID_TOUT), ArduPilot for 7
+# to 10 s; messages about it end with the loss.
+MIN_COAST_S, AFTER_LOSS_S = 0.5, 2.0
+POSITION_WORDS = re.compile(
+    r"invalid set-?points?|blind land|no (valid )?(local |global )?position|position (lost|estimate|unstable)|"
+    r"bad position|requires position|EKF variance|EKF failsafe|stopped aiding|dead reckoning|(GNSS|GPS) failsafe",
+    re.I,
+)
+# Failsafes with another cause.
+OTHER_FAILSAFES = re.compile(r"kill switch|radio|ground station|battery|terrain|vibration|attitude failure|crash", re.I)
+
+
+def lost_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join lost GNSS to reports of a lost position while it lasts."""
+    for k, lost in _of(events, "gnss_lost"):
+        end = lost.t if lost.t_end is None else lost.t_end
+        during = [
+            (n, e)
+            for n, e in _of(events, "failsafe", "message")
+            if lost.t + MIN_COAST_S <= e.t <= end + AFTER_LOSS_S and not OTHER_FAILSAFES.search(e.text)
+        ]
+        reported = [e.t for _, e in during if POSITION_WORDS.search(_words(e))]
+        for n, event in during:
+            if any(abs(event.t - t) <= AFTER_LOSS_S for t in reported):
+                yield k, n, f"GNSS had been lost for {event.t - lost.t:.1f} s"
+
+
+# Time from a jump of GNSS to its effect, and the smallest jump that explains one: default gate of ArduPilot's EKF
+# (EK2_GLITCH_RAD, EK3_GLITCH_RAD). Less is as often the estimator's own error.
+MAX_JUMP_S, MIN_JUMP_M = 10.0, 25.0
+
+
+def jumped_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join a jump of GNSS against its own velocity to what the estimator did next."""
+    for k, jump in _of(events, "gnss_jump"):
+        if jump.value is None or jump.value < MIN_JUMP_M:
+            continue
+        for n, event in _of(events, "failsafe", "aid_rejected"):
+            about = "position" in event.text or POSITION_WORDS.search(_words(event))
+            if 0.0 <= event.t - jump.t <= MAX_JUMP_S and about and not OTHER_FAILSAFES.search(event.text):
+                yield k, n, f"GNSS and its own velocity disagree by {jump.value:.0f} m"
+
+
+# --- vibration --------------------------------------------------------------------------------------------------
+
+# Time from clipped samples to the switch that they cause: an estimator's filter fault takes a second or two.
+SHAKEN_S, SETTLE_S = 2.0, 0.3
+VIBRATION_WORDS = re.compile(r"vibration comp|vibration failsafe|clipping", re.I)
+# Time between a switch of sensor or core and the jump of attitude that it brings.
+SWITCH_S = 0.5
+
+
+def shaken(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join vibration and clipping to switches of IMU and core, and to the autopilot's reports of them."""
+    for k, source in sorted(_of(events, "vibration", "clipping"), key=lambda pair: pair[1].kind):
+        if source.severity == "note":
+            continue
+        end = source.t if source.t_end is None else source.t_end
+        for n, event in _of(events, "clipping", "sensor_switch", "lane_switch", "failsafe", "message"):
+            if not source.t - SETTLE_S <= event.t <= end + SHAKEN_S:
+                continue
+            if event.kind in ("failsafe", "message"):
+                if VIBRATION_WORDS.search(event.text):
+                    yield k, n, "in the autopilot’s words"
+            elif event.kind != source.kind and (evidence := _shaking(log, source, event)):
+                yield k, n, evidence
+
+
+def _shaking(log: FlightLog, source: Event, switch: Event) -> str:
+    """Return what shook just before a switch, empty if nothing did."""
+    if source.kind == "vibration":
+        inside = source.t <= switch.t <= (source.t_end or source.t) + 1.0
+        return f"vibration of {format_significant(source.value or 0.0)} m/s² at that time" if inside else ""
+    count = max((_clipped(log, switch, unit) for unit in _left_units(log, switch)), default=0)
+    return f"{count:,} samples clipped in the {SHAKEN_S:.0f} s before" if count else ""
+
+
+def _left_units(log: FlightLog, switch: Event) -> list[int | None]:
+    """Return the unit that was left, or every unit where it is unknown."""
+    line = log.imu_that_flew
+    if switch.kind == "sensor_switch" and line is not None:
+        return [line.at(switch.t - 0.01), None]
+    return list({c.unit for c in log.vibration.clippings})
+
+
+def _clipped(log: FlightLog, switch: Event, unit: int | None) -> int:
+    """Return the samples of an accelerometer that clipped just before a switch."""
+    counts = [
+        int(c.new[between(c.t, switch.t - SHAKEN_S, switch.t + SETTLE_S)].sum())
+        for c in log.vibration.clippings
+        if c.sensor == "accelerometer" and c.unit == unit
+    ]
+    return max(counts, default=0)
+
+
+def jumped_by_switch(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join a switch of IMU or core to the jump of attitude at it."""
+    for k, switch in _of(events, "sensor_switch", "lane_switch"):
+        for n, event in _of(events, "reset"):
+            if 0.0 <= event.t - switch.t <= SWITCH_S:
+                yield k, n, f"{1e3 * (event.t - switch.t):.0f} ms after it"
+
+
+# --- compass ----------------------------------------------------------------------------------------------------
+
+# Time from the end of a rejection to the new alignment: EKF3 gives a compass up after 10 s.
+ALIGN_S = 2.0
+
+
+def rejected_compass(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join a rejected compass to its replacement, or to a new alignment of yaw, while it lasts."""
+    for k, event in _of(events, "aid_rejected"):
+        if "its compass" not in event.text:
+            continue
+        end = event.t if event.t_end is None else event.t_end
+        for n, change in _of(events, "compass_switch", "realigned"):
+            if event.t + MIN_COAST_S <= change.t <= end + ALIGN_S and change.severity == "warning":
+                yield k, n, f"the EKF had rejected it from {event.t:.1f} s"
+
+
+# --- failsafes and landings -------------------------------------------------------------------------------------
+
+# Time between a failsafe and the mode that it sets, and after landing until which the mode counts.
+SET_S, LANDED_S = 1.5, 1.0
+# Words of a failsafe by the reason of the mode.
+REASON_WORDS = {
+    "radio failsafe": "radio",
+    "battery failsafe": "battery",
+    "ground station failsafe": "ground station",
+    "EKF failsafe": "ekf|gnss|position|vibration",
+    "GNSS glitch": "ekf|gnss",
+    "terrain failsafe": "terrain",
+    "dead reckoning failsafe": "dead reckoning",
+    "failsafe": "failsafe",
+}
+
+
+def ended_flight(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join a failsafe to the landing in the mode that it set, by the reason logged with the mode."""
+    mode, reason = log.state.mode, log.state.mode_reason
+    if mode is None or reason is None:
+        return
+    for n, landing in _of(events, "landing", "hard_landing"):
+        last = int(np.searchsorted(mode.t, landing.t - LANDED_S, side="right")) - 1
+        if last < 0:
+            continue
+        t, why = float(mode.t[last]), str(reason.at(float(mode.t[last])))
+        words = REASON_WORDS.get(why, "")
+        for k, event in _of(events, "failsafe", "battery"):
+            if words and abs(event.t - t) <= SET_S and re.search(words, event.text, re.I):
+                yield k, n, f"mode {mode.value[last]} set at {t:.1f} s, reason: {why}"
+
+
+# Specific force below which a vehicle falls freely, and for how long; time from the stop of the motors to the blow.
+FALL_M_S2, FALL_S, KILLED_S = 3.0, 0.1, 5.0
+STOPPED = re.compile(r"kill switch|emergency stop|terminat", re.I)
+
+
+def stopped_motors(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join motors stopped in the air to the blow that follows, where the accelerometer shows a fall between."""
+    for k, stop in _of(events, "failsafe", "disarmed"):
+        if stop.kind == "failsafe" and not STOPPED.search(stop.text):
+            continue
+        if any(e.kind in CRASHES and 0.0 <= stop.t - e.t <= KILLED_S for e in events):
+            continue  # it was lost before
+        for n, blow in _of(events, "impact", "hard_landing", "overturn"):
+            if 0.0 < blow.t - stop.t <= KILLED_S and (fall := _fall_seconds(log, stop.t, blow.t)) >= FALL_S:
+                yield k, n, f"it fell freely for {fall:.1f} s between"
+
+
+def _fall_seconds(log: FlightLog, t0: float, t1: float) -> float:
+    """Return the time of free fall between two times, by the IMU with most samples."""
+    best = 0.0
+    for imu in log.imus:
+        part = between(imu.acc.t_best, t0, t1)
+        force = np.linalg.norm(imu.acc.x[part], axis=1)
+        if len(force) > 1:
+            best = max(best, float((force < FALL_M_S2).mean()) * (t1 - t0))
+    return best
+
+
+# --- crashes ----------------------------------------------------------------------------------------------------
+
+# Faults of motors, thrust and control, and time from them to the loss of control.
+DRIVE_FAULTS = ("motor_no_thrust", "motor_off", "motor_frozen", "no_thrust_left", "yaw_backwards")
+LASTING_FAULTS = ("rate_tracking", "oscillation")
+LOST_S = 5.0
+# Time after a crash in which the estimator's reports are its effects.
+STRUCK_S = 2.0
+
+
+def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join the earliest fault of the drive to the loss of control, or to the impact, that follows within 5 s."""
+    first = next(((n, e) for n, e in _of(events, *CRASHES) if e.severity == "serious"), None)
+    if first is None:
+        return
+    n, crash = first
+    for k, fault in _of(events, *DRIVE_FAULTS):
+        if -LOST_S <= fault.t - crash.t <= 0.0 or fault.t <= crash.t <= (fault.t_end or fault.t) + LOST_S:
+            yield k, n, f"{crash.t - fault.t:.1f} s before it"
+            return
+    for k, fault in _of(events, *LASTING_FAULTS):
+        if fault.t < crash.t <= (fault.t_end or fault.t) + LOST_S:
+            yield k, n, f"from {fault.t:.0f} s on until it"
+            return
+
+
+def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join the first event of a crash to the blow that follows, and a crash to reports just after it."""
+    crashes = [(k, e) for k, e in _of(events, *CRASHES) if e.severity == "serious"]
+    for k, crash in crashes:
+        for n, blow in crashes:
+            if k < n and crash.kind != "impact" and 0.0 < blow.t - (crash.t_end or crash.t) <= STRUCK_S:
+                yield k, n, f"{blow.t - crash.t:.1f} s after it"
+        for n, event in _of(events, "lane_switch", "sensor_switch", "reset", "failsafe", "compass_switch", "gnss_jump"):
+            if 0.0 <= event.t - crash.t <= STRUCK_S and not STOPPED.search(event.text):
+                yield k, n, f"{event.t - crash.t:.1f} s after it"
+
+
+RULES: tuple[Rule, ...] = (
+    broken_drive,
+    stopped_motors,
+    lost_control,
+    lost_position,
+    jumped_position,
+    shaken,
+    jumped_by_switch,
+    rejected_compass,
+    ended_flight,
+)

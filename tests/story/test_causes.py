@@ -1,0 +1,174 @@
+"""Causes of events: each rule joins with its evidence, and leaves the same events apart without it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog.flight.model import Clipping, FlightLog, Imu, Stream, TimeLine
+from attlog.story import causes
+from attlog.story.flight_events import Event
+from tests.story import made
+
+
+def event(
+    kind: str, t: float, text: str = "", t_end: float | None = None, severity: Any = "warning", **more: Any
+) -> Event:
+    return Event(kind, t, severity, text or f"{kind} at {t:.1f} s.", t_end, **more)
+
+
+def joined(*events: Event, **fields: Any) -> dict[str, str]:
+    """Return kind of cause by kind of effect, as found in a log with these fields."""
+    found = causes.link(made.log(**fields), sorted(events, key=lambda e: e.t))
+    return {e.kind: e.cause.kind for e in found if e.cause is not None}
+
+
+LOST = event("gnss_lost", 60.3, "No GNSS message arrived for 6 s in flight, from 60.3 s.", 66.3)
+BLIND = event("failsafe", 65.4, "Failsafe at 65.4 s.", evidence=["text at 65.4 s: Failsafe: blind land"])
+INVALID = event("message", 65.3, "“invalid setpoints”.")
+
+
+def test_a_failsafe_for_want_of_a_position_follows_from_the_gnss_that_is_missing() -> None:
+    assert joined(LOST, INVALID, BLIND) == {"message": "gnss_lost", "failsafe": "gnss_lost"}
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        event("failsafe", 65.4, "Radio failsafe at 65.4 s."),
+        event("failsafe", 65.4, "Kill switch at 65.4 s."),
+        event("failsafe", 65.4, "Failsafe at 65.4 s."),  # no word about a position
+        event("failsafe", 69.0, BLIND.text, evidence=BLIND.evidence),  # GNSS is back
+        event("failsafe", 60.0, BLIND.text, evidence=BLIND.evidence),  # before it was lost
+        event("message", 65.4, "“low battery”."),
+    ],
+)
+def test_another_failsafe_or_time_is_not_joined_to_lost_gnss(other: Event) -> None:
+    assert joined(LOST, other) == {}
+
+
+def clips(unit: int | None, *at: float) -> Clipping:
+    t = np.arange(0.0, 60.0, 0.1)
+    new = np.zeros(len(t), np.int64)
+    new[np.searchsorted(t, at)] = 7
+    return Clipping("accelerometer", unit, f"unit {unit}", t, new, True)
+
+
+SHAKEN = event("clipping", 30.0, "The accelerometer clipped from 30.0 s to 50.0 s: 70 samples.", 50.0)
+SWITCH = event("sensor_switch", 40.0, "IMU 1 replaced IMU 0 at 40.0 s.")
+RESET = event("reset", 40.04, severity="note")
+FLEW = TimeLine(np.array([0.0, 40.0]), [0, 1], "made")
+
+
+def test_clipping_just_before_explains_the_switch_and_the_switch_the_jump_of_attitude() -> None:
+    found = joined(SHAKEN, SWITCH, RESET, clippings=[clips(0, 38.5)], imu_that_flew=FLEW)
+    assert found == {"sensor_switch": "clipping", "reset": "sensor_switch"}
+
+
+@pytest.mark.parametrize(
+    "clipped",
+    [
+        clips(0, 30.0, 37.0, 44.0),  # calm for 3 s before the switch
+        clips(1, 38.5, 39.5),  # the unit that took over
+    ],
+)
+def test_a_switch_without_clipped_samples_of_its_unit_is_not_joined(clipped: Clipping) -> None:
+    found = joined(SHAKEN, SWITCH, clippings=[clipped], imu_that_flew=FLEW)
+    assert found == {}
+
+
+def test_vibration_explains_clipping_and_what_the_autopilot_calls_so() -> None:
+    vibration = event("vibration", 28.0, t_end=52.0, value=20.0)
+    words = event("message", 33.0, "“Vibration compensation ON”.")
+    other = event("message", 34.0, "“Bad AHRS”.")
+    found = causes.link(made.log(), [vibration, SHAKEN, words, other])
+    assert [causes.root(e, found).kind for e in found] == ["vibration", "vibration", "vibration", "message"]
+
+
+@pytest.mark.parametrize(("change_t", "linked"), [(35.0, True), (40.5, True), (30.2, False), (45.0, False)])
+def test_a_rejected_compass_explains_its_replacement_while_it_is_rejected(change_t: float, linked: bool) -> None:
+    rejected = event("aid_rejected", 30.0, "The EKF rejected its compass for 10 s of 60.", 40.0)
+    change = event("compass_switch", change_t)
+    assert joined(rejected, change) == ({"compass_switch": "aid_rejected"} if linked else {})
+
+
+LANDING = event("landing", 80.0, severity="info")
+
+
+@pytest.mark.parametrize(
+    ("reason", "modes", "linked"),
+    [
+        ("radio failsafe", ["LOITER", "RTL"], True),
+        ("battery failsafe", ["LOITER", "RTL"], False),
+        ("", ["LOITER", "RTL"], False),
+        ("radio failsafe", ["LOITER", "RTL", "STABILIZE"], False),  # the pilot took over at 75 s
+    ],
+)
+def test_a_failsafe_ends_the_flight_only_by_the_reason_of_the_mode_it_set(
+    reason: str, modes: list[str], linked: bool
+) -> None:
+    t = np.array([0.0, 70.2, 75.0])[: len(modes)]
+    lines = {"mode": TimeLine(t, modes, "MODE"), "mode_reason": TimeLine(t, ["", reason, ""][: len(modes)], "MODE")}
+    found = joined(event("failsafe", 70.0, "Radio failsafe at 70.0 s."), LANDING, **lines)
+    assert found == ({"landing": "failsafe"} if linked else {})
+
+
+def falling(t0: float, t1: float) -> FlightLog:
+    """A log whose accelerometer is weightless from ``t0`` to ``t1`` s."""
+    t = np.arange(0.0, 60.0, 0.01)
+    force = np.column_stack([np.zeros((len(t), 2)), np.where((t > t0) & (t < t1), 0.0, -9.8)])
+    log = made.log()
+    log.imus = [
+        Imu(0, Stream(t, np.zeros((len(t), 3)), "rad/s", "FRD", "IMU"), Stream(t, force, "m/s^2", "FRD", "IMU"))
+    ]
+    return log
+
+
+@pytest.mark.parametrize(("fall", "linked"), [((40.1, 41.0), True), ((0.0, 0.0), False), ((41.5, 43.0), False)])
+def test_stopped_motors_explain_a_blow_only_where_it_fell_between(fall: tuple[float, float], linked: bool) -> None:
+    killed = event("failsafe", 40.0, "Kill switch at 40.0 s.")
+    blow = event("impact", 41.0, severity="serious")
+    found = causes.link(falling(*fall), [killed, blow])
+    assert (found[1].cause is not None) is linked
+
+
+def test_a_crash_check_that_disarms_a_tumbling_vehicle_is_not_its_cause() -> None:
+    over = event("overturn", 39.5, severity="serious", t_end=39.8)
+    found = causes.link(falling(40.1, 41.0), [over, event("disarmed", 40.0), event("impact", 41.0, severity="serious")])
+    assert [e.cause and e.cause.kind for e in found] == [None, None, "overturn"]
+
+
+@pytest.mark.parametrize(("t", "linked"), [(95.5, True), (94.0, False), (101.0, False)])
+def test_a_broken_motor_explains_the_loss_of_control_within_five_seconds(t: float, linked: bool) -> None:
+    fault, over = event("motor_no_thrust", t), event("overturn", 100.0, severity="serious")
+    blow = event("impact", 101.0, severity="serious")
+    assert joined(fault, over, blow) == {"impact": "overturn"} | ({"overturn": "motor_no_thrust"} if linked else {})
+
+
+def test_the_earliest_fault_is_the_cause_and_an_oscillation_only_without_one() -> None:
+    first, second = event("motor_no_thrust", 97.0), event("no_thrust_left", 98.0)
+    shakes = event("oscillation", 50.0, t_end=99.0)
+    over = event("overturn", 100.0, severity="serious")
+    assert joined(shakes, first, second, over) == {"overturn": "motor_no_thrust"}
+    assert joined(shakes, over) == {"overturn": "oscillation"}
+    assert joined(event("oscillation", 50.0, t_end=60.0), over) == {}
+
+
+@pytest.mark.parametrize(("metres", "linked"), [(44.0, True), (11.0, False), (1.0, False), (None, False)])
+def test_a_jump_of_gnss_explains_its_rejection_only_where_it_is_beyond_any_gate(
+    metres: float | None, linked: bool
+) -> None:
+    jump = event("gnss_jump", 50.0, value=metres, unit="m")
+    rejected = event("aid_rejected", 51.0, "The EKF rejected its position for 9 s of 60.", 60.0)
+    assert joined(jump, rejected) == ({"aid_rejected": "gnss_jump"} if linked else {})
+
+
+def test_root_and_effects_follow_the_chain_to_its_ends() -> None:
+    vibration = event("vibration", 28.0, t_end=52.0, value=20.0)
+    log = made.log(clippings=[clips(0, 38.5)], imu_that_flew=FLEW)
+    found = causes.link(log, [vibration, SHAKEN, SWITCH, RESET])
+    assert causes.root(found[3], found) is found[0]
+    assert [e.kind for e in causes.effects(found[0], found)] == ["clipping", "sensor_switch", "reset"]
+    assert causes.effects(found[3], found) == []
