@@ -295,8 +295,8 @@ EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibr
 STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
 # Maximum number of quoted messages in a finding.
 MAX_EVIDENCE = 4
-# Maximum number of effects named in a finding.
-MAX_EFFECTS = 2
+# Maximum number of effects named in a finding; subject of a sign that has some, unless it has its own.
+MAX_EFFECTS, FIRST_CAUSE = 2, "first_cause"
 # Maximum time between events of one crash, as in the headline.
 ONE_CRASH_S = 5.0
 # Maximum number of later crashes listed.
@@ -350,7 +350,8 @@ def join_effects(pairs: Sequence[tuple[Event, Finding]], events: Sequence[Event]
         if results:
             said = [causes.effect_phrase(other) for other in results[:MAX_EFFECTS]]
             said += [f"{len(results) - MAX_EFFECTS} more"] if len(results) > MAX_EFFECTS else []
-            sign = replace(sign, text=f"{sign.text} {'Effects' if len(said) > 1 else 'Effect'}: {'; '.join(said)}.")
+            text = f"{sign.text} {'Effects' if len(said) > 1 else 'Effect'}: {'; '.join(said)}."
+            sign = replace(sign, text=text, about=sign.about or FIRST_CAUSE)
         joined.append(sign)
     return joined
 
@@ -466,6 +467,18 @@ def note_harmless_reports(reports: Signs, context: Context) -> Signs:
     return [replace(report, severity="note") if harmless(report) else report for report in reports]
 
 
+def explain_failsafe_reports(reports: Signs, context: Context) -> Signs:
+    """Attribute the report of a failsafe to the kind of its first cause."""
+    caused = [event for event in context.events if event.kind == "failsafe" and event.cause is not None]
+
+    def explained(report: Finding) -> Finding:
+        own = [e for e in caused if report.t is not None and abs(e.t - report.t) < SAME_TIME_S]
+        kind = EVENT_KINDS.get(causes.root(own[0], context.events).kind, "") if own else ""
+        return replace(report, kind=kind, cause="", action="") if kind else report
+
+    return [explained(r) if r.kind in (*EXPLAINED_FAILSAFES, "ekf_check") else r for r in reports]
+
+
 def doubt_reported_crashes(reports: Signs, context: Context) -> Signs:
     """Reduce a reported crash to a warning where no sensor shows one."""
     if context.crashed:
@@ -481,7 +494,13 @@ def name_kinds(reports: Signs, context: Context) -> Signs:
     return [replace(report, kind=REPORT_KINDS.get(report.kind, report.kind)) for report in reports]
 
 
-REPORT_RULES: tuple[Rule, ...] = (drop_repeated_by_events, note_harmless_reports, doubt_reported_crashes, name_kinds)
+REPORT_RULES: tuple[Rule, ...] = (
+    drop_repeated_by_events,
+    note_harmless_reports,
+    explain_failsafe_reports,
+    doubt_reported_crashes,
+    name_kinds,
+)
 
 
 # Rules of all signs.
@@ -744,18 +763,20 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
         count = sum(sign.count for sign in same if sign.text == lead.text)
         cause = next((sign.cause for sign in (lead, *others) if sign.cause), "")
         action = next((sign.action for sign in (lead, *others) if sign.action), "")
-        merged.append(replace(lead, count=count, evidence=evidence, cause=cause, action=action))
+        severity = min((sign.severity for sign in same), key=SEVERITY_ORDER.index)
+        merged.append(replace(lead, severity=severity, count=count, evidence=evidence, cause=cause, action=action))
     return merged
 
 
-def _lead_rank(sign: Finding) -> tuple[int, float]:
-    """Return the sort key of a sign: severity, then size of impacts and test ratios.
+def _lead_rank(sign: Finding) -> tuple[bool, int, float]:
+    """Return the sort key of a sign: a first cause, then severity, then size of impacts and test ratios.
 
     Poor GNSS quality comes last.
     """
     by_size = sign.kind == "hard_landing" or (sign.kind == "estimator" and sign.about == "innovations")
     poor = sign.about == "gnss_quality" and sign.unit != "s"
-    return SEVERITY_ORDER.index(sign.severity), -(sign.value or 0.0) if by_size else float(poor)
+    first = sign.about != FIRST_CAUSE
+    return first, SEVERITY_ORDER.index(sign.severity), -(sign.value or 0.0) if by_size else float(poor)
 
 
 def choose_actions(found: Sequence[Finding], checks: Sequence[Check], log: FlightLog) -> list[Finding]:
