@@ -312,12 +312,14 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
     A failsafe already in ``reports`` with its sensor is dropped.
     """
     pairs: list[tuple[Event, Finding]] = []
+    reported: list[Event] = []
     wrecks = wreck_spans(events)
     explained = [report.t for report in reports if report.kind in EXPLAINED_FAILSAFES and report.t is not None]
     for event in events:
         if event.kind in CRASHES or event.severity not in ("warning", "serious"):
             continue
         if event.kind == "failsafe" and any(abs(event.t - t) < SAME_TIME_S for t in explained):
+            reported.append(event)
             continue
         if event.kind == "message":
             kind = next((kind for words, kind in MESSAGE_KINDS if words.search(event.text)), "message")
@@ -331,13 +333,18 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             if about == "vibration":
                 sign = replace(sign, cause=CAUSES["vibration_level"], action=log.remedy("vibration"))
             pairs.append((event, sign))
-    found = [*crash_signs(events, log.kind.hovers), *join_effects(pairs, events)]
+    found = [*crash_signs(events, log.kind.hovers), *join_effects(pairs, events, reported)]
     counted = [sign for sign in found if sign.kind == "crash" or not _is_within(sign.t, wrecks)]
     return [replace(sign, evidence=sign.evidence[:MAX_EVIDENCE]) for sign in counted]
 
 
-def join_effects(pairs: Sequence[tuple[Event, Finding]], events: Sequence[Event]) -> Signs:
-    """Return the signs of events: those of a kind with their first cause, which lists its effects."""
+def join_effects(
+    pairs: Sequence[tuple[Event, Finding]], events: Sequence[Event], reported: Sequence[Event] = ()
+) -> Signs:
+    """Return the signs of events: those of a kind with their first cause, which lists its effects.
+
+    ``reported``: events whose sign is a report.
+    """
     kinds = {id(event): sign.kind for event, sign in pairs}
     joined = []
     for event, sign in pairs:
@@ -346,7 +353,8 @@ def join_effects(pairs: Sequence[tuple[Event, Finding]], events: Sequence[Event]
             sign = replace(sign, kind=kinds[id(first)], cause="", action="")
         elif event.cause is not None:
             sign = replace(sign, cause=sign.cause or event.cause.text)
-        results = [other for other, its in pairs if causes.follows(other, event) and its.kind != sign.kind]
+        others = [*(other for other, its in pairs if its.kind != sign.kind), *reported]
+        results = sorted((other for other in others if causes.follows(other, event)), key=lambda other: other.t)
         if results:
             said = [causes.effect_phrase(other) for other in results[:MAX_EFFECTS]]
             said += [f"{len(results) - MAX_EFFECTS} more"] if len(results) > MAX_EFFECTS else []

@@ -2,7 +2,7 @@
 
 A rule joins two events only where something beside their order shows the cause: the text or mode that the autopilot
 gives as reason, a loss that lasts when its effect comes, samples clipped just before, motors at zero in a free fall.
-Without it events stay in time order. Rates of every rule on real logs: docs/verified.md.
+Without it events stay in time order. Rates of the rules: docs/story.md.
 """
 
 from __future__ import annotations
@@ -301,9 +301,11 @@ def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         for n, blow in crashes:
             if k < n and crash.kind != "impact" and 0.0 < blow.t - (crash.t_end or crash.t) <= STRUCK_S:
                 yield k, n, f"{blow.t - crash.t:.1f} s after it"
-        for n, event in _of(events, "lane_switch", "sensor_switch", "reset", "failsafe", "compass_switch", "gnss_jump"):
-            if 0.0 <= event.t - crash.t <= STRUCK_S and not STOPPED.search(event.text):
-                yield k, n, f"{event.t - crash.t:.1f} s after it"
+    for n, event in _of(events, "lane_switch", "sensor_switch", "reset", "failsafe", "compass_switch", "gnss_jump"):
+        before = [(k, e) for k, e in crashes if 0.0 <= event.t - e.t <= STRUCK_S]
+        if before and not STOPPED.search(event.text):
+            k, crash = before[-1]
+            yield k, n, f"{event.t - crash.t:.1f} s after it"
 
 
 RULES: tuple[Rule, ...] = (
