@@ -80,6 +80,8 @@ GROUND_HEIGHT_SHARE, HEIGHT_NOISE_M, MAX_EXTENSION_S = 0.3, 0.03, 3.0
 MAX_FALL_S, MIN_FALL_M = 10.0, 5.0
 # Change of the force at lift-off: minimum, and in standard deviations; ratio of the landing peak to the median.
 MIN_LIFTOFF_STEP_M_S2, LIFTOFF_SIGMAS, LANDING_PEAK_RATIO = 0.25, 5.0, 4.0
+# Windows of the dynamics: it moves until this long before they show rest.
+CAME_TO_REST_S = 3.0
 # Above this height ground contact is impossible: near the ground propellers shift a barometer by up to 4 m.
 MIN_CLEAR_M = 5.0
 
@@ -403,10 +405,16 @@ def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
 
 
 def _landing_time(grid: Grid, end: int) -> float:
-    """Return the start of the largest force peak around the end of flight."""
+    """Return the start of the largest force peak around the end of flight.
+
+    Where the vehicle already rests there with motors driven, the peak is sought from when it came to rest.
+    """
     a, b = max(end - round(2.0 / STEP_S), 0), min(end + round(1.0 / STEP_S) + 1, len(grid.t))
     if grid.slow or end >= len(grid.t):
         return float(grid.t[min(end, len(grid.t) - 1)])
+    moving = np.flatnonzero(~(grid.dynamics[:end] < REST_DYNAMICS))
+    if len(moving) and moving[-1] < end - 1:
+        a = min(a, max(int(moving[-1]) - round(CAME_TO_REST_S / STEP_S), 0))
     bump = np.abs(grid.size[a:b] - np.median(grid.size[a:b]))
     stands_out = bump.max() > max(2.0 * MIN_LIFTOFF_STEP_M_S2, LANDING_PEAK_RATIO * float(np.median(bump)))
     if not stands_out:

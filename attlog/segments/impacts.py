@@ -202,6 +202,8 @@ MIN_LEAN_DEG = 20.0  # before a violent peak
 MIN_KILLED_TILT_DEG, DISARMED_S = 40.0, 3.0  # around a violent peak, and the time until it was disarmed for good
 # Largest tilt in the next seconds of a vehicle that landed hard.
 MAX_LANDED_DEG = 45.0
+# Largest height by the barometer at a touch-down from which a vehicle bounces.
+MAX_BOUNCE_M = 1.0
 # Samples of one contact, distance of contacts in a group, and how much harder a later one is.
 CONTACT_S, MAX_CONTACT_GAP_S, HARDER_RATIO = 0.4, 1.0, 1.1
 # Still in the air after this time: no crash.
@@ -294,8 +296,11 @@ def find_impacts(context: CrashContext) -> list[CrashEvent]:
         if blow.g > least_g and upright and _at_flight_end(context, blow.t):
             text = f"{size} as it landed"
             landing = CrashEvent("hard_landing", blow.t, blow.t, blow.g, "g", text, lying, blow.rate, source)
-            softer = found and found[-1].kind == "hard_landing" and blow.t - found[-1].t <= MAX_CONTACT_GAP_S
-            found[-1 if softer else len(found) :] = [landing]
+            before = found[-1] if found and found[-1].kind == "hard_landing" else None
+            if before is None or blow.t - before.t > FLIES_ON_S:
+                found.append(landing)
+            elif blow.t - before.t <= MAX_CONTACT_GAP_S and blow.g > HARDER_RATIO * before.size:
+                found[-1] = landing  # what follows are bounces
     return found
 
 
@@ -328,4 +333,9 @@ def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
 
 
 def _at_flight_end(context: CrashContext, t: float) -> bool:
-    return any(b - BEFORE_S <= t <= b + AFTER_S for _, b in context.air.spans)
+    """Return whether a flight ends at a time, or soon after a touch-down from which it bounced."""
+    if any(b - BEFORE_S <= t <= b + AFTER_S for _, b in context.air.spans):
+        return True
+    grid = context.air.grid
+    above = [float(level.above[grid.index(t)]) for level in context.air.levels[:1]]
+    return any(b - FLIES_ON_S <= t <= b for _, b in context.air.spans) and any(x < MAX_BOUNCE_M for x in above)

@@ -361,7 +361,12 @@ def clipping_spans(segments: Segments) -> list[Span]:
     flights = segments.spans("airborne")
     crashes = [e.t for e in segments.crash_events if e.is_crash]
     if flights:
-        return [(a, b - (BLOW_S if any(abs(b - t) < 0.5 for t in crashes) else LANDING_S)) for a, b in flights]
+        landed = [e.t for e in segments.crash_events if e.kind == "hard_landing"]
+        ends = [min([b, *(t for t in landed if a < t)]) for a, b in flights]
+        return [
+            (a, end - (BLOW_S if any(abs(end - t) < 0.5 for t in crashes) else LANDING_S))
+            for (a, _), end in zip(flights, ends, strict=True)
+        ]
     return merge(segments.spans("armed"))
 
 

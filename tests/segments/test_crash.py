@@ -285,3 +285,47 @@ def test_an_attitude_argues_with_how_it_lies_only_while_motors_push(driven, angl
     scene.air.driven[:] = driven
     found = rest_tilt(scene, LANDED - 0.3)
     assert found == (None if angle is None else pytest.approx(angle, abs=1.0))
+
+
+def test_a_bounce_is_the_landing_of_its_first_contact():
+    """It touches down at 72.8 s with 8 g, hops and lands again with 5 g at 74.6 s."""
+    log = made(8.0, LANDED - 2.2)
+    imu = log.imus[0]
+    i = int(np.searchsorted(imu.acc.t, LANDED - 0.4))
+    imu.acc.x[i : i + 2] = [0.0, 0.0, -5.0 * 9.81]
+    t = np.arange(0.0, 105.0, 0.1)
+    for height, found in ((0.4, [72.8]), (6.0, [74.6])):
+        high = np.interp(t, [35.0, 40.0, 70.0, 72.0, 74.0, 75.0], [0.0, 8.0, 8.0, height, height, 0.0])
+        log.baro = [Stream(t, high[:, None], "m", "", "BARO")]
+        landings = [e.t for e in endings(log) if e.kind == "hard_landing"]
+        assert landings == [pytest.approx(x, abs=0.01) for x in found]
+
+
+def test_a_harder_contact_later_has_its_own_time_and_each_its_own_size():
+    log = made(9.0, LANDED - 0.3, lies_deg=60.0)
+    imu = log.imus[0]
+    for at, g in ((LANDED, 5.0), (LANDED + 0.9, 14.0)):
+        i = int(np.searchsorted(imu.acc.t, at))
+        imu.acc.x[i : i + 2] = [0.0, 0.0, -g * 9.81]
+    found = [(e.t, e.size) for e in endings(log) if e.kind == "impact"]
+    assert found == [
+        (pytest.approx(LANDED - 0.3, abs=0.01), pytest.approx(9.0, abs=0.05)),
+        (pytest.approx(LANDED + 0.9, abs=0.01), pytest.approx(14.0, abs=0.05)),
+    ]
+
+
+def test_what_tips_over_after_a_soft_landing_falls_as_it_passes_thirty_degrees():
+    """It lands at 75 s, leans from 76 to 77 s and lies at 60 deg; no blow above 3 g."""
+    log = flight()
+    imu, attitude = log.imus[0], log.attitudes["ATT"]
+    for t, x in ((imu.acc.t, imu.acc.x), (attitude.t, attitude.q)):
+        lean = np.radians(np.interp(t, [76.0, 77.0], [0.0, 60.0]))
+        after = t > LANDED
+        turn = rotation.from_euler(lean[after], 0.0 * lean[after], 0.0 * lean[after])
+        x[after] = turn if x is attitude.q else rotation.rotate_inverse(turn, np.array([0.0, 0.0, -9.81]))
+    imu.gyro.x[imu.gyro.t > LANDED] *= 0.05
+    air = found_in(log)
+    air.spans, air.driven = [(TAKE_OFF, LANDED)], (air.grid.t > TAKE_OFF) & (air.grid.t < LANDED)
+    (found,) = crash.find_crashes(log, air, [(TAKE_OFF - 5.0, LANDED)], 105.0).crash_events
+    assert (found.kind, found.t) == ("overturn", pytest.approx(76.5, abs=0.06))
+    assert found.size == pytest.approx(60.0, abs=1.0)

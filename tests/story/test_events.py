@@ -15,6 +15,8 @@ import pytest
 import attlog
 from attlog import segments, story
 from attlog.flight.model import Clipping, FlightLog, Gnss, Problem, Stream, TimeLine
+from attlog.segments.airborne import InAir
+from attlog.segments.heights import HeightLevel
 from attlog.segments.model import Segment, Segments
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
@@ -23,6 +25,7 @@ from attlog.simulate.logs.records import START_US
 from attlog.simulate.scenario import load_scenario, scenario_names
 from attlog.story import Event, estimator_events, flight_events
 from tests.segments.test_airborne import carried
+from tests.segments.test_flight_signs import made_grid
 from tests.story.made import log
 
 T = np.arange(0.0, 60.0, 0.1)
@@ -422,3 +425,35 @@ def test_the_flight_with_everything_is_told_with_its_blow() -> None:
         "liftoff",
         "hard_landing",
     ]
+
+
+@pytest.mark.parametrize(
+    ("height_m", "disarmed_s", "landed_s", "said_s", "gone", "open_end"),
+    [
+        (3.0, None, None, None, False, True),
+        (3.0, 58.0, None, None, False, False),
+        (3.0, 56.5, None, None, False, True),
+        (3.0, None, 58.0, None, False, False),
+        (3.0, None, None, 58.0, False, False),
+        (0.3, None, None, None, True, False),
+        (0.3, None, None, None, False, True),
+        (40.0, 58.0, None, None, False, True),
+        (3.0, 75.0, None, None, False, True),
+    ],
+)
+def test_a_log_ends_in_the_air_unless_its_last_three_seconds_show_a_landing(
+    height_m: float, disarmed_s: float | None, landed_s: float | None, said_s: float | None, gone: bool, open_end: bool
+) -> None:
+    """Flown to the last sample, at 60 s; what is stamped 15 s behind it is of another part of the flight."""
+    made = log(texts=[] if said_s is None else [(said_s, 6, "Landing detected")])
+    if disarmed_s is not None:
+        made.state.armed = TimeLine(np.array([0.0, disarmed_s]), [True, False], "vehicle_status")
+    if landed_s is not None:
+        made.state.landed = TimeLine(np.array([0.0, landed_s]), [False, True], "vehicle_land_detected")
+    grid = made_grid(len(T))
+    levels = [HeightLevel("barometer", "BARO", np.full(len(T), height_m))]
+    driven = np.full(len(T), not gone)
+    air = InAir(grid, [(10.0, 60.0)], driven, 0.5 * driven, levels, "CTUN.ThO", "made")
+    flown = Segments([Segment("continuous", 0, 60), Segment("airborne", 10, 60)], air=air)
+    events, _ = flight_events.movement_events(made, flown)
+    assert ("ends_in_air" in [e.kind for e in events]) is open_end
