@@ -11,6 +11,7 @@ import numpy as np
 from attlog.core.spans import inside
 from attlog.flight.model import FIX_3D, FlightLog
 from attlog.segments.model import Segments
+from attlog.story import causes
 from attlog.story.flight_events import (
     BATTERY,
     FAILSAFE,
@@ -205,7 +206,8 @@ def failsafe_phrases(first: list[str], log: FlightLog, segments: Segments, event
         aloft = [e for e in found if e.severity == "warning" and a <= e.t <= min(b + ENDED_S, crash)]
         if aloft:
             last = aloft[-1]
-            both = [x if x == last.text else f"{x} {last.text}" for x in first if x] or [last.text]
+            own = causes.effect_phrase(last)
+            both = [x if x == last.text or own in x else f"{x} {last.text}" for x in first if x] or [last.text]
             return [*both, last.text] if _ended_it(log, last.t, b) else list(dict.fromkeys((*both, *first)))
     if first == [""] and not segments.spans("airborne") and "armed" not in segments.unknown:
         idle = [e for e in found if e.t >= MEASURED_S and not inside(np.array([e.t]), segments.spans("armed")).any()]

@@ -18,7 +18,7 @@ from attlog.segments.flight_signs import speed_at, true_runs
 from attlog.segments.heights import highest_level
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segments
-from attlog.story import failsafe_events
+from attlog.story import causes, failsafe_events
 from attlog.story.flight_events import (
     FULL_PEAK_HZ,
     MOTOR_TEST,
@@ -292,7 +292,24 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
         "gnss_jump": first.text.partition(",")[0].rstrip("."),
     }[first.kind]
     more = f" (vibration {format_significant(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
-    return [f"{words}{more}.", f"{words}.", ""] if more else [f"{words}.", ""]
+    so = _effect_phrase(first, events)
+    return [*dict.fromkeys((f"{words}{more}{so}.", f"{words}{so}.", f"{words}{more}.", f"{words}.")), ""]
+
+
+def _effect_phrase(first: Event, events: Sequence[Event]) -> str:
+    """Return what the first fault caused: the last failsafe, or switches of the estimator; empty for neither."""
+    results = [event for event in causes.effects(first, events) if event.severity == "warning"]
+    failsafes = [event for event in results if event.kind == "failsafe"]
+    if failsafes:
+        return f", hence {causes.effect_phrase(failsafes[-1])}"
+    for kind, words in (
+        ("lane_switch", "the EKF changed its core"),
+        ("sensor_switch", "the autopilot changed its IMU"),
+    ):
+        found = [event for event in results if event.kind == kind]
+        if found:
+            return f", so {words} {how_often(len(found)) if len(found) > 1 else f'at {found[0].t:.1f} s'}"
+    return ""
 
 
 def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments) -> list[str]:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from attlog.flight.model import Clipping, FlightLog, Imu, Stream, TimeLine
-from attlog.story import causes
+from attlog.segments.model import Segment, Segments
+from attlog.story import causes, headline
 from attlog.story.flight_events import Event
 from tests.story import made
 
@@ -172,3 +173,24 @@ def test_root_and_effects_follow_the_chain_to_its_ends() -> None:
     assert causes.root(found[3], found) is found[0]
     assert [e.kind for e in causes.effects(found[0], found)] == ["clipping", "sensor_switch", "reset"]
     assert causes.effects(found[3], found) == []
+
+
+def told(*events: Event, **fields: Any) -> str:
+    """Return the headline of one flight from 20 to 90 s with these events."""
+    log = made.log(**fields)
+    linked = causes.link(log, list(events))
+    return headline(log, Segments([Segment("airborne", 20.0, 90.0)]), linked, sound=False)
+
+
+def test_the_headline_names_the_failsafe_once_behind_its_cause() -> None:
+    said = told(LOST, BLIND)
+    assert "GNSS messages missing from 60 s, hence failsafe at 65.4 s." in said
+    assert said.lower().count("failsafe") == 1
+    assert "hence" not in told(LOST, event("failsafe", 80.0, "EKF failsafe at 80.0 s."))
+
+
+def test_the_headline_counts_the_switches_that_clipping_caused() -> None:
+    switches = [event("sensor_switch", t) for t in (40.0, 44.0)]
+    said = told(SHAKEN, *switches, clippings=[clips(0, 38.5, 43.0)])
+    assert "Accelerometer clipped from 30 s, so the autopilot changed its IMU twice." in said
+    assert "so the" not in told(SHAKEN, *switches, clippings=[clips(0, 31.0)])
