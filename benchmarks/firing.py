@@ -69,7 +69,7 @@ def checked(path: Path) -> Iterator[Fired]:
 
 def asked(path: Path) -> Iterator[Fired]:
     """What the questions about the sensors of one log say, and as ``settings`` what they offer."""
-    told = health(path).health
+    told = health(path).checks
     for one in told:
         yield one.question, one.verdict, f"{one.sensor}: {one.text} {one.why_no_setting}".strip()
     offers = ", ".join(f"{s.name} {s.old} -> {s.new:.7g}" for s in agreed_settings(told))

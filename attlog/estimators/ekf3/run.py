@@ -235,7 +235,7 @@ def fill_flags(inputs: Ekf3Inputs, steps: Array, tas: Array) -> None:
         return
     steps[:, 10] = 2.0 * (armed & (held(inputs.touch_down["t"], inputs.touch_down["on"], t, 0.0) > 0))
     leaving = since < FLYING_S
-    if inputs.states is not None:
+    if inputs.states is not None and len(inputs.states.t):
         height = -np.interp(t, inputs.states.t, inputs.states.x[:, 9])
         leaving &= height - np.interp(np.where(np.isfinite(begin), begin, t), t, height) < LEFT_M
     else:
