@@ -356,12 +356,17 @@ def join_effects(
         others = [*(other for other, its in pairs if its.kind != sign.kind), *reported]
         results = sorted((other for other in others if causes.follows(other, event)), key=lambda other: other.t)
         if results:
-            said = [causes.effect_phrase(other) for other in results[:MAX_EFFECTS]]
-            said += [f"{len(results) - MAX_EFFECTS} more"] if len(results) > MAX_EFFECTS else []
-            text = f"{sign.text} {'Effects' if len(said) > 1 else 'Effect'}: {'; '.join(said)}."
-            sign = replace(sign, text=text, about=sign.about or FIRST_CAUSE)
+            sign = _with_effects(sign, [(other.text, other.t) for other in results])
         joined.append(sign)
     return joined
+
+
+def _with_effects(sign: Finding, results: Sequence[tuple[str, float]]) -> Finding:
+    """Return a first cause that names its effects (sentence, t), in time order."""
+    said = [causes.effect_phrase(text, t) for text, t in results[:MAX_EFFECTS]]
+    said += [f"{len(results) - MAX_EFFECTS} more"] if len(results) > MAX_EFFECTS else []
+    text = f"{sign.text} {'Effects' if len(said) > 1 else 'Effect'}: {'; '.join(said)}."
+    return replace(sign, text=text, about=sign.about or FIRST_CAUSE)
 
 
 def crash_signs(events: Sequence[Event], hovers: bool = True) -> Signs:
@@ -671,6 +676,25 @@ def explain_by_vibration(signs: Signs, context: Context) -> Signs:
     return sorted(map(explained, signs), key=lambda sign: place.get(sign.about, 2))
 
 
+def explain_by_force(signs: Signs, context: Context) -> Signs:
+    """Attribute rejections and failsafes of the estimator to a wrong mean vertical force from its onset on.
+
+    A force that is wrong by metres per second squared makes predictions of vertical velocity and height wrong; a
+    rejected position has other causes.
+    """
+    force = next(
+        (s for s in signs if s.about == "vertical_force" and s.severity == "serious" and s.t is not None), None
+    )
+    if force is None:
+        return signs
+    since = force.t or 0.0
+    later = [s for s in signs if s.kind == "estimator" and s.t is not None and s.t >= since]
+    later = [s for s in later if "rejected its position" not in s.text]
+    named = [(s.text, s.t or 0.0) for s in sorted(later, key=lambda s: s.t or 0.0)]
+    caused = _with_effects(force, named) if named else force
+    return [caused if s is force else _as_kind(force.kind, s) if s in later else s for s in signs]
+
+
 def _as_kind(kind: str, sign: Finding) -> Finding:
     """Change the kind of a sign and clear its cause and action."""
     return replace(sign, kind=kind, cause="", action="")
@@ -750,6 +774,7 @@ RULES: tuple[Rule, ...] = (
     explain_simulator,
     Change(lambda s: s.about == "stopped", fields={"cause": LOGGER_STOPPED, "action": ""}),
     explain_by_vibration,
+    explain_by_force,
     note_minor_records,
 )
 

@@ -66,13 +66,13 @@ def effects(event: Event, events: Sequence[Event]) -> list[Event]:
     return [other for other in events if other is not event and root(other, events) is event]
 
 
-def effect_phrase(event: Event) -> str:
-    """Return an event as a clause with its time, without capital and full stop."""
-    text = event.text.rstrip(".").partition(". ")[0].partition(": ")[0]
-    if event.kind in ("aid_rejected", "clipping"):
-        text = re.split(" for | from ", text)[0] + f" from {event.t:.1f} s"
+def effect_phrase(text: str, t: float) -> str:
+    """Return the sentence of an event at ``t`` s as a clause with its time, without capital and full stop."""
+    text = text.rstrip(".").partition(". ")[0].partition(": ")[0]
+    if re.search("clipped|rejected its", text):
+        text = re.split(" for | from ", text)[0] + f" from {t:.1f} s"
     elif not re.search(r"\b(at|from) [\d.]+", text):
-        text += f" at {event.t:.1f} s"
+        text += f" at {t:.1f} s"
     return text[:1].lower() + text[1:] if text[1:2].islower() or text[1:2] == " " else text
 
 

@@ -206,7 +206,7 @@ def failsafe_phrases(first: list[str], log: FlightLog, segments: Segments, event
         aloft = [e for e in found if e.severity == "warning" and a <= e.t <= min(b + ENDED_S, crash)]
         if aloft:
             last = aloft[-1]
-            own = causes.effect_phrase(last)
+            own = causes.effect_phrase(last.text, last.t)
             both = [x if x == last.text or own in x else f"{x} {last.text}" for x in first if x] or [last.text]
             return [*both, last.text] if _ended_it(log, last.t, b) else list(dict.fromkeys((*both, *first)))
     if first == [""] and not segments.spans("airborne") and "armed" not in segments.unknown:

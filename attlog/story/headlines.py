@@ -301,7 +301,7 @@ def _effect_phrase(first: Event, events: Sequence[Event]) -> str:
     results = [event for event in causes.effects(first, events) if event.severity == "warning"]
     failsafes = [event for event in results if event.kind == "failsafe"]
     if failsafes:
-        return f", hence {causes.effect_phrase(failsafes[-1])}"
+        return f", hence {causes.effect_phrase(failsafes[-1].text, failsafes[-1].t)}"
     for kind, words in (
         ("lane_switch", "the EKF changed its core"),
         ("sensor_switch", "the autopilot changed its IMU"),

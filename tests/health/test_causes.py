@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from attlog.flight.model import Problem
+from attlog.health.check import Check
 from attlog.health.findings import Finding, findings
 from attlog.story import causes
 from attlog.story.flight_events import Event
@@ -45,3 +48,14 @@ def test_a_crash_keeps_its_entry_and_gets_its_cause() -> None:
     crash = Event("overturn", 98.0, "serious", "Turned over at 98.0 s, to 120°.")
     one = next(f for f in found([fault, crash]) if f.kind == "crash")
     assert one.cause == fault.text
+
+
+@pytest.mark.parametrize(("onset", "kinds"), [(50.0, ["vibration"]), (70.0, ["estimator", "vibration"])])
+def test_a_wrong_vertical_force_explains_the_failsafe_that_follows_it(onset: float, kinds: list[str]) -> None:
+    force = Check("vertical_force", "fault", "The mean vertical force is up to 3.1 m/s^2 off.", 3.1, "m/s^2", t=onset)
+    log = flight(firmware="ArduPilot")
+    log.problems = [REPORT]
+    both = [f for f in findings(log, [force]) if f.is_trouble]
+    assert sorted(f.kind for f in both) == kinds
+    lead = next(f for f in both if f.kind == "vibration")
+    assert ("Effect: EKF failsafe at 68.0 s." in lead.text) is (onset < 68.0)
