@@ -3,7 +3,8 @@
     python benchmarks/planted.py [--corpus DIR] [--all] [--without-truth] [-v]
 
 The set is ``sitl/`` below the corpus folder (default $ATTLOG_CORPUS), the flights of FLIGHTS; ``--all`` takes every
-flight. Each fault is put into a copy of the read log, into every unit of the sensor, and the audit is made anew.
+flight. Each fault is put into a copy of the read log, into every unit of the sensor (the scale into the
+replayed unit), and the audit is made anew.
 ``--without-truth`` takes the logged truth away first, so that the onboard attitude is all there is, as on a real
 vehicle. The table tells of how many flights the check names it (shown), the finding has a cause and an action, the
 size is right within the tolerance of PLANTS, the flight cannot tell by the check's own word, and of how many flights
@@ -67,8 +68,9 @@ def holes(log: FlightLog) -> None:
 
 
 def scaled(log: FlightLog) -> None:
-    for imu in log.imus:
-        imu.gyro.x = imu.gyro.x * SCALE
+    """In the replayed unit alone: units that turn alike acquit each other."""
+    if log.replay_imu is not None:
+        log.replay_imu.gyro.x = log.replay_imu.gyro.x * SCALE
 
 
 def exchanged(log: FlightLog) -> None:

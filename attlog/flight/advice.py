@@ -266,7 +266,6 @@ GENERAL_REMEDIES: Mapping[str, str] = {
     "gnss": "Raise the antenna above power wires and transmitters.",
     "bus": "Check the sensor's connection, or fly on another unit.",
     "clock": "Log raw samples with their time of measurement, or fly on another unit.",
-    "gyro_scale": "Fly on another unit, and replace this one.",
     "temperature": "Switch on, wait until the sensors are warm, then calibrate them and take off.",
 }
 

@@ -30,8 +30,8 @@ SEPARATE_KINDS = (BUG, "estimator_failed", "estimator_timed_out")
 KINDS = (
     *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "vibration", "attitude", "mounting", "trim", "reset"),
     *("coverage", "estimator", "accelerometer", "accelerometer_axes", "accelerometer_delay", "frozen_sensors"),
-    *("device", "parameters", "arming", "gyro_range", "gnss", "imu_delay", "gyro_scale", "gaps", "jitter", "rate"),
-    *("delay", "compass", "declination"),
+    *("device", "parameters", "arming", "gyro_range", "gnss", "imu_delay", "gyro_scale", "main_loop", "gaps"),
+    *("jitter", "rate", "delay", "compass", "declination", "log_clock"),
 )
 
 
@@ -858,7 +858,7 @@ def _settings_first(checks: Iterable[Check]) -> list[Check]:
 RECORD_KINDS = frozenset(
     """calibration_applied calibration_not_applied coverage cut_at_end damage damaged_reports delay duplicate_times
     estimator_failed estimator_not_compiled estimator_timed_out false_times gaps gaps_and_rate imu_covers_a_part
-    imu_decimated imu_delay imu_that_flew_too_slow jitter late_field log_limit not_checked params_differ
+    imu_decimated imu_delay imu_that_flew_too_slow jitter late_field log_clock log_limit not_checked params_differ
     params_unknown rate rate_impossible several_boots several_systems stale_packets time_backward truth_packet_times
     unanswered unreadable_message unset_times values_out_of_range""".split()
 )

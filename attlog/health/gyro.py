@@ -1,9 +1,7 @@
-"""Gyro: dead, range, bias at rest and in flight, scale, and steps of the bias.
+"""Gyro: dead, range, bias at rest and in flight, and steps of the bias; its scale: :mod:`attlog.health.gyro_scale`.
 
-Model ``a = S g + b`` of mean attitude rates a and gyro rates g over intervals: the diagonal of S is one over the gyro's
-scale, its other elements the mounting, -b the bias. A smoother integrates this gyro and cannot show its scale; truth
-can, and the onboard attitude, which its aids correct. Steps of the bias are found best by the likelihood of a smoother
-with GNSS.
+Steps of the bias are found best by the likelihood of a smoother with GNSS, else by the mean rates of truth or of the
+onboard attitude minus the gyro's over intervals.
 """
 
 from __future__ import annotations
@@ -29,19 +27,8 @@ from attlog.segments.model import Segments
 # Interval of mean rates: short against turns, long enough that noise, vibration and delays do not lower the slope (0.98
 # at 0.1 s, 1.00 here, for gyros with correct scale). Maximum interval, and maximum rotation in it.
 INTERVAL_S, MAX_INTERVAL_S, MAX_INTERVAL_RAD = 0.3, 0.7, 1.0
-# Minimum standard deviation of the rate about an axis for its scale.
-MIN_TURN_DPS = 8.0
-# Minimum intervals, blocks of 5 s and flight time for a clustered standard error.
-MIN_INTERVALS, MIN_BLOCKS, MIN_FLIGHT_S = 60, 6, 20.0
-# Limits of the scale error: 2 % is seven times that of sound flights, 10 % another range or unit.
-SCALE_OFF, SCALE_FAR = 0.02, 0.1
-# Significance: 4 sigma of 1.5 standard errors and 0.006 (slopes of sound flights are 0.99 to 1.01).
-SCALE_SIGMAS, STANDARD_ERRORS, SCALE_FLOOR = 4.0, 1.5, 0.006
-TURN_ADVICE = "Fly turns of 90 deg and quick steps of 15 deg about all axes."
-NO_SCALE_SETTING = "No parameter scales a gyro."
-SCALE_LIMIT = (
-    f"ok within {100 * SCALE_OFF:.0f} % or {SCALE_SIGMAS:.0f} sigma of 1, fault beyond {100 * SCALE_FAR:.0f} %"
-)
+# Minimum intervals and flight time.
+MIN_INTERVALS, MIN_FLIGHT_S = 60, 20.0
 # Limits of a bias step: estimators absorb the first unnoticed, the second not within a flight.
 STEP_DPS, STEP_FAR_DPS = 0.5, 3.0
 # Significance of a step; 6 sigma because the best of many times is selected.
@@ -51,26 +38,23 @@ STEP_BLOCKS = 3
 STEP_LIMIT = f"ok: no step above {STEP_DPS} deg/s and {STEP_SIGMAS:.0f} sigma; fault above {STEP_FAR_DPS:.0f} deg/s"
 
 
-def turn_checks(case: HealthCase) -> list[Check]:
-    """Check scale and steps of the bias of the replayed gyro in flight."""
+def step_checks(case: HealthCase) -> list[Check]:
+    """Check steps of the bias of the replayed gyro in flight."""
     imu = case.log.replay_imu
     if imu is None or not case.segments.spans("airborne"):
         return []
-    scale, step = _rate_checks(imu, case.segments, case.rates)
     if case.reference is not None and case.reference.gyro_jumps is not None:
         step = _smoother_step_check(imu, case.reference.gyro_jumps)
-    for check in (scale, step):
-        check.sensor = imu.gyro.source
-        if check.is_trouble:
-            check.why_no_setting = NO_SCALE_SETTING if check is scale else NO_BIAS_SETTING
-            check.action = case.log.remedy("gyro_scale" if check is scale else "bus")
-    if scale.verdict == "unknown":
-        scale.action = TURN_ADVICE
-    return [scale, step]
+    else:
+        step = _reference_step_check(imu, case.segments, case.rates)
+    step.sensor = imu.gyro.source
+    if step.is_trouble:
+        step.why_no_setting, step.action = NO_BIAS_SETTING, case.log.remedy("bus")
+    return [step]
 
 
-def _rate_checks(imu: Imu, segments: Segments, reference: Reference | None) -> tuple[Check, Check]:
-    """Check scale and bias step by the rates of an attitude."""
+def _reference_step_check(imu: Imu, segments: Segments, reference: Reference | None) -> Check:
+    """Check for a bias step by the rates of an attitude."""
     why = "No attitude that is not made of this gyro can be trusted."
     if reference is not None and reference.kind in ("truth", "onboard") and not reference.faults.gyro:
         t, g, a = interval_rates(imu, reference)
@@ -79,10 +63,10 @@ def _rate_checks(imu: Imu, segments: Segments, reference: Reference | None) -> t
         if len(t) >= MIN_INTERVALS and len(t) * INTERVAL_S >= MIN_FLIGHT_S:
             columns = np.concatenate([g, np.ones((len(g), 1))], axis=1)
             found = [robust_fit(t, columns[:, None, :], a[:, k : k + 1]) for k in range(3)]
-            return _scale_check(imu, reference, t, g, found), _step_check(imu, reference, t, columns, a, found)
+            return _step_check(imu, reference, t, columns, a, found)
         why = f"{len(t)} intervals of {INTERVAL_S} s in flight can be compared; "
         why += f"{MIN_INTERVALS} and {MIN_FLIGHT_S:.0f} s are needed."
-    return unknown("gyro_scale", why, SCALE_LIMIT), unknown("gyro_bias_step", why, STEP_LIMIT)
+    return unknown("gyro_bias_step", why, STEP_LIMIT)
 
 
 def interval_rates(imu: Imu, reference: Reference) -> tuple[Array, Array, Array]:
@@ -118,36 +102,6 @@ def _step_found(imu: Imu, size: float, sigma: float, axis: int, t: float, by: st
     verdict = graded(abs(size), STEP_DPS, STEP_FAR_DPS)
     check = Check("gyro_bias_step", verdict, text, unit="deg/s", threshold=STEP_LIMIT, t=round(t, 1))
     return check.measure(size, sigma, 2)
-
-
-def _scale_check(imu: Imu, reference: Reference, t: Array, g: Array, found: list[RobustFit | None]) -> Check:
-    moving = np.degrees(g.std(axis=0))
-    errors: list[tuple[float, float, int]] = []
-    for k, one in enumerate(found):
-        if one is not None and moving[k] >= MIN_TURN_DPS and one.blocks >= MIN_BLOCKS and one.x[k] > 0.1:
-            sigma = math.hypot(STANDARD_ERRORS * float(one.sigma[k]), SCALE_FLOOR)
-            errors.append((1.0 / float(one.x[k]) - 1.0, sigma / float(one.x[k]) ** 2, k))
-    if not errors:
-        shown = ", ".join(f"{v:.0f}" for v in moving)
-        why = f"In flight x, y, z turn by {shown} deg/s (standard deviation); {MIN_TURN_DPS:.0f} are needed."
-        return unknown("gyro_scale", why, SCALE_LIMIT)
-    error, sigma, _ = max(errors, key=lambda one: abs(one[0]) / one[1])
-    off = [one for one in errors if abs(one[0]) > max(SCALE_OFF, SCALE_SIGMAS * one[1])]
-    seconds = len(t) * INTERVAL_S
-    if not off:
-        verdict: Verdict = "ok"
-        shown = ", ".join(f"{'xyz'[k]} {1.0 + e:.3f}" for e, _, k in errors)
-        text = f"{imu.gyro.source} against {reference.source} turns {shown} times as far in {seconds:.0f} s of flight."
-    else:
-        verdict = "fault" if max(abs(one[0]) for one in off) > SCALE_FAR else "warning"
-        which = ", ".join("xyz"[k] for _, _, k in off)
-        text = (
-            f"{imu.gyro.source} reads {100 * abs(error):.1f} % too {'much' if error > 0 else 'little'} about {which} "
-        )
-        text += f"({interval_text(100 * abs(error), 100 * sigma, 1)}, 95 %) against {reference.source}, "
-        text += f"{len(t)} intervals in {seconds:.0f} s of flight."
-    check = Check("gyro_scale", verdict, text, unit="%", threshold=SCALE_LIMIT, n=len(t), seconds=round(seconds, 1))
-    return check.measure(100.0 * error, 100.0 * sigma, 2)
 
 
 def _step_check(

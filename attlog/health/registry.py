@@ -17,6 +17,7 @@ from attlog.health import (
     gnss,
     gravity,
     gyro,
+    gyro_scale,
     imu_checks,
     innovations,
     notch,
@@ -79,8 +80,10 @@ CHECKS: Mapping[str, Row] = {
     "vertical_force": Row(
         "vertical force", vibration.vertical_force_check, "vibration", fault="serious", remedy="vibration"
     ),
-    "gyro_scale": Row("gyro scale", gyro.turn_checks, "gyro_scale", fault="serious", remedy="gyro_scale"),
-    "gyro_bias_step": Row("step of the gyro bias", gyro.turn_checks, "gyro_bias", remedy="gyro_scale"),
+    "log_clock": Row("clock of the log", gyro_scale.scale_checks, "log_clock", warning="note"),
+    "main_loop": Row("main loop", gyro_scale.scale_checks, "main_loop", warning="note"),
+    "gyro_scale": Row("gyro scale", gyro_scale.scale_checks, "gyro_scale", fault="serious"),
+    "gyro_bias_step": Row("step of the gyro bias", gyro.step_checks, "gyro_bias", remedy="bus"),
     "force_axes": Row(
         "axes of the force",
         accelerometer.accelerometer_checks,
@@ -161,6 +164,8 @@ CAUSES: Mapping[str, str] = {
     "heading_by_gnss": "The compass is turned, badly calibrated or disturbed, or the declination is wrong.",
     "vibration_level": "Unbalanced or damaged propellers, play in a bearing or arm, or a stiff mounting.",
     "vertical_force": "Vibration that clips or is rectified in the sensor becomes a constant force.",
+    "log_clock": "The autopilot's crystal or the divider of its clock.",
+    "main_loop": "The processor is overloaded.",
     "gyro_scale": "The gyro's own scale or its range setting; no calibration corrects it.",
     "gyro_bias_step": "The gyro warmed up or was struck, or its driver lost its calibration.",
     "force_axes": "The accelerometer is mounted otherwise than set, or its axes are mixed up.",

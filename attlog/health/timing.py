@@ -1,7 +1,9 @@
-"""Checks of IMU rate, gaps and jitter, frozen sensors, and sensor faults."""
+"""Checks of IMU rate, gaps and jitter, clocks, frozen sensors, and sensor faults."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -12,8 +14,9 @@ from attlog.core.timestamps import gap_indices
 from attlog.flight import compass
 from attlog.flight.frozen import equal_runs, turned_deg
 from attlog.flight.imu import LOW_RATE_HZ, REPLAY_MIN_HZ, is_replayable_rate
-from attlog.flight.model import Array, FlightLog, Stream
-from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded
+from attlog.flight.model import FIX_3D, Array, FlightLog, Imu, Stream
+from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded, unknown
+from attlog.health.regression import robust_fit
 from attlog.reference.sensor_faults import COMPASS, FRAME, GYRO, LATE
 from attlog.segments import model
 from attlog.segments.model import Segments
@@ -119,6 +122,118 @@ def jitter_check(dt: np.ndarray) -> Check:
     text = f"Intervals {np.median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
     limit = f"ok up to {JITTER_PCT[0]:.0f} %, fault above {JITTER_PCT[1]:.0f} %"
     return Check("jitter", graded(jitter, *JITTER_PCT), text, round(jitter, 2), "%", limit)
+
+
+# Clocks: Universal Time and ArduPilot's main loop against the log's own.
+
+# Least time and largest scatter of Universal Time by GNSS.
+MIN_UTC_S, MAX_UTC_SCATTER_S = 30.0, 0.05
+# Smallest error of a clock that counts. GNSS messages are up to 0.1 s late at either end; crystals are within 1e-4.
+CLOCK_OFF, UTC_LATE_S = 0.002, 0.1
+# Smallest error of the main loop that is reported, and the largest that is one.
+LOOP_OFF, MAX_LOOP_OFF = 0.02, 0.12
+CLOCK_LIMIT = f"ok within {100 * CLOCK_OFF:.1f} % of Universal Time"
+LOOP_LIMIT = f"ok within {100 * LOOP_OFF:.0f} % of the nominal rate"
+# Least records, and least blocks of dates.
+MIN_RECORDS, MIN_DATES = 60, 6
+# Intervals at which ArduPilot's main loop logs the IMU, and the range about the median of those that count.
+NOMINAL_S, USUAL_SHARE = (0.01, 0.02, 0.04, 0.1), 0.15
+
+
+@dataclass(frozen=True, slots=True)
+class ClockRate:
+    """Seconds of another clock in a second of the log's, over ``seconds``.
+
+    ``by``: its source. ``interval_ms``: nominal interval of IMU records by the main loop's schedule.
+    """
+
+    rate: float
+    seconds: float
+    by: str
+    interval_ms: float = 0.0
+
+
+def is_clock_off(utc: ClockRate) -> bool:
+    """Return whether a log's clock differs from Universal Time by more than late messages explain."""
+    return abs(utc.rate - 1.0) > max(CLOCK_OFF, UTC_LATE_S / utc.seconds)
+
+
+def utc_rate(log: FlightLog) -> ClockRate | None:
+    """Return Universal Time per logged second by the receiver with the longest record; None for simulated time."""
+    found: list[ClockRate] = []
+    if log.simulated or log.settings.kind == "telemetry":
+        return None
+    for receiver in log.gnss:
+        if receiver.utc_us is None:
+            continue
+        t = receiver.t if receiver.received is None else receiver.received
+        good = (receiver.utc_us > 0) & (receiver.fix >= FIX_3D) & np.isfinite(t)
+        t, utc = t[good], receiver.utc_us[good]
+        if len(t) < MIN_DATES or t[-1] - t[0] < MIN_UTC_S:
+            continue
+        utc = 1e-6 * (utc - utc[0])
+        fresh = np.append(True, np.diff(utc) > 0.0)
+        t, utc = t[fresh], utc[fresh]
+        fit = robust_fit(t, np.column_stack([t - t.mean(), np.ones(len(t))])[:, None, :], (utc - t)[:, None])
+        if fit is not None and fit.scatter <= MAX_UTC_SCATTER_S and len(t) >= MIN_DATES:
+            found.append(ClockRate(1.0 + float(fit.x[0]), float(t[-1] - t[0]), receiver.source))
+    return max(found, key=lambda one: one.seconds, default=None)
+
+
+def loop_rate(log: FlightLog, imu: Imu) -> ClockRate | None:
+    """Return the nominal interval over the mean one of a DataFlash log's IMU, which the main loop times."""
+    if log.firmware.name != "ArduPilot" or log.simulated or log.settings.kind == "telemetry":
+        return None
+    dt = np.diff(imu.gyro.t)
+    if len(dt) < MIN_RECORDS:
+        return None
+    usual = float(np.median(dt))
+    near = dt[np.abs(dt - usual) <= USUAL_SHARE * usual]
+    mean = float(near.mean())
+    nominal = min(NOMINAL_S, key=lambda s: abs(math.log(s / mean)))
+    return ClockRate(nominal / mean, float(near.sum()), "main loop", 1e3 * nominal)
+
+
+def clock_check(utc: ClockRate | None, loop: ClockRate | None) -> Check:
+    """Check the log's clock against Universal Time, else against a main loop that would run too fast."""
+    if utc is not None:
+        off = utc.rate - 1.0
+        check = Check("log_clock", "ok", "", unit="%", threshold=CLOCK_LIMIT, seconds=round(utc.seconds, 1))
+        check.value, check.sensor = round(-100.0 * off, 3), utc.by
+        check.text = f"The log's clock agrees with Universal Time within {max(100 * abs(off), 0.01):.2f} %."
+        if is_clock_off(utc):
+            check.verdict = "fault"
+            check.text = f"The log's clock runs {100 * abs(off):.2f} % {'slow' if off > 0 else 'fast'}: "
+            check.text += f"{utc.rate:.4f} s of Universal Time pass in a logged second."
+            check.evidence = [f"Durations and rates of change of this log times {utc.rate:.4f} are true."]
+            check.why_no_setting = "No parameter sets the autopilot's clock."
+        return check
+    if loop is not None and LOOP_OFF < loop.rate - 1.0 <= MAX_LOOP_OFF:
+        text = f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms instead of {loop.interval_ms:.0f}: "
+        text += f"the log's clock seems {100 * (loop.rate - 1.0):.0f} % slow."
+        return Check("log_clock", "warning", text, round(100.0 * (1.0 - loop.rate), 2), "%", CLOCK_LIMIT)
+    why = "The log holds no 30 s of GNSS time with a fix."
+    return unknown("log_clock", why, CLOCK_LIMIT)
+
+
+def loop_check(log: FlightLog, imu: Imu, loop: ClockRate, slowed: list[str]) -> Check:
+    """Check the rate of the main loop by the interval of IMU records.
+
+    ``slowed``: sentences on an onboard attitude that turns as much less than the gyro.
+    """
+    if abs(loop.rate - 1.0) > MAX_LOOP_OFF:
+        return unknown("main_loop", "IMU records come at no usual interval of the main loop.", LOOP_LIMIT)
+    off = loop.rate - 1.0
+    nominal = log.param("SCHED_LOOP_RATE")
+    text = f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms, as they should."
+    check = Check("main_loop", "ok", text, round(100.0 * off, 2), "%", LOOP_LIMIT, sensor=imu.gyro.source)
+    if off < -LOOP_OFF:
+        at = f" at {nominal * loop.rate:.0f} of {nominal:.0f} Hz" if isinstance(nominal, int | float) else ""
+        check.text = f"The main loop runs {100 * abs(off):.1f} % slow{at}: "
+        check.text += f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms instead of {loop.interval_ms:.0f}."
+        check.evidence, check.verdict = slowed, "fault" if slowed else "warning"
+        check.action = "Take load off the processor: log less, or fewer sensors and a lower loop rate."
+    return check
 
 
 # Frozen sensors: constant values while the vehicle moves, from a stopped sensor, driver or bus.

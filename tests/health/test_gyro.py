@@ -1,4 +1,4 @@
-"""Rates by gyro and by attitude side by side, the scale between them, and a bias that steps, from made-up turns."""
+"""Rates by gyro and by attitude side by side, and a bias that steps, from made-up turns."""
 
 from __future__ import annotations
 
@@ -11,9 +11,8 @@ import pytest
 from attlog.core import rotation
 from attlog.flight.model import Array, Firmware, FlightLog, Imu, Stream
 from attlog.health import gyro as turns
-from attlog.health.check import Check, HealthCase
+from attlog.health.check import HealthCase
 from attlog.health.gyro import gyro_bias_checks
-from attlog.health.regression import RobustFit
 from attlog.reference.model import GyroJump, Reference
 from attlog.segments import Segment as segments_Segment
 from attlog.segments import Segments as segments_Segments
@@ -77,45 +76,6 @@ def test_the_clearest_step_has_its_axis_sign_size_and_first_block(axis: int, siz
     assert sigma == pytest.approx(np.hypot(1.25 * scatter * np.sqrt(1.0 / at + 1.0 / (12 - at)), 0.03))
 
 
-def scale(found: list[tuple[float, float] | None], moving: tuple[float, float, float] = (30.0, 30.0, 30.0)) -> Check:
-    """The check of slopes with standard errors; ``moving``: standard deviation of each axis, deg/s."""
-    t = 0.3 * np.arange(100.0)
-    g = np.radians(np.tile([[1.0], [-1.0]], (50, 1)) * np.array(moving))
-    fits: list[RobustFit | None] = []
-    for k, one in enumerate(found):
-        x, covariance = np.full(4, 0.02), np.zeros((4, 4))
-        if one is not None:
-            x[k], covariance[k, k] = one[0], one[1] ** 2
-        fits.append(None if one is None else RobustFit(x, covariance, 0.01, 10))
-    return turns._scale_check(unit(), reference(), t, g, fits)
-
-
-def test_the_scale_is_one_over_the_slope_with_an_interval_of_two_sigmas() -> None:
-    check = scale([(1.0, 0.002), (1.25, 0.004), (0.99, 0.002)])
-    sigma = np.hypot(1.5 * 0.004, 0.006) / 1.25**2
-    assert (check.verdict, check.value) == ("fault", -20.0)
-    assert check.ci95 == pytest.approx((-20.0 - 196.0 * sigma, -20.0 + 196.0 * sigma), abs=0.006)
-    assert "too little about y " in check.text
-    assert check.seconds == pytest.approx(30.0)
-
-
-@pytest.mark.parametrize(
-    ("slope", "sigma", "verdict"),
-    [(0.985, 0.0, "ok"), (0.97, 0.0, "warning"), (0.97, 0.008, "ok"), (0.92, 0.0, "warning"), (0.9, 0.0, "fault")],
-)
-def test_a_scale_is_off_by_two_percent_and_four_sigmas_and_far_off_by_ten(
-    slope: float, sigma: float, verdict: str
-) -> None:
-    assert scale([(1.0, 0.0), (1.0, 0.0), (slope, sigma)]).verdict == verdict
-
-
-def test_an_axis_that_hardly_turns_tells_no_scale() -> None:
-    slopes: list[tuple[float, float] | None] = [(1.0, 0.0), (1.0, 0.0), (0.8, 0.0)]
-    assert scale(slopes, (30.0, 30.0, 7.0)).verdict == "ok"
-    assert scale(slopes, (30.0, 30.0, 9.0)).verdict == "fault"
-    assert scale([None, None, None]).verdict == "unknown"
-
-
 def test_a_step_that_the_smoother_knows_is_told_with_its_largest_axis() -> None:
     """An interval of 1.96 times the smoother's sigma and 0.03 deg/s."""
     jump = GyroJump(61.26, (0.3, -1.5, 0.6), (0.5, 0.1, 0.7))
@@ -135,15 +95,15 @@ def made_log(imu: Imu) -> tuple[FlightLog, Segments]:
 def test_a_reference_that_follows_this_gyro_judges_nothing() -> None:
     log, spans = made_log(unit())
     for bad in (None, reference(kind="smoother"), reference(gyro_fault="it is made of it")):
-        assert [c.verdict for c in turns.turn_checks(HealthCase(log, spans, bad))] == ["unknown", "unknown"]
-    assert turns.turn_checks(HealthCase(log, Segments([Segment("continuous", 0.0, 30.0)]), reference())) == []
+        assert [c.verdict for c in turns.step_checks(HealthCase(log, spans, bad))] == ["unknown"]
+    assert turns.step_checks(HealthCase(log, Segments([Segment("continuous", 0.0, 30.0)]), reference())) == []
 
 
 def test_twenty_seconds_in_flight_and_sixty_intervals_are_needed() -> None:
     log, spans = made_log(unit())
     for end, few in ((23.0, False), (21.0, True)):
-        texts = [c.text for c in turns.turn_checks(HealthCase(log, spans, reference(end=end)))]
-        assert [text.endswith("60 and 20 s are needed.") for text in texts] == [few, few]
+        (check,) = turns.step_checks(HealthCase(log, spans, reference(end=end)))
+        assert check.text.endswith("60 and 20 s are needed.") is few
 
 
 # The bias of every gyro at rest and in flight; its step by the check, and no verdict against the check's.

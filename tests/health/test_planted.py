@@ -88,10 +88,15 @@ def test_an_imu_on_another_clock_is_late_or_early_by_what_its_filter_does_not_ex
 
 @pytest.mark.parametrize(("factor", "way"), [(1.03, "much"), (0.97, "little")])
 def test_a_gyro_that_reads_too_much_or_too_little_is_told_in_percent(factor: float, way: str) -> None:
-    check = checked(QUAD, each_gyro(lambda _, x: x * [factor, 1.0, 1.0]), truth=False)["gyro_scale"]
-    assert check.verdict == "warning"
+    check = checked(QUAD, each_gyro(lambda _, x: x * [factor, 1.0, 1.0]))["gyro_scale"]
+    assert check.verdict == "fault"
     assert check.value == pytest.approx(100.0 * (factor - 1.0), abs=0.5)
     assert f"too {way} about x (" in check.text
+
+
+def test_the_onboard_attitude_accuses_no_gyro() -> None:
+    found = checked(QUAD, each_gyro(lambda _, x: x * [1.05, 1.0, 1.0]), truth=False)["gyro_scale"]
+    assert found.verdict == "unknown"
 
 
 def test_a_bias_that_steps_in_flight_is_told_with_axis_sign_and_time() -> None:
@@ -180,7 +185,7 @@ def test_two_short_gaps_change_nothing_and_are_only_counted() -> None:
 def test_what_a_flight_cannot_tell_is_unknown_with_its_reason() -> None:
     hover = checked(SAMPLES / "px4_hover.ulg")
     assert hover["gyro_scale"].verdict == "unknown"
-    assert "deg/s" in hover["gyro_scale"].text
+    assert "360 deg" in hover["gyro_scale"].action
 
     def blind(log: FlightLog) -> None:
         log.gnss[0].fix[:] = 0
