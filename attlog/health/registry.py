@@ -14,6 +14,7 @@ from attlog.health import (
     baro,
     compass,
     delays,
+    drive,
     gnss,
     gravity,
     gyro,
@@ -129,6 +130,10 @@ CHECKS: Mapping[str, Row] = {
     "gnss_jumps": Row("GNSS jumps", gnss.gnss_checks, "gnss"),
     "gnss_interference": Row("GNSS interference", gnss.gnss_checks, "gnss"),
     "innovations": Row("test ratios", innovations.innovation_checks, "estimator"),
+    "motor_thrust": Row("thrust of each motor", drive.motor_checks, "motor", fault="serious"),
+    "motor_outputs": Row("motor outputs", drive.motor_checks, "motor_output", fault="serious"),
+    "thrust_reserve": Row("thrust left", drive.motor_checks, "thrust", fault="serious"),
+    "yaw_response": Row("answer to yaw", drive.motor_checks, "propellers", fault="serious"),
     "crash": Row("crash", attitude.crash_checks, "crash", fault="serious"),
     "imu_instances": Row("IMUs against each other", imu_checks.imu_differences, "accelerometer"),
     "accelerometer_temperature": Row(

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from attlog.flight.model import FlightLog, guarded_part
 from attlog.segments.model import Segments
-from attlog.story import causes, estimator_events, failsafe_events, flight_events, message_events
+from attlog.story import causes, drive_events, estimator_events, failsafe_events, flight_events, message_events
 from attlog.story.flight_events import CRASHES, KINDS, Event
 from attlog.story.headlines import WrongAngle, headline
 
@@ -22,6 +22,7 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
     for what, make in (
         ("Flights and crashes", flight_events.movement_events),
         ("Clipping and vibration", flight_events.sensor_events),
+        ("Motors and control", drive_events.drive_events),
         ("Failsafes", failsafe_events.failsafe_events),
         ("The onboard estimator", estimator_events.onboard_estimator_events),
     ):

@@ -29,6 +29,13 @@ KINDS = (
     "tumble",
     "wreck_moved",
     "ends_in_air",
+    "motor_no_thrust",
+    "motor_off",
+    "motor_frozen",
+    "no_thrust_left",
+    "yaw_backwards",
+    "rate_tracking",
+    "oscillation",
     "clipping",
     "vibration",
     "realigned",
@@ -66,7 +73,8 @@ class Event:
     """Event at ``t`` s, or from ``t`` to ``t_end`` s, with its size and evidence.
 
     ``evidence``: sensors with their values, flags, and the autopilot's texts. ``quote``: the autopilot's own words,
-    empty without any. ``cause``: None where no evidence shows one.
+    empty without any. ``cause``: None where no evidence shows one. ``part``: what failed (motor, motor output, thrust,
+    propellers, control); ``motor``: its number from 1, ``position``: where it stands, as "rear left".
     """
 
     kind: str
@@ -79,6 +87,9 @@ class Event:
     evidence: list[str] = field(default_factory=list)
     quote: str = ""
     cause: Cause | None = None
+    part: str = ""
+    motor: int | None = None
+    position: str = ""
 
     @property
     def is_crash(self) -> bool:

@@ -18,7 +18,7 @@ from attlog.segments.flight_signs import speed_at, true_runs
 from attlog.segments.heights import highest_level
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segments
-from attlog.story import causes, failsafe_events
+from attlog.story import causes, drive_events, failsafe_events
 from attlog.story.flight_events import (
     FULL_PEAK_HZ,
     MOTOR_TEST,
@@ -235,11 +235,13 @@ def headline(
     """
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
     flew, end = flight_phrases(log, segments, events), _ending_phrases(log, segments, events, sound)
-    first = _with_angle(
-        failsafe_events.failsafe_phrases(_first_fault(segments, events), log, segments, events), wrong, segments
-    )
-    # Shorter wordings, then whole sentences less: what went wrong first, else the flights; the ending stays.
-    shorter = ((end, first, flew), (end, [""], flew), (end, first, [""]), (end, [""], [""]))
+    broken = drive_events.drive_phrase(events)
+    fault = failsafe_events.failsafe_phrases(_first_fault(segments, events), log, segments, events)
+    first = _with_angle(fault, wrong, segments, broken)
+    # Shorter wordings, then whole sentences less: what went wrong first, else the flights; the ending stays. A broken
+    # part stays longer than the flights.
+    shorter = [(end, first, flew), (end, [""], flew), (end, first, [""]), (end, [""], [""])]
+    shorter = [shorter[k] for k in (0, 2, 1, 3)] if broken else shorter
     for b, c, a in itertools.chain.from_iterable(itertools.product(*parts) for parts in shorter):
         said = f"{who}: " + " ".join(x for x in (a, c, b) if x)
         if len(said.split()) <= WORDS and (a or b or c):
@@ -312,14 +314,16 @@ def _effect_phrase(first: Event, events: Sequence[Event]) -> str:
     return ""
 
 
-def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments) -> list[str]:
-    """Add a wrong attitude angle to the phrases on the first fault."""
+def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments, broken: str = "") -> list[str]:
+    """Add a wrong attitude angle to the phrases on the first fault; after ``broken``, a part that failed."""
     flights = segments.spans("airborne")
     if wrong is None or not flights:
-        return first
+        return [broken] if broken else first
     whole = wrong.t <= flights[0][0] + THROUGHOUT_S and wrong.t_end >= flights[-1][1] - THROUGHOUT_S
     when = "throughout" if whole else f"from {wrong.t:.0f} to {wrong.t_end:.0f} s"
     said = f"{wrong.angle.capitalize()} was {wrong.size_deg:.0f}° wrong {when}"
+    if broken:
+        return [f"{broken} {said}.", broken]
     return [*(f"{said}; {text}" for text in first if text), f"{said}."]
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from attlog.flight import parameters
 from attlog.flight.advice import VehicleSettings
-from attlog.flight.ardupilot import estimator, sensors, vehicle
+from attlog.flight.ardupilot import drive, estimator, sensors, vehicle
 from attlog.flight.ardupilot.ekf3_inputs import read_inputs
 from attlog.flight.ardupilot.imu import DataflashBuilder, imu_candidates, primary_core, unit_of_core
 from attlog.flight.builder import Part
@@ -64,6 +64,9 @@ STREAMS = (
     Part("estimator.lane", "The EKF's core", estimator.primary_core_line),
     Part("", "ERR and EV", vehicle.report_events),
     Part("texts", "Texts", lambda builder: builder.texts(lambda at: int(builder.clock.at(np.array([at]))[0]))),
+    Part("power.outputs", "RCOU", drive.motor_outputs),
+    Part("power.board", "POWR", drive.board_voltage),
+    Part("power.overcurrent", "POWR", drive.overcurrent),
 )
 
 

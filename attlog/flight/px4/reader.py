@@ -17,7 +17,7 @@ from attlog.flight.compass import choose_mag
 from attlog.flight.gnss import utc_offset
 from attlog.flight.imu import FlownUnits, add_imus, best_per_unit, longest_held
 from attlog.flight.model import Firmware, FlightLog
-from attlog.flight.px4 import estimator, sensors
+from attlog.flight.px4 import drive, estimator, sensors
 from attlog.flight.px4.ekf2_inputs import read_inputs
 from attlog.flight.px4.imu import TopicBuilder, clippings, flown_units, imu_candidates
 from attlog.flight.timestamps import read_stamps
@@ -56,6 +56,9 @@ STREAMS = (
     Part("power.throttle", "Throttle", sensors.throttle_stream),
     Part("power.rpm", "Rotor speed", sensors.rpm_stream),
     Part("power.battery", "The battery", sensors.battery_stream),
+    Part("power.outputs", "Motor outputs", drive.motor_outputs),
+    Part("power.board", "system_power", drive.board_voltage),
+    Part("power.overcurrent", "system_power", drive.overcurrent),
     Part("estimator.acc_bias", "estimator_sensor_bias", estimator.acc_bias_stream),
     Part("estimator.gyro_bias", "The onboard gyro bias", estimator.gyro_bias_stream),
     Part("estimator.yaw", "The yaw estimator", estimator.yaw_estimator_stream),

@@ -1,0 +1,215 @@
+"""Motor outputs on one scale for all firmwares, and where the motors of a frame stand.
+
+An output of 0 is the least in flight and 1 the greatest, so that a motor which is switched off lies below 0.
+Geometry follows ArduPilot's ``AP_MotorsMatrix`` and PX4's ``CA_ROTOR`` parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+# --- geometry ----------------------------------------------------------------------------------------------------
+
+# Motors of a frame from number 1 on: bearing from the nose in deg, clockwise, and + where the propeller turns
+# counter-clockwise seen from above.
+QUAD_X = "45+ -135+ -45- 135-"
+QUAD_PLUS = "90+ -90+ 0- 180-"
+HEXA_X, HEXA_PLUS = "90- -90+ -30- 150+ 30+ -150-", "0- 180+ -120- 60+ -60+ 120-"
+OCTO_X = "22.5- -157.5- 67.5+ 157.5+ -22.5+ -112.5+ -67.5- 112.5-"
+OCTO_QUAD_X = "45+ -45- -135+ 135- -45+ 45- 135+ -135-"
+# ArduPilot's frames by FRAME_CLASS and FRAME_TYPE; FRAME_TYPE had the name FRAME before 3.5.
+ARDUPILOT_FRAMES: Mapping[tuple[int, int], str] = {
+    (1, 0): QUAD_PLUS,
+    (1, 1): QUAD_X,
+    (1, 2): QUAD_X,
+    (1, 3): "45- -135- -45+ 135+",
+    (1, 12): "135- 45+ -135+ -45-",
+    (1, 13): "45+ -45- -135+ 135-",
+    (1, 14): "45+ 135- -135+ -45-",
+    (1, 18): "135+ 45- -135- -45+",
+    (2, 0): HEXA_PLUS,
+    (2, 1): HEXA_X,
+    (3, 1): OCTO_X,
+    (4, 1): OCTO_QUAD_X,
+}
+# PX4's frames before 1.13 by SYS_AUTOSTART in thousands.
+PX4_FRAMES = {4: QUAD_X, 5: QUAD_PLUS, 6: HEXA_X, 7: HEXA_PLUS, 8: OCTO_X, 12: OCTO_QUAD_X}
+# Cosine of the angle between the arms of opposite motors, at most.
+MAX_OPPOSITE_COSINE = -0.9
+# Bearing in deg up to which a motor is in front of, beside or behind the centre.
+STRAIGHT_DEG = 15.0
+# Most rotors of PX4's control allocation.
+MAX_ROTORS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Motors of a frame: ``bearing`` (n,) deg from the nose, clockwise; ``spin`` (n,) +1 counter-clockwise from above.
+
+    ``source``: parameters with their values.
+    """
+
+    bearing: Array
+    spin: Array
+    source: str
+
+    @property
+    def lever(self) -> Array:
+        """The roll and pitch direction (n, 2) in which each motor pushes."""
+        angle = np.radians(self.bearing)
+        return np.column_stack([-np.sin(angle), np.cos(angle)])
+
+    def opposite(self, motor: int) -> int | None:
+        """Return the index of the motor across the centre, None without one. Coaxial motors: the first."""
+        cosine = self.lever @ self.lever[motor]
+        found = int(np.argmin(cosine))
+        return found if cosine[found] < MAX_OPPOSITE_COSINE else None
+
+    def position(self, motor: int) -> str:
+        """Return where a motor stands, as "rear left"."""
+        return position_name(float(self.bearing[motor]))
+
+
+def position_name(bearing: float) -> str:
+    """Return the name of a bearing in deg from the nose: front, rear left, right."""
+    b = (bearing + 180.0) % 360.0 - 180.0
+    side = "right" if b > 0 else "left"
+    if abs(b) <= STRAIGHT_DEG:
+        return "front"
+    if abs(b) >= 180.0 - STRAIGHT_DEG:
+        return "rear"
+    if abs(abs(b) - 90.0) <= STRAIGHT_DEG:
+        return side
+    return f"{'front' if abs(b) < 90.0 else 'rear'} {side}"
+
+
+def frame_of(text: str, source: str) -> Geometry:
+    """Return the geometry of a row of the tables."""
+    motors = text.split()
+    bearing = np.array([float(motor[:-1]) for motor in motors])
+    return Geometry(bearing, np.array([1.0 if motor.endswith("+") else -1.0 for motor in motors]), source)
+
+
+def ardupilot_geometry(values: Mapping[str, float], motors: int, simulated: bool = False) -> Geometry | None:
+    """Return the geometry by FRAME_CLASS and FRAME_TYPE, or by the older FRAME and the number of ``motors``.
+
+    None for frames without a table. The simulator flies a plus frame where no parameter is logged.
+    """
+    kind = values.get("FRAME_TYPE", values.get("FRAME", 0.0 if simulated else None))
+    group = values.get("FRAME_CLASS") or {4: 1, 6: 2, 8: 3}.get(motors)
+    row = None if kind is None or group is None else ARDUPILOT_FRAMES.get((int(group), int(kind)))
+    if row is None or kind is None or group is None or len(row.split()) != motors:
+        return None
+    old = "FRAME_TYPE" not in values and "FRAME" in values
+    return frame_of(row, f"FRAME {kind:g}" if old else f"FRAME_CLASS {group:g}, FRAME_TYPE {kind:g}")
+
+
+def px4_geometry(values: Mapping[str, float], motors: int) -> Geometry | None:
+    """Return the geometry by CA_ROTORn_PX, PY and KM, or by the older SYS_AUTOSTART; None without a table."""
+    count = int(values.get("CA_ROTOR_COUNT", 0.0))
+    names = [f"CA_ROTOR{k}_" for k in range(min(count, MAX_ROTORS))]
+    if names and all(f"{name}{axis}" in values for name in names for axis in ("PX", "PY")):
+        at = np.array([[values[f"{name}PX"], values[f"{name}PY"]] for name in names])
+        spin = np.array([np.sign(values.get(f"{name}KM", 0.05)) for name in names])  # 0.05: PX4's default
+        if count != motors or not np.hypot(*at.T).all():
+            return None
+        return Geometry(np.degrees(np.arctan2(at[:, 1], at[:, 0])), spin, "CA_ROTOR parameters")
+    start = values.get("SYS_AUTOSTART", 0.0)
+    row = PX4_FRAMES.get(int(start // 1000))
+    return frame_of(row, f"SYS_AUTOSTART {start:g}") if row is not None and len(row.split()) == motors else None
+
+
+# --- outputs -----------------------------------------------------------------------------------------------------
+
+# A ceiling of its own: outputs above this that so many records of a motor share to within the tolerance.
+LEAST_CEILING, CEILING_RECORDS, CEILING_TOLERANCE = 0.8, 5, 0.004
+# Largest distance of neighbouring records: so many periods and seconds.
+GAP_PERIODS, GAP_S = 3.0, 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class MotorReport:
+    """The firmware's own report at ``t`` s that ``motor`` (from 1, 0 for none in particular) failed, as ``text``."""
+
+    t: float
+    motor: int
+    text: str
+
+
+@dataclass
+class MotorOutputs:
+    """Outputs ``x`` (n, motors) of a multirotor at ``t`` (n,) s: 0 at the flight floor, 1 at the ceiling, NaN off.
+
+    ``scaled``: False where no parameter gives floor and ceiling, and 1000 to 2000 us are taken. ``names``: columns in
+    ``source``, by motor. ``geometry``: None for an unknown frame. ``reports``: of the firmware. ``changes``: outputs
+    that were assigned to another function after boot, as time and sentence.
+    """
+
+    t: Array
+    x: Array
+    source: str
+    names: list[str]
+    scaled: bool = True
+    geometry: Geometry | None = None
+    reports: list[MotorReport] = field(default_factory=list)
+    changes: list[tuple[float, str]] = field(default_factory=list)
+
+    @property
+    def motors(self) -> int:
+        """Number of motors."""
+        return int(self.x.shape[1])
+
+    @cached_property
+    def period(self) -> float:
+        """Median time between records in s, infinite for fewer than two."""
+        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
+
+    @cached_property
+    def ceiling(self) -> float:
+        """The highest output that the firmware gives: 1, or less where it stops below."""
+        return own_ceiling(self.x)
+
+    def title(self, motor: int) -> str:
+        """Return the name of the motor with this index, as "motor 2 (rear left)"."""
+        where = "" if self.geometry is None else f" ({self.geometry.position(motor)})"
+        return f"motor {motor + 1}{where}"
+
+    def position(self, motor: int) -> str:
+        """Return where the motor with this index stands, empty where that is unknown."""
+        return "" if self.geometry is None else self.geometry.position(motor)
+
+    def in_a_row(self) -> NDArray[np.int64]:
+        """Return row numbers (n,) of the records: a gap above three periods begins another row."""
+        if not len(self.t):
+            return np.zeros(0, np.int64)
+        broken = np.diff(self.t) >= GAP_PERIODS * self.period + GAP_S
+        return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
+
+
+def own_ceiling(x: Array) -> float:
+    """Return the highest output above 0.8 at which records pile up, else 1.
+
+    At least five records lie within the tolerance below it, at most half as many in the next one, and fewer than five
+    above it: a crowd at the top is a limit, a tail is not.
+    """
+    high = np.sort(x[x > LEAST_CEILING])  # NaN is not above
+    top = np.searchsorted(high, high - CEILING_TOLERANCE)
+    next_ = np.searchsorted(high, high - 2.0 * CEILING_TOLERANCE)
+    place = np.arange(1, len(high) + 1)
+    count, above = place - top, len(high) - place
+    piled = high[(count >= CEILING_RECORDS) & (count >= 2 * (top - next_)) & (above < CEILING_RECORDS)]
+    return min(float(piled[-1]), 1.0) if len(piled) else 1.0
+
+
+def pulse_share(pulse: Array, low: float, high: float, floor: float, ceiling: float) -> Array:
+    """Return outputs (n, motors): pulses as share of their range, from ``floor`` to ``ceiling`` of it in flight."""
+    share: Array = ((pulse - low) / (high - low) - floor) / (ceiling - floor)
+    return share

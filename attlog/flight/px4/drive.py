@@ -1,0 +1,130 @@
+"""Read motor outputs and the supply of the board from a PX4 log.
+
+``actuator_motors`` (1.13 on) holds the normalised command of each motor, NaN while it is off; before,
+``actuator_outputs`` holds pulses in us, DShot or CAN numbers by output.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from attlog.flight import limits
+from attlog.flight.builder import columns
+from attlog.flight.drive import MAX_ROTORS, PX4_FRAMES, MotorOutputs, MotorReport, pulse_share, px4_geometry
+from attlog.flight.model import Array, Stream
+from attlog.flight.px4.imu import TopicBuilder
+from attlog.flight.vehicle import VehicleKind
+from attlog.formats.table import Table
+
+# Number of motors by the vehicle's name.
+MOTOR_COUNT = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8}
+# Function of motor 1 in PWM_MAIN_FUNCn.
+FIRST_FUNCTION = 101
+FUNCTION_PARAMETERS = ("PWM_MAIN_FUNC", "PWM_AUX_FUNC", "UAVCAN_EC_FUNC", "HIL_ACT_FUNC")
+# Limits of the pulses by parameter, and without any.
+PULSE_PARAMETERS = (("PWM_MAIN_MIN", "PWM_MAIN_MAX"), ("PWM_MIN", "PWM_MAX"))
+USUAL_PULSE_US = (1000.0, 2000.0)
+# Largest normalised output, and largest pulse in us; CAN numbers reach 8191.
+MAX_SHARE, MAX_PULSE_US, CAN_RANGE = 1.05, 2600.0, (0.0, 8191.0)
+
+
+def motor_outputs(builder: TopicBuilder) -> MotorOutputs | None:
+    """Return a multirotor's motor outputs between floor and ceiling of flight; None without records."""
+    if builder.log.kind is not VehicleKind.MULTIROTOR:
+        return None
+    count, table = motor_count(builder.values, builder.log.vehicle), builder.table("actuator_motors")
+    names = [f"control[{k}]" for k in range(count)]
+    if table is not None and names and all(name in table for name in names):
+        return _outputs(builder, table, columns(table, *names), names, "actuator_motors", True)
+    found, wanted = None, _output_columns(builder.values, count)
+    moved = 0.0
+    for instance, each in builder.topics("actuator_outputs").items():
+        if not wanted or not all(name in each for name in wanted):
+            continue
+        x = columns(each, *wanted)
+        varies = float(np.median(np.nanstd(x, axis=0))) if len(x) else 0.0
+        if varies > moved:
+            found, moved = (each, x, f"actuator_outputs:{instance}"), varies
+    if found is None:
+        return None
+    low, high, known = output_limits(found[1], builder.values)
+    return _outputs(builder, found[0], pulse_share(found[1], low, high, 0.0, 1.0), wanted, found[2], known)
+
+
+def _outputs(
+    builder: TopicBuilder, table: Table, x: Array, names: list[str], source: str, known: bool
+) -> MotorOutputs | None:
+    stream = builder.quiet().stream(builder.stamps(table), x, "1", source, allow_nan=True)
+    if stream is None:
+        return None
+    found = MotorOutputs(stream.t, stream.x, source, names, known, px4_geometry(builder.values, len(names)))
+    found.reports = failure_reports(builder)
+    return found
+
+
+def motor_count(values: Mapping[str, float], vehicle: str) -> int:
+    """Return the number of motors by parameter, airframe or the vehicle's name, 0 if unknown."""
+    count = int(values.get("CA_ROTOR_COUNT", 0.0))
+    if not count:
+        row = PX4_FRAMES.get(int(values.get("SYS_AUTOSTART", 0.0) // 1000), "")
+        count = len(row.split()) or MOTOR_COUNT.get(vehicle, 0)
+    return min(count, MAX_ROTORS)
+
+
+def _output_columns(values: Mapping[str, float], count: int) -> list[str]:
+    """Return the columns of ``actuator_outputs`` by motor: by assigned functions, else the first ones."""
+    for name in FUNCTION_PARAMETERS:
+        held = {int(values.get(f"{name}{n}", 0.0)) - FIRST_FUNCTION: n - 1 for n in range(1, 17)}
+        if count and all(motor in held for motor in range(count)):
+            return [f"output[{held[motor]}]" for motor in range(count)]
+    return [f"output[{k}]" for k in range(count)]
+
+
+def output_limits(x: Array, values: Mapping[str, float]) -> tuple[float, float, bool]:
+    """Return the outputs at floor and ceiling by their size and the parameters, and whether they are known."""
+    largest = float(np.nanmax(x, initial=0.0))
+    if largest <= MAX_SHARE:
+        return (-1.0 if np.nanmin(x, initial=0.0) < 0.0 else 0.0), 1.0, True
+    if largest > MAX_PULSE_US:
+        return *CAN_RANGE, True
+    for low, high in PULSE_PARAMETERS:
+        if values.get(low, 0.0) > 0.0 and values.get(high, 0.0) > values.get(low, 0.0):
+            return values[low], values[high], True
+    return *USUAL_PULSE_US, bool(values)  # the firmware’s own defaults
+
+
+def failure_reports(builder: TopicBuilder) -> list[MotorReport]:
+    """Return the motor failures that the failure detector or the control allocator reports, each once."""
+    found: dict[tuple[str, int], MotorReport] = {}
+    for name, column in (
+        ("failure_detector_status", "motor_failure_mask"),
+        ("control_allocator_status", "handled_motor_failure_mask"),
+        ("failure_detector_status", "fd_motor"),
+    ):
+        table = builder.table(name)
+        if table is None or column not in table or any(key[0] == name for key in found):
+            continue
+        t, mask = builder.seconds(builder.stamps(table)), table[column].astype(np.int64)
+        for motor in range(1, MAX_ROTORS + 1) if column.endswith("mask") else (0,):
+            on = np.flatnonzero(mask & (1 << (motor - 1)) if motor else mask)
+            if len(on):
+                found[name, motor] = MotorReport(float(t[on[0]]), motor, f"{name}.{column} {int(mask[on[0]])}")
+    return sorted(found.values(), key=lambda report: report.t)
+
+
+def board_voltage(builder: TopicBuilder) -> Stream | None:
+    """Return the supply of the autopilot (n, 1) in V, from system_power."""
+    table = builder.table("system_power")
+    return builder.quiet().column_stream(table, ("voltage5v_v",), "V", "system_power.voltage5v_v", limits.VOLTAGE)
+
+
+def overcurrent(builder: TopicBuilder) -> Stream | None:
+    """Return 1 while the board reports overcurrent of a supply (n, 1), from system_power."""
+    table = builder.table("system_power")
+    names = [n for n in ("periph_5v_oc", "hipower_5v_oc") if table is not None and n in table]
+    if table is None or not names:
+        return None
+    on = (columns(table, *names).max(axis=1) > 0).astype(np.float64)
+    return builder.quiet().stream(builder.stamps(table), on, "1", "system_power")

@@ -1,0 +1,57 @@
+"""Checks of motors, propellers and thrust of a multirotor in flight."""
+
+from __future__ import annotations
+
+from attlog.health.check import Check, HealthCase, unknown
+from attlog.story.motor_faults import QUESTIONS, DriveFault, DriveStudy, study_motors
+
+LIMITS = {
+    "motor_thrust": "fault: tips towards a motor at its ceiling with the opposite at its floor, for 0.2 s",
+    "motor_outputs": "fault: off for 0.3 s or unmoved for 0.8 s in flight while others drive",
+    "thrust_reserve": "fault: sinks 2 m and more at full throttle",
+    "yaw_response": "fault: turns against the yaw torque by 15 deg/s for 3 s",
+}
+SOUND = {
+    "motor_thrust": "No motor failed to answer at its ceiling.",
+    "motor_outputs": "No motor output was off or frozen in flight.",
+    "thrust_reserve": "It never sank at full throttle.",
+    "yaw_response": "Yaw followed the motors.",
+}
+ACTIONS = {
+    "motor_no_thrust": "Check this motor, its propeller, ESC and plugs before the next flight.",
+    "motor_off": "Check the output's function and the ESC's protocol.",
+    "motor_frozen": "Check the output's function and the ESC's protocol.",
+    "no_thrust_left": "Fly lighter, or with stronger motors, propellers and battery.",
+    "yaw_backwards": "Check propellers, spin and order of the motors against the frame type.",
+}
+WEAK_MOTOR_ACTION = "Check this motor and its propeller, and the balance of the load."
+SOURCE = "attlog, tried on logs with known faults"
+
+
+def motor_checks(case: HealthCase) -> list[Check]:
+    """Check thrust of each motor, outputs, thrust left and answer to yaw; nothing without a flight."""
+    study = study_motors(case.log, case.segments)
+    return [check for question in QUESTIONS for check in fault_checks(study, question)]
+
+
+def fault_checks(study: DriveStudy, question: str) -> list[Check]:
+    """Return the faults of a question as checks, or one that it is sound or unknown."""
+    if question in study.missing:
+        return [unknown(question, study.missing[question], LIMITS[question], source=SOURCE)]
+    if question not in study.faults:
+        return []
+    faults = study.faults[question]
+    if not faults:
+        return [Check(question, "ok", SOUND[question], threshold=LIMITS[question], source=SOURCE)]
+    return [fault_check(question, faults)]
+
+
+def fault_check(question: str, faults: list[DriveFault]) -> Check:
+    """Convert the faults of a question to a check of the first, with the others as evidence."""
+    first, *others = faults
+    check = Check(question, "fault", first.text, first.value, first.unit, LIMITS[question], first.t, len(faults))
+    weak = first.kind == "no_thrust_left" and first.motor is not None
+    check.t_end, check.cause, check.source = first.t_end, first.cause, SOURCE
+    check.action = WEAK_MOTOR_ACTION if weak else ACTIONS[first.kind]
+    check.evidence = [*first.evidence, *(f"Then: {fault.text}" for fault in others[:3])]
+    return check

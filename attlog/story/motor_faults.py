@@ -1,0 +1,489 @@
+"""Faults of motors, propellers and thrust in the flight of a multirotor, by its outputs and its motion.
+
+A controller that cannot turn the vehicle drives one motor to its ceiling and the opposite one to its floor. If the
+vehicle still tips towards the driven motor, that one gives no thrust. Limits are from docs/story.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from attlog.core import rotation
+from attlog.core.log_cache import cached_per_log
+from attlog.core.spans import Span, between, inside, merge
+from attlog.flight.drive import Geometry, MotorOutputs
+from attlog.flight.model import FlightLog, Stream
+from attlog.flight.vehicle import VehicleKind
+from attlog.segments.flight_signs import true_runs
+from attlog.segments.heights import height_stream
+from attlog.segments.model import Segments
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class DriveFault:
+    """Fault of motors, thrust or control from ``t`` to ``t_end`` s.
+
+    ``text``: a sentence whose part before the colon suffices alone. ``motor``: number from 1, None where no motor is
+    named; ``position``: where it stands. ``part``: what failed, as motor, output, thrust. ``cause``: what may have.
+    """
+
+    kind: str
+    part: str
+    t: float
+    t_end: float
+    text: str
+    value: float | None = None
+    unit: str = ""
+    motor: int | None = None
+    position: str = ""
+    cause: str = ""
+    evidence: list[str] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class DriveStudy:
+    """Faults by question, in time order, and why a question has no answer; a question in neither is sound.
+
+    ``numbers``: the sound questions' result as a sentence.
+    """
+
+    faults: dict[str, list[DriveFault]] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+    numbers: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def all_faults(self) -> list[DriveFault]:
+        """The faults of all questions in time order."""
+        return sorted((fault for some in self.faults.values() for fault in some), key=lambda fault: fault.t)
+
+
+# Time from lift-off in which ground contact disturbs, for faults of one motor and for the others.
+MOTOR_MARGIN_S, MARGIN_S = 0.5, 2.0
+# Time for which a vehicle without a blow is followed after it turned over.
+AFTER_OVERTURN_S = 2.0
+# Time before a loss of control or impact within which a fault is its cause.
+CAUSE_S = 5.0
+
+
+def flown_spans(segments: Segments, margin_s: float) -> list[Span]:
+    """Return the flights from ``margin_s`` after lift-off, with the loss of control, up to the first blow."""
+    flown = merge((s.t0, s.t1) for kind in ("airborne", "loss_of_control") for s in segments.of(kind))
+    crashes = [e for e in segments.crash_events if e.is_crash]
+    found = []
+    for a, b in flown:
+        blows = [e.t for e in crashes if e.kind == "impact" and a <= e.t]
+        over = [e.t_end + AFTER_OVERTURN_S for e in crashes if e.kind != "impact" and a <= e.t]
+        end = min([b, *blows, *(over if not blows else [])])
+        if end > a + margin_s:
+            found.append((a + margin_s, end))
+    return found
+
+
+def first_loss(segments: Segments) -> float:
+    """Return the time of the first crash event, infinity without one."""
+    return min((e.t for e in segments.crash_events if e.is_crash), default=np.inf)
+
+
+# --- motion ------------------------------------------------------------------------------------------------------
+
+# Averaging of height for the climb rate.
+CLIMB_MEAN_S = 1.0
+
+
+@dataclass
+class Motion:
+    """Motion of the vehicle on demand: rates, tilt, height."""
+
+    log: FlightLog
+
+    @cached_property
+    def rates(self) -> tuple[Array, Array]:
+        """Times (n,) s and body rates (n, 3) deg/s of the replayed or first IMU."""
+        imu = self.log.replay_imu or next(iter(self.log.imus), None)
+        if imu is None:
+            return np.zeros(0), np.zeros((0, 3))
+        t, x = imu.gyro.t_best, imu.gyro.x
+        good = np.isfinite(t) & rotation.finite_rows(x)
+        if not good.all():
+            t, x = t[good], x[good]
+        return t, np.degrees(x)
+
+    @cached_property
+    def rate_hz(self) -> float:
+        """Sampling rate of the rates, 0 without any."""
+        t = self.rates[0]
+        return 0.0 if len(t) < 2 else 1.0 / max(float(np.median(np.diff(t))), 1e-9)
+
+    def push_rate(self, lever: Array, t0: float, t1: float) -> tuple[Array, Array]:
+        """Return times and the rate (n,) deg/s in the direction in which a motor pushes, from t0 to t1 s."""
+        t, rate = self.rates
+        part = between(t, t0, t1)
+        return t[part], rate[part, :2] @ lever
+
+    def yaw_rate(self, t0: float, t1: float) -> float:
+        """Return the mean yaw rate in deg/s from t0 to t1 s, NaN without samples."""
+        t, rate = self.rates
+        part = between(t, t0, t1)
+        return float(np.mean(rate[part, 2])) if part.stop > part.start else np.nan
+
+    @cached_property
+    def tilts(self) -> tuple[Array, Array]:
+        """Times (n,) s and tilts (n,) deg of the onboard attitude, else the truth."""
+        attitude = self.log.onboard_attitude or self.log.truth
+        if attitude is None or len(attitude.t) < 2:
+            return np.zeros(0), np.zeros(0)
+        return attitude.t, np.degrees(rotation.tilt_angle(attitude.q))
+
+    def tilt_at(self, t: Array) -> Array:
+        """Return the tilt (m,) deg at times; NaN without an attitude."""
+        at, tilt = self.tilts
+        return np.interp(t, at, tilt) if len(at) else np.full(len(t), np.nan)
+
+    @cached_property
+    def heights(self) -> tuple[Array, Array]:
+        """Times (n,) s and means over 1 s of the height (n,) m by the barometer, else another source."""
+        stream = height_stream(self.log)
+        if stream is None or len(stream.t) < 3:
+            return np.zeros(0), np.zeros(0)
+        t, x = stream.t, stream.x.reshape(len(stream.t), -1)[:, 0]
+        good = np.isfinite(x) & np.concatenate([[True], np.diff(t) > 0])
+        t, x = t[good], x[good]
+        if len(t) < 3:
+            return np.zeros(0), np.zeros(0)
+        total = np.concatenate([[0.0], np.cumsum(x)])
+        low = np.searchsorted(t, t - 0.5 * CLIMB_MEAN_S, side="left")
+        high = np.searchsorted(t, t + 0.5 * CLIMB_MEAN_S, side="right")
+        return t, (total[high] - total[low]) / (high - low)
+
+    def height_at(self, t: float) -> float:
+        """Return the height in m at a time, NaN where it is not logged."""
+        at, x = self.heights
+        return float(np.interp(t, at, x)) if len(at) and at[0] <= t <= at[-1] else np.nan
+
+    def climb_at(self, t: float) -> float:
+        """Return the climb rate in m/s over the second around a time."""
+        at, _ = self.heights
+        a, b = max(t - 0.5 * CLIMB_MEAN_S, at[0]), min(t + 0.5 * CLIMB_MEAN_S, at[-1])
+        return (self.height_at(b) - self.height_at(a)) / (b - a) if b > a else np.nan
+
+
+def runs_in_a_row(mask: Mask, row: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
+    """Return index ranges [a, b) of neighbouring true records without a gap between them."""
+    for a, b in true_runs(mask):
+        edges = [a, *(a + 1 + np.flatnonzero(np.diff(row[a:b]))).tolist(), b]
+        yield from pairwise(edges)
+
+
+# --- one motor without thrust ------------------------------------------------------------------------------------
+
+# Least records and time in a row, and least rate of the outputs.
+MIN_RUN_RECORDS, MIN_RUN_S, MIN_OUTPUT_HZ = 3, 0.19, 4.9
+# The driven motor exceeds its opposite by this, and that one is at the floor.
+MIN_DIFFERENCE, FLOOR = 0.8, (-0.05, 0.12)
+MAX_START_TILT_DEG = 60.0
+# Rate against the push: it falls by this, and to this.
+MIN_FALL_DPS, WORSE_DPS = 100.0, -100.0
+# Rate that does not answer for so long: share of samples, their limit, the least, and its greatest rise.
+DEAF_S, DEAF_SHARE, DEAF_DPS, DEAF_LEAST_DPS, DEAF_RISE_DPS2 = 0.5, 0.95, 10.0, -60.0, 150.0
+# Means of the side motors of a quadrotor: at the floor it is a command, both at the ceiling it is lift.
+SIDE_MIN, SIDE_BELOW_CEILING = 0.15, 0.03
+NO_THRUST_CAUSE = "The motor, its propeller, its ESC or a plug."
+
+
+def motor_without_thrust(
+    log: FlightLog, outputs: MotorOutputs, geometry: Geometry, motion: Motion, spans: Sequence[Span]
+) -> DriveFault | None:
+    """Return the first motor that gave no thrust although driven at its ceiling, with its opposite at the floor.
+
+    Later runs do not count: past 90 deg of tilt the demand turns round.
+    """
+    row, mask = outputs.in_a_row(), inside(outputs.t, spans)
+    found: list[tuple[float, DriveFault]] = []
+    for i in range(outputs.motors):
+        j = geometry.opposite(i)
+        if j is None:
+            continue
+        x, other = outputs.x[:, i], outputs.x[:, j]
+        driven = mask & (x - other >= MIN_DIFFERENCE) & (other >= FLOOR[0]) & (other <= FLOOR[1])
+        for a, b in runs_in_a_row(driven, row):
+            t0, t1 = float(outputs.t[a]), float(outputs.t[b - 1])
+            if (
+                b - a < MIN_RUN_RECORDS
+                or t1 - t0 < MIN_RUN_S
+                or not motion.tilt_at(np.array([t0]))[0] < MAX_START_TILT_DEG
+            ):
+                continue
+            sides = [np.mean(outputs.x[a:b, k]) for k in range(outputs.motors) if k not in (i, j)]
+            limit = outputs.ceiling - SIDE_BELOW_CEILING
+            if outputs.motors == 4 and not all(SIDE_MIN <= side <= limit for side in sides):
+                continue
+            worst = tipping_rate(*motion.push_rate(geometry.lever[i], t0, t1 + outputs.period))
+            if worst is not None:
+                found.append((t0, _no_thrust_fault(log, outputs, geometry, motion, i, j, a, b, worst)))
+                break
+    return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def tipping_rate(t: Array, s: Array) -> float | None:
+    """Return the lowest rate in deg/s of a vehicle that tips towards a driven motor, None where the motor pushes.
+
+    ``s`` (n,) deg/s at ``t`` (n,) s: positive the way the motor pushes.
+    """
+    if len(t) < 3:
+        return None
+    lowest = float(s.min())
+    if lowest <= WORSE_DPS and s[0] - lowest >= MIN_FALL_DPS:
+        return lowest
+    if t[-1] - t[0] < DEAF_S or lowest > DEAF_LEAST_DPS or np.mean(s <= DEAF_DPS) < DEAF_SHARE:
+        return None
+    return lowest if float(np.polyfit(t - t[0], s, 1)[0]) <= DEAF_RISE_DPS2 else None
+
+
+def _no_thrust_fault(
+    log: FlightLog,
+    outputs: MotorOutputs,
+    geometry: Geometry,
+    motion: Motion,
+    i: int,
+    j: int,
+    a: int,
+    b: int,
+    worst: float,
+) -> DriveFault:
+    t0, t1 = float(outputs.t[a]), float(outputs.t[b - 1])
+    name = outputs.title(i)
+    level, other = (100.0 * float(np.mean(outputs.x[a:b, k])) for k in (i, j))
+    text = (
+        f"{name.capitalize()} gave no thrust from {t0:.1f} s: driven at {level:.0f} %, motor {j + 1} opposite at "
+        f"{max(other, 0.0):.0f} %, it tipped towards motor {i + 1} at {-worst:.0f}°/s."
+    )
+    evidence = [
+        f"{outputs.source}: motor {i + 1} {level:.0f} %, motor {j + 1} {max(other, 0.0):.0f} % ({t0:.1f} to {t1:.1f} s)"
+    ]
+    turned = motion.yaw_rate(t1 - 0.1, t1 + 0.1) - motion.yaw_rate(t0 - 0.3, t0)
+    ran_away = np.isfinite(turned) and turned * geometry.spin[i] > 0
+    if ran_away:
+        evidence.append(f"Yaw turned by {turned:+.0f}°/s, as if motor {j + 1} ran away instead")
+    evidence += [f"text at {r.t:.1f} s: {r.text}" for r in outputs.reports if abs(r.t - t0) <= CAUSE_S][:2]
+    cause = NO_THRUST_CAUSE + (f" Or motor {j + 1} ran away." if ran_away else "")
+    where = outputs.position(i)
+    return DriveFault("motor_no_thrust", "motor", t0, t1, text, round(-worst), "°/s", i + 1, where, cause, evidence)
+
+
+# --- an output off or frozen -------------------------------------------------------------------------------------
+
+# An output off in flight: below the floor by this for this time, while another drives.
+OFF, OFF_S, OTHER_DRIVES = -0.1, 0.3, 0.35
+# A frozen output: range, time, records, and the movement of another one meanwhile.
+FROZEN_RANGE, FROZEN_S, FROZEN_RECORDS, OTHER_MOVES = 0.001, 0.8, 8, 0.1
+# A frozen output lies this far within floor and ceiling.
+FROZEN_MIN, FROZEN_BELOW_CEILING = 0.03, 0.02
+OUTPUT_CAUSE = "The output was disabled or reassigned, or the mixer stopped."
+
+
+def outputs_off(outputs: MotorOutputs, spans: Sequence[Span], loss: float) -> list[DriveFault]:
+    """Return outputs that were off or frozen in flight before a loss of control, in time order."""
+    row = outputs.in_a_row()
+    mask = inside(outputs.t, [(a, min(b, loss)) for a, b in spans if a < loss])
+    found = []
+    for i in range(outputs.motors):
+        others = np.delete(outputs.x, i, axis=1)
+        x = outputs.x[:, i]
+        off = ~(x > OFF) & (np.max(np.where(np.isfinite(others), others, -np.inf), axis=1) >= OTHER_DRIVES)
+        for a, b in runs_in_a_row(mask & off, row):
+            t0, t1 = float(outputs.t[a]), float(outputs.t[b - 1])
+            if t1 - t0 >= OFF_S:
+                found.append(_output_fault(outputs, "off", i, t0, t1, float(np.nanmax(x[a:b], initial=-np.inf))))
+                break
+        span = next(_frozen_runs(outputs, mask, row, i), None)
+        if span is not None:
+            a, b = span
+            found.append(_output_fault(outputs, "frozen", i, float(outputs.t[a]), float(outputs.t[b - 1]), float(x[a])))
+    return sorted(found, key=lambda fault: fault.t)
+
+
+def _frozen_runs(outputs: MotorOutputs, mask: Mask, row: NDArray[np.int64], i: int) -> Iterator[tuple[int, int]]:
+    """Return index ranges in which output ``i`` does not move and another one does."""
+    x, ceiling = outputs.x[:, i], outputs.ceiling
+    still = np.zeros(len(x), bool)
+    still[1:] = np.abs(np.diff(x)) <= FROZEN_RANGE
+    within = mask & (x >= FROZEN_MIN) & (x <= ceiling - FROZEN_BELOW_CEILING)
+    for a, b in runs_in_a_row(within & still, row):
+        a = max(a - 1, 0) if within[max(a - 1, 0)] and row[max(a - 1, 0)] == row[a] else a
+        if b - a < FROZEN_RECORDS or outputs.t[b - 1] - outputs.t[a] < FROZEN_S or np.ptp(x[a:b]) > FROZEN_RANGE:
+            continue
+        if np.nanmax(np.ptp(np.delete(outputs.x[a:b], i, axis=1), axis=0)) >= OTHER_MOVES:
+            yield a, b
+
+
+def _output_fault(outputs: MotorOutputs, word: str, i: int, t0: float, t1: float, level: float) -> DriveFault:
+    name = outputs.title(i)
+    held = "" if word == "off" else f" at {100.0 * level:.0f} %"
+    text = f"Output of {name} {word}{held} from {t0:.1f} s: in flight for {t1 - t0:.1f} s, while others moved."
+    evidence = [f"{outputs.source}.{outputs.names[i]}"]
+    evidence += [
+        sentence for t, sentence in outputs.changes if abs(t - t0) <= CAUSE_S and f"motor {i + 1} " in sentence
+    ]
+    value = None if word == "off" else round(100.0 * level, 1)
+    unit = "" if value is None else "%"
+    kind, where = f"motor_{word}", outputs.position(i)
+    return DriveFault(kind, "motor output", t0, t1, text, value, unit, i + 1, where, OUTPUT_CAUSE, evidence)
+
+
+# --- no thrust left ----------------------------------------------------------------------------------------------
+
+# Demand at its limit, or a motor this near its ceiling with this mean of all.
+FULL_DEMAND, NEAR_CEILING, MIN_MEAN = 0.95, 0.02, 0.75
+MAX_FULL_TILT_DEG, MIN_FULL_S, MIN_DROP_M = 40.0, 1.5, 2.0
+# A fall that is being arrested gains climb rate.
+MAX_GAINED_M_S = 0.3
+# A motor at its ceiling for this share of the run is named, with others lower by this as the weak one.
+MIN_LIMIT_SHARE, MIN_ONE_SIDED = 0.6, 0.15
+WEAK_CAUSE = "A weak motor or propeller there, or a load off centre."
+HEAVY_CAUSE = "Too heavy for its motors and propellers, or the battery is weak."
+
+
+def thrust_runs_out(
+    outputs: MotorOutputs | None, demand: Stream | None, motion: Motion, spans: Sequence[Span]
+) -> list[DriveFault]:
+    """Return spans at full throttle in which the vehicle sinks all the same."""
+    t = outputs.t if outputs is not None else demand.t if demand is not None else np.zeros(0)
+    if not len(t) or not len(motion.heights[0]):
+        return []
+    full = np.zeros(len(t), bool)
+    if demand is not None and len(demand.t) > 1:
+        full |= np.interp(t, demand.t, np.nan_to_num(demand.x[:, 0])) >= FULL_DEMAND
+    if outputs is not None:
+        x, ceiling = np.nan_to_num(outputs.x), outputs.ceiling
+        full |= (x.max(axis=1) >= ceiling - NEAR_CEILING) & (x.mean(axis=1) >= MIN_MEAN * ceiling)
+    full &= inside(t, spans) & ~(motion.tilt_at(t) >= MAX_FULL_TILT_DEG)
+    row = outputs.in_a_row() if outputs is not None else np.zeros(len(t), np.int64)
+    found = []
+    for a, b in runs_in_a_row(full, row):
+        t0, t1 = float(t[a]), float(t[b - 1])
+        drop = motion.height_at(t0) - motion.height_at(t1)
+        if t1 - t0 < MIN_FULL_S or not drop >= MIN_DROP_M:
+            continue
+        if motion.climb_at(t1) - motion.climb_at(t0) > MAX_GAINED_M_S:
+            continue
+        found.append(_thrust_fault(outputs, a, b, t0, t1, drop))
+    return found
+
+
+def _thrust_fault(outputs: MotorOutputs | None, a: int, b: int, t0: float, t1: float, drop: float) -> DriveFault:
+    first, then, motor, cause, evidence = "", "", None, HEAVY_CAUSE, []
+    if outputs is not None:
+        x = outputs.x[a:b]
+        share = np.mean(x >= outputs.ceiling - NEAR_CEILING, axis=0)
+        level = 100.0 * np.mean(x, axis=0) / outputs.ceiling
+        evidence = [f"{outputs.source}: " + ", ".join(f"motor {k + 1} {v:.0f} %" for k, v in enumerate(level))]
+        evidence += [f"text at {r.t:.1f} s: {r.text}" for r in outputs.reports if t0 - CAUSE_S <= r.t <= t1 + CAUSE_S][
+            :2
+        ]
+        k = int(np.argmax(share))
+        rest = float(np.mean(np.delete(level, k)))
+        if share[k] >= MIN_LIMIT_SHARE and level[k] - rest >= 100.0 * MIN_ONE_SIDED:
+            motor, cause = k + 1, WEAK_CAUSE
+            first, then = f", {outputs.title(k)} at its limit", f", the others at {rest:.0f} %"
+        else:
+            then = f", all motors at {np.mean(level):.0f} % of their limit"
+    text = f"No thrust left from {t0:.1f} s{first}: it sank {drop:.1f} m in {t1 - t0:.1f} s at full throttle{then}."
+    where = "" if outputs is None or motor is None else outputs.position(motor - 1)
+    return DriveFault("no_thrust_left", "thrust", t0, t1, text, round(drop, 1), "m", motor, where, cause, evidence)
+
+
+# --- yaw answers backwards ---------------------------------------------------------------------------------------
+
+MIN_YAW_DEMAND, MIN_YAW_S, MAX_YAW_TILT_DEG, MIN_AGAINST_DPS = 0.4, 3.0, 45.0, 15.0
+YAW_CAUSE = "Propellers or motor order do not fit the frame type."
+
+
+def yaw_backwards(outputs: MotorOutputs, geometry: Geometry, motion: Motion, spans: Sequence[Span]) -> list[DriveFault]:
+    """Return spans in which the vehicle turns against the commanded yaw torque."""
+    x = np.nan_to_num(outputs.x)
+    spin = geometry.spin
+    if not ((spin > 0).any() and (spin < 0).any()):
+        return []
+    torque = x[:, spin > 0].mean(axis=1) - x[:, spin < 0].mean(axis=1)  # of counter-clockwise propellers: to the right
+    calm = inside(outputs.t, spans) & ~(motion.tilt_at(outputs.t) >= MAX_YAW_TILT_DEG)
+    found = []
+    for sign in (1.0, -1.0):
+        for a, b in runs_in_a_row(calm & (sign * torque >= MIN_YAW_DEMAND), outputs.in_a_row()):
+            t0, t1 = float(outputs.t[a]), float(outputs.t[b - 1])
+            if t1 - t0 < MIN_YAW_S:
+                continue
+            turned = motion.yaw_rate(t0, t1)
+            if -sign * turned >= MIN_AGAINST_DPS:
+                to, from_ = ("right", "left") if sign > 0 else ("left", "right")
+                how = f"motors push {to}, it turned {from_} at {abs(turned):.0f}°/s"
+                text = f"Yaw answered backwards from {t0:.1f} s: {how}."
+                evidence = [f"{outputs.source}: mean of + less - spins {float(np.mean(torque[a:b])):+.2f}"]
+                size = round(abs(turned), 1)
+                fault = DriveFault("yaw_backwards", "propellers", t0, t1, text, size, "°/s")
+                found.append(replace(fault, cause=YAW_CAUSE, evidence=evidence))
+    return sorted(found, key=lambda fault: fault.t)
+
+
+# --- all ---------------------------------------------------------------------------------------------------------
+
+QUESTIONS = ("motor_thrust", "motor_outputs", "thrust_reserve", "yaw_response")
+NO_OUTPUTS = "No motor outputs are logged (ArduPilot RCOU, PX4 actuator_motors or actuator_outputs)."
+NO_GEOMETRY = "The position of the motors is unknown: the log holds no frame parameters in the table of frames."
+
+
+@cached_per_log
+def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
+    """Return the faults of motors and thrust in the flights of a multirotor; nothing for other vehicles."""
+    if log.kind is not VehicleKind.MULTIROTOR:
+        return DriveStudy()
+    spans, margins = flown_spans(segments, MOTOR_MARGIN_S), flown_spans(segments, MARGIN_S)
+    if "airborne" in segments.unknown:
+        return DriveStudy(missing=dict.fromkeys(QUESTIONS, "Nothing in the log shows whether it flew."))
+    if not spans:
+        return DriveStudy()
+    study, motion, outputs = DriveStudy(), Motion(log), log.power.outputs
+    _judge_thrust(log, study, motion, margins)
+    if outputs is None:
+        study.missing.update({q: NO_OUTPUTS for q in QUESTIONS if q != "thrust_reserve"})
+        return study
+    slow = 1.0 / outputs.period < MIN_OUTPUT_HZ
+    hz = f"Motor outputs are logged at {1.0 / outputs.period:.1f} Hz; 5 Hz are needed."
+    unscaled = "The log holds no limits of the outputs (MOT_PWM_MIN and MAX, or RC3_MIN and MAX)."
+    study.numbers["motor_outputs"] = "All motor outputs moved in flight."
+    if not outputs.scaled:
+        study.missing.update({q: unscaled for q in QUESTIONS if q != "thrust_reserve"})
+    else:
+        study.faults["motor_outputs"] = outputs_off(outputs, spans, first_loss(segments))
+        geometry = outputs.geometry
+        for question in ("motor_thrust", "yaw_response"):
+            if geometry is None:
+                study.missing[question] = NO_GEOMETRY
+            elif slow and question == "motor_thrust":
+                study.missing[question] = hz
+            elif not len(motion.rates[0]):
+                study.missing[question] = "No gyro is logged in flight."
+        if geometry is not None and "motor_thrust" not in study.missing:
+            one = motor_without_thrust(log, outputs, geometry, motion, spans)
+            study.faults["motor_thrust"] = [] if one is None else [one]
+        if geometry is not None and "yaw_response" not in study.missing:
+            study.faults["yaw_response"] = yaw_backwards(outputs, geometry, motion, margins)
+    return study
+
+
+def _judge_thrust(log: FlightLog, study: DriveStudy, motion: Motion, spans: Sequence[Span]) -> None:
+    outputs, demand = log.power.outputs, log.power.throttle
+    if outputs is None and demand is None:
+        study.missing["thrust_reserve"] = "Neither throttle nor motor outputs are logged."
+    elif not len(motion.heights[0]):
+        study.missing["thrust_reserve"] = "No height is logged."
+    else:
+        study.faults["thrust_reserve"] = thrust_runs_out(outputs, demand, motion, spans)

@@ -1,0 +1,165 @@
+"""Motor geometry against physics, and outputs of both firmwares against their parameters."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from attlog.flight import drive
+from attlog.flight.ardupilot import drive as ardupilot
+from attlog.flight.ardupilot.imu import DataflashBuilder
+from attlog.flight.drive import ARDUPILOT_FRAMES, frame_of, position_name
+from attlog.flight.px4 import drive as px4
+from attlog.flight.px4.imu import TopicBuilder
+from attlog.formats.table import ParamChange
+from tests.flight import fake
+
+QUAD = {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
+
+
+@pytest.mark.parametrize("row", sorted({*ARDUPILOT_FRAMES.values(), *drive.PX4_FRAMES.values()}))
+def test_a_frame_balances_and_every_motor_has_an_opposite(row: str) -> None:
+    made = frame_of(row, "")
+    assert np.abs(made.lever.sum(axis=0)).max() < 1e-12
+    assert made.spin.sum() == 0
+    for motor in range(len(made.bearing)):
+        other = made.opposite(motor)
+        assert other is not None
+        assert np.allclose(made.lever[other], -made.lever[motor])
+    assert np.abs(made.lever.T @ made.spin).max() < 1e-12  # roll and pitch do not yaw
+
+
+def test_the_first_motor_of_a_quad_x_rolls_left_and_lifts_the_nose() -> None:
+    roll, pitch = frame_of(drive.QUAD_X, "").lever[0]
+    assert roll < 0 < pitch
+
+
+@pytest.mark.parametrize(
+    ("bearing", "name"),
+    [
+        (0, "front"),
+        (30, "front right"),
+        (90, "right"),
+        (150, "rear right"),
+        (180, "rear"),
+        (-135, "rear left"),
+        (270, "left"),
+    ],
+)
+def test_positions_have_names(bearing: float, name: str) -> None:
+    assert position_name(bearing) == name
+
+
+def test_px4s_rotors_give_bearing_and_spin() -> None:
+    values = {"CA_ROTOR_COUNT": 4.0}
+    for k, (x, y, km) in enumerate([(1, 1, 0.05), (-1, -1, 0.05), (1, -1, -0.05), (-1, 1, -0.05)]):
+        values |= {f"CA_ROTOR{k}_PX": 0.15 * x, f"CA_ROTOR{k}_PY": 0.15 * y, f"CA_ROTOR{k}_KM": km}
+    found, quad = drive.px4_geometry(values, 4), frame_of(drive.QUAD_X, "")
+    assert found is not None
+    assert np.allclose(found.bearing, quad.bearing)
+    assert (found.spin == quad.spin).all()
+
+
+@pytest.mark.parametrize(
+    ("values", "count"), [({"FRAME_CLASS": 5.0, "FRAME_TYPE": 1.0}, 6), (QUAD, 6), ({"FRAME_CLASS": 1.0}, 4), ({}, 4)]
+)
+def test_an_unknown_frame_has_no_geometry(values: dict[str, float], count: int) -> None:
+    assert drive.ardupilot_geometry(values, count) is None
+
+
+def logged(params: dict[str, float], pulses: np.ndarray, prefix: str = "C") -> DataflashBuilder:
+    """RCOU at 10 Hz of a quadrotor."""
+    columns = {"TimeUS": fake.micros(len(pulses), 10.0)}
+    columns |= {f"{prefix}{k + 1}": pulses[:, k].astype(np.uint16) for k in range(pulses.shape[1])}
+    builder = DataflashBuilder(fake.messages("dataflash", {("RCOU", 0): columns}, params))
+    builder.log.vehicle = "quadrotor"
+    return builder
+
+
+PULSES = np.tile(np.array([1000.0, 1150.0, 1950.0, 2000.0]), (20, 1))
+SPIN = {"MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95}
+
+
+@pytest.mark.parametrize(
+    ("params", "wanted"),
+    [
+        (SPIN | {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, (-0.1875, 0.0, 1.0, 1.0625)),
+        (SPIN | {"MOT_PWM_MIN": 0.0, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0}, (-0.1875, 0.0, 1.0, 1.0625)),
+        (SPIN | {"MOT_PWM_TYPE": 6.0, "MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0}, (-0.1875, 0.0, 1.0, 1.0625)),
+        ({"THR_MIN": 150.0, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0}, (-0.17647, 0.0, 0.94118, 1.0)),
+        ({"THR_MIN": 150.0, "MOT_THST_EXPO": 0.5, "RC3_MIN": 1000.0, "RC3_MAX": 2000.0}, (-0.1875, 0.0, 1.0, 1.0625)),
+    ],
+)
+def test_ardupilots_outputs_run_from_floor_to_ceiling(params: dict[str, float], wanted: tuple[float, ...]) -> None:
+    found = ardupilot.motor_outputs(logged(QUAD | params, PULSES))
+    assert found is not None
+    assert found.scaled
+    assert found.x[0] == pytest.approx(wanted, abs=1e-5)
+
+
+def test_outputs_without_limits_are_not_scaled() -> None:
+    found = ardupilot.motor_outputs(logged(QUAD, PULSES))
+    assert found is not None
+    assert not found.scaled
+    assert found.x[0] == pytest.approx((0.0, 0.15, 0.95, 1.0))
+
+
+def test_the_output_that_holds_a_motor_at_boot_is_that_motor() -> None:
+    pulses = np.column_stack([PULSES, PULSES[:, :1] + 77.0])
+    functions = {f"SERVO{n}_FUNCTION": float(32 + m) for m, n in ((1, 5), (2, 2), (3, 3), (4, 4))}
+    builder = logged(QUAD | SPIN | {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0} | functions, pulses)
+    later = ParamChange("SERVO3_FUNCTION", 0.0, 11_000_000)
+    builder.messages.params.append(later)
+    builder.log.parameters.lines = ardupilot_lines(builder)
+    found = ardupilot.motor_outputs(builder)
+    assert found is not None
+    assert found.names == ["C5", "C2", "C3", "C4"]
+    assert [sentence.split(" at ")[0] for _, sentence in found.changes] == [
+        "SERVO3_FUNCTION of motor 3 changed from 35 to 0"
+    ]
+
+
+def ardupilot_lines(builder: DataflashBuilder) -> dict:  # type: ignore[type-arg]
+    from attlog.flight.parameters import parameter_lines
+
+    return parameter_lines(builder, "PARM")
+
+
+def topics(name: str, column: str, x: np.ndarray, params: dict[str, float], instances: int = 1) -> TopicBuilder:
+    tables = {
+        (name, i): {"timestamp": fake.micros(len(x), 10.0)}
+        | {f"{column}[{k}]": (x[:, k] if i == instances - 1 else 0.0 * x[:, k] + 900.0) for k in range(x.shape[1])}
+        for i in range(instances)
+    }
+    builder = TopicBuilder(fake.messages("ulog", tables, params))
+    builder.log.vehicle = "quadrotor"
+    return builder
+
+
+def test_px4s_motor_that_is_off_is_nan() -> None:
+    x = np.tile(np.array([0.1, np.nan, 0.5, 1.0]), (20, 1))
+    found = px4.motor_outputs(topics("actuator_motors", "control", x, {"CA_ROTOR_COUNT": 4.0}))
+    assert found is not None
+    assert found.x[0] == pytest.approx((0.1, np.nan, 0.5, 1.0), nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("params", "sent", "wanted"),
+    [
+        ({"PWM_MIN": 1100.0, "PWM_MAX": 1900.0}, (1100.0, 1500.0, 1900.0, 1950.0), (0.0, 0.5, 1.0, 1.0625)),
+        ({"SYS_AUTOSTART": 4001.0}, (1000.0, 1500.0, 2000.0, 1250.0), (0.0, 0.5, 1.0, 0.25)),
+        ({}, (0.0, 0.5, 1.0, 0.25), (0.0, 0.5, 1.0, 0.25)),
+        ({}, (-1.0, 0.0, 1.0, 0.5), (0.0, 0.5, 1.0, 0.75)),
+        ({}, (0.0, 8191.0, 4095.5, 819.1), (0.0, 1.0, 0.5, 0.1)),
+    ],
+)
+def test_px4s_outputs_are_scaled_by_their_size(
+    params: dict[str, float], sent: tuple[float, ...], wanted: tuple[float, ...]
+) -> None:
+    x = np.tile(np.array(sent), (20, 1))
+    x[1::2] *= 0.999  # they vary, those of the other instance do not
+    x[1::2] += 1e-3
+    found = px4.motor_outputs(topics("actuator_outputs", "output", x, params, instances=2))
+    assert found is not None
+    assert found.source == "actuator_outputs:1"
+    assert found.x[0] == pytest.approx(wanted, abs=1e-6)

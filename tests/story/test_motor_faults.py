@@ -1,0 +1,172 @@
+"""Motors that fail in closed loop are named; sound ones in hard manoeuvres are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from attlog import story
+from attlog.flight.drive import Geometry, MotorOutputs, MotorReport
+from attlog.flight.model import FlightLog, Stream
+from attlog.health.check import HealthCase
+from attlog.health.drive import motor_checks
+from attlog.segments.model import Segments
+from attlog.story.motor_faults import DriveFault, study_motors
+from tests.story.falling import Fall, segments
+
+PLACES = ("front right", "rear left", "front left", "rear right")
+
+
+def faults(flown: tuple[FlightLog, Segments]) -> list[DriveFault]:
+    return study_motors(*flown).all_faults
+
+
+@pytest.mark.parametrize("motor", range(4))
+def test_a_motor_that_stops_is_named_with_place_and_time(motor: int) -> None:
+    (found,) = faults(Fall(motor).flown())
+    assert (found.kind, found.motor, found.position) == ("motor_no_thrust", motor + 1, PLACES[motor])
+    assert 10.0 <= found.t < 10.5
+    assert "ran away" not in found.cause
+
+
+def test_the_event_leads_the_headline_and_carries_the_part() -> None:
+    log, spans = Fall(1).flown()
+    found = story.events(log, spans)
+    (event,) = [e for e in found if e.kind == "motor_no_thrust"]
+    assert (event.part, event.motor, event.position, event.severity) == ("motor", 2, "rear left", "serious")
+    assert "Motor 2 (rear left) gave no thrust from 10." in story.headline(log, spans, found)
+
+
+@pytest.mark.parametrize("made", [Fall(lost=0.0), Fall(lost=0.0, wanted_deg=40.0), Fall(lost=0.3)], ids=str)
+def test_sound_and_weak_motors_that_hold_the_vehicle_are_no_fault(made: Fall) -> None:
+    assert faults(made.flown()) == []
+    checks = {c.question: c.verdict for c in motor_checks(HealthCase(*made.flown()))}
+    assert checks == dict.fromkeys(("motor_thrust", "motor_outputs", "thrust_reserve", "yaw_response"), "ok")
+
+
+def test_a_frame_of_the_other_order_names_no_motor() -> None:
+    log, spans = Fall(1).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    assert outputs.geometry is not None
+    outputs.geometry = replace(outputs.geometry, bearing=outputs.geometry.bearing + 180.0)
+    assert not any(fault.kind == "motor_no_thrust" for fault in faults((log, spans)))
+
+
+def test_an_opposite_motor_that_runs_away_turns_the_vehicle_the_other_way() -> None:
+    log, spans = Fall(1).flown()
+    log.imus[0].gyro.x[:, 2] *= -1.0
+    (found,) = faults((log, spans))
+    assert found.cause.endswith("Or motor 1 ran away.")
+
+
+def test_the_firmwares_report_is_quoted_beside_the_motor() -> None:
+    log, spans = Fall(1).flown()
+    assert log.power.outputs is not None
+    log.power.outputs.reports = [MotorReport(10.4, 2, "Potential Thrust Loss (2)")]
+    (found,) = faults((log, spans))
+    assert "text at 10.4 s: Potential Thrust Loss (2)" in found.evidence
+
+
+@pytest.mark.parametrize(
+    ("change", "why"), [("hz", "Hz"), ("frame", "position"), ("scale", "limits"), ("none", "RCOU")]
+)
+def test_without_its_inputs_the_question_is_unknown_with_the_reason(change: str, why: str) -> None:
+    log, spans = Fall(hz=4.0 if change == "hz" else 10.0).flown()
+    assert log.power.outputs is not None
+    if change == "frame":
+        log.power.outputs.geometry = None
+    if change == "scale":
+        log.power.outputs.scaled = False
+    if change == "none":
+        log.power.outputs = None
+    found = {c.question: c for c in motor_checks(HealthCase(log, spans))}["motor_thrust"]
+    assert found.verdict == "unknown"
+    assert why in found.text
+
+
+# --- an output off or frozen ---
+
+
+@pytest.mark.parametrize(("value", "kind"), [(-0.19, "motor_off"), (np.nan, "motor_off"), (0.47, "motor_frozen")])
+def test_an_output_off_or_frozen_in_flight_is_named(value: float, kind: str) -> None:
+    log, spans = Fall(lost=0.0, wanted_deg=20.0).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    outputs.x[(outputs.t > 6.0) & (outputs.t < 7.5), 2] = value
+    (found,) = faults((log, spans))
+    assert (found.kind, found.motor) == (kind, 3)
+    assert found.t == pytest.approx(6.1, abs=0.11)
+
+
+def test_all_outputs_off_at_once_is_disarming() -> None:
+    log, spans = Fall(lost=0.0).flown()
+    assert log.power.outputs is not None
+    log.power.outputs.x[log.power.outputs.t > 9.0] = -0.19
+    assert faults((log, spans)) == []
+
+
+# --- thrust and yaw ---
+
+
+def sinking(
+    *, levels: tuple[float, ...] = (1.02, 0.9, 0.9, 0.95), climb_end: float = -1.5
+) -> tuple[FlightLog, Segments]:
+    """A flight at full throttle from 20 to 24 s, which sinks at 1.5 m/s and ends at ``climb_end``."""
+    log, _ = Fall(lost=0.0, seconds=30.0).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    outputs.x[:] = 0.7 + np.random.default_rng(2).normal(0.0, 0.01, outputs.x.shape)
+    full = (outputs.t >= 20.0) & (outputs.t <= 24.0)
+    outputs.x[full] = np.clip(outputs.x[full] - 0.7 + np.array(levels), 0.0, 1.0)
+    t = np.arange(0.0, 30.0, 0.1)
+    climb = np.where((t > 18.0) & (t < 26.0), np.interp(t, [18.0, 20.0, 24.0], [-1.5, -1.5, climb_end]), 0.0)
+    log.baro = [Stream(t, 30.0 + np.cumsum(climb)[:, None] * 0.1, "m", "", "BARO")]
+    return log, segments(29.0)
+
+
+def test_full_throttle_that_sinks_is_told_with_the_drop() -> None:
+    (found,) = faults(sinking())
+    assert (found.kind, found.motor) == ("no_thrust_left", None)
+    assert found.t == pytest.approx(20.0, abs=0.11)
+    assert found.value == pytest.approx(6.0, abs=0.4)
+    assert "heavy" in found.cause
+
+
+def test_a_motor_alone_at_its_limit_is_named() -> None:
+    (found,) = faults(sinking(levels=(0.7, 1.02, 0.7, 0.65)))
+    assert (found.motor, found.position) == (2, "rear left")
+
+
+@pytest.mark.parametrize(
+    "made", [{"climb_end": 1.5}, {"levels": (0.9, 0.9, 0.9, 0.9)}, {"levels": (1.0, 0.6, 0.6, 0.6)}], ids=str
+)
+def test_a_fall_that_is_arrested_or_has_reserve_is_no_fault(made: dict) -> None:  # type: ignore[type-arg]
+    assert faults(sinking(**made)) == []
+
+
+@pytest.mark.parametrize(("turned", "count"), [(-30.0, 1), (30.0, 0), (-10.0, 0)])
+def test_yaw_against_the_motors_is_a_fault(turned: float, count: int) -> None:
+    log, spans = Fall(lost=0.0).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    assert isinstance(outputs.geometry, Geometry)
+    late = outputs.t > 5.0
+    outputs.x[late] = np.where(outputs.geometry.spin > 0, 0.75, 0.25)  # counter-clockwise propellers turn it right
+    log.imus[0].gyro.x[:, 2] = np.radians(turned)
+    assert len([f for f in faults((log, spans)) if f.kind == "yaw_backwards"]) == count
+
+
+def test_nothing_after_the_first_blow_counts() -> None:
+    log, _ = Fall(1).flown()
+    assert faults((log, segments(12.0, blow=9.9))) == []
+
+
+def test_five_records_at_the_top_are_the_ceiling() -> None:
+    t, x = np.arange(100) * 0.1, np.full((100, 4), 0.5)
+    x[:5, 2] = 0.92
+    assert MotorOutputs(t, x, "RCOU", []).ceiling == pytest.approx(0.92)
+    x[4, 2] = 0.93
+    assert MotorOutputs(t, x, "RCOU", []).ceiling == 1.0
