@@ -13,9 +13,10 @@ from attlog.core.errors import AttlogError
 from attlog.core.kinematics import earth_force, tilt_deg
 from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span
+from attlog.core.spans import between as time_slice
 from attlog.estimators.evidence import still_windows, tilt_residual, within
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.reference import alignment, scoring, sensor_faults
+from attlog.reference import alignment, gyro_checks, scoring, sensor_faults
 from attlog.reference.model import SMOOTHER, AlignmentStep, Reference, Track
 from attlog.segments import Segments, model
 from attlog.segments.model import interpolate_attitudes
@@ -96,7 +97,7 @@ def _quiet_segment(
     reference: Reference, t: Array, force: Array, kind: str, t0: float, t1: float
 ) -> QuietSegment | None:
     """Return tilt and size of a segment's mean force, or None."""
-    inside = spans.between(t, t0, t1)
+    inside = time_slice(t, t0, t1)
     q = alignment.untrim(reference.q, reference.alignment.trim)
     mean = earth_force(t[inside], force[inside], reference.t, q, reference.segment, MAX_FORCE_SAMPLES)
     size = 0.0 if mean is None else float(np.sqrt(np.sum(mean**2)))
@@ -111,6 +112,8 @@ SOUND_TILT_DEG = 2.5
 MAX_TILT_DEG, SIGMAS, FLOOR_DEG = 3.0, 3.0, 1.0
 # Or: in deg, and as a multiple of the onboard attitude's tilt.
 DOUBTED_TILT_DEG, MIN_TILT_RATIO = 2.0, 2.0
+# Largest own sigma (horizontal) and size of an accelerometer bias that a smoother knows: above, prior and tilt decide.
+MAX_BIAS_SIGMA_M_S2, MAX_BIAS_M_S2 = 0.045, 1.0
 # Largest distance of a window that borders a span.
 BORDER_S = 1.0
 # Smallest number of windows; a single one may be a slow landing.
@@ -124,12 +127,14 @@ class StaticTilt:
     """Tilt (k,) in deg to gravity over still ``windows`` (k, 2) s.
 
     Of ``reference`` and ``onboard`` attitude, NaN where unknown. ``sigma`` (k,) deg: the reference's own sigma of tilt.
+    ``unbiased`` (k,): tilt of the reference to the force less a bias of the accelerometer that motion shows.
     """
 
     windows: Array
     reference: Array
     onboard: Array
     sigma: Array
+    unbiased: Array | None = None
 
     def medians(self, span: Span) -> tuple[float, float] | None:
         """Return the median tilts of reference and onboard attitude in a span.
@@ -156,8 +161,11 @@ class StaticTilt:
         Each with the median tilt of the reference, that of the onboard attitude (NaN if unknown), and the median sigma.
         """
         with np.errstate(invalid="ignore"):
-            bad = self.reference > np.maximum(MAX_TILT_DEG, SIGMAS * np.hypot(self.sigma, FLOOR_DEG))
+            limit = np.maximum(MAX_TILT_DEG, SIGMAS * np.hypot(self.sigma, FLOOR_DEG))
+            bad = self.reference > limit
             bad |= (self.reference > DOUBTED_TILT_DEG) & (self.reference > MIN_TILT_RATIO * self.onboard)
+            if self.unbiased is not None:
+                bad &= self.unbiased > np.minimum(DOUBTED_TILT_DEG, limit)
         found = []
         for begin, end in spans.merge([(float(a), float(b)) for a, b in self.windows[bad]]):
             there = bad & (self.windows[:, 0] >= begin) & (self.windows[:, 1] <= end)
@@ -188,7 +196,24 @@ def static_tilt(log: FlightLog, reference: Reference, attitude: Attitude | None)
     sigma = np.zeros(len(windows)) if own is None or not len(own) else np.interp(middle, reference.t, own)
     before = middle < reference.scoring.start  # filters still settle
     of_reference[before] = np.nan
-    return StaticTilt(windows, of_reference, of_onboard, sigma)
+    bias, unbiased = _known_bias(reference), None
+    if bias is not None:
+        q = alignment.untrim(reference.q, reference.alignment.trim)
+        unbiased = _residual(imu, windows, reference.t, q, reference.gap_segment, bias)
+    return StaticTilt(windows, of_reference, of_onboard, sigma, unbiased)
+
+
+def _known_bias(reference: Reference) -> Array | None:
+    """Return the accelerometer's bias (3,) in m/s^2 by a smoother whose motion shows it; None where it is unknown."""
+    if reference.kind != SMOOTHER or reference.quality.get("heading_from") not in ("both", "motion"):
+        return None
+    read = [reference.quality.get(f"acc_bias_{axis}{kind}_m_s2") for kind in ("", "_sigma") for axis in "xyz"]
+    values = np.array([x for x in read if isinstance(x, float)])
+    if len(values) < 6:
+        return None
+    bias, level = values[:3], float(np.max(values[3:5]))
+    known = level <= MAX_BIAS_SIGMA_M_S2 and float(np.max(np.abs(bias))) <= MAX_BIAS_M_S2
+    return bias if known else None
 
 
 def static_tilt_refusal(found: StaticTilt, reference: Reference, name: str) -> tuple[str, list[Span]]:
@@ -228,9 +253,11 @@ def unit_still_windows(imu: Imu) -> Array:
     return still_windows(t, x[:, :3], x[:, 3:])
 
 
-def _residual(imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.int64]) -> Array:
-    """Return tilts (k,) in deg of IMU attitudes to gravity over windows."""
-    at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
+def _residual(
+    imu: Imu, windows: Array, t: Array, q: Array, segment: NDArray[np.int64], bias: Array | float = 0.0
+) -> Array:
+    """Return tilts (k,) in deg of IMU attitudes to gravity over windows; ``bias`` (3,) m/s^2 of the force."""
+    at, force = model.select_rising(imu.acc.t_best, imu.acc.x - bias)
     use = within(windows, at)
     at, force = at[use], force[use]
     turned, _ = interpolate_attitudes(t, rotation.normalize(q), segment, at)
@@ -254,6 +281,9 @@ MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
 # Residual of the mean force without gravity: largest by the filters, smallest by the reference.
 MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
 SAMPLES = 4000  # of the reference: enough for medians
+# Pieces of time in which axes of the accelerometer are exchanged on trial, their least number and records, and least
+# ratio of misfits of the logged axes and others (squared: 4, as of the check of axes in flight).
+AXES_PIECE_S, MIN_AXES_PIECES, MIN_AXES_RECORDS, MIN_AXES_RATIO = 2.0, 5, 10, 2.0
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
@@ -337,6 +367,8 @@ def _refuted_by_force(
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > MAX_FORCE_RESIDUAL_M_S2 or wrong < MIN_FORCE_FAULT_M_S2:
         return None
+    if _axes_explain(log, imu, reference, [(float(t[s.start]), float(t[s.stop - 1])) for s in spans]):
+        return None  # all filters share this accelerometer: one witness, whose axes are wrong
     angle = float(np.median(angles[longest]))
     who = "all" if len(near) == len(filters) else "most"
     fault = f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree, and their mean force is gravity"
@@ -345,6 +377,37 @@ def _refuted_by_force(
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
     )
     return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
+
+
+def _axes_explain(log: FlightLog, imu: Imu, reference: Reference, spans: Sequence[Span]) -> bool:
+    """Return whether another order of the accelerometer's axes fits a reference that filters contradict.
+
+    By the mean force in pieces of AXES_PIECE_S. A wrong tilt does not become right by an exchange of axes, unless the
+    vehicle holds one attitude throughout.
+    """
+    pieces = [(a, a + AXES_PIECE_S) for t0, t1 in spans for a in np.arange(t0, t1 - AXES_PIECE_S + 1e-9, AXES_PIECE_S)]
+    q = alignment.untrim(reference.q, reference.alignment.trim)
+    at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
+    turned, _ = interpolate_attitudes(reference.t, q, reference.segment, at)
+    known = rotation.finite_rows(turned)
+    at, force, turned = at[known], force[known], rotation.to_matrix(turned[known])
+    found = []
+    for a, b in pieces:
+        inside = time_slice(at, a, b)
+        if inside.stop - inside.start >= MIN_AXES_RECORDS:
+            product = np.mean(turned[inside, :, :, None] * force[inside, None, None, :], axis=0)
+            found.append((product, np.array([0.0, 0.0, -GRAVITY_M_S2]) + _acceleration(log, a, b)))
+    if len(found) < MIN_AXES_PIECES:
+        return False
+    products, expected = (np.stack(x) for x in zip(*found, strict=True))
+
+    def misfit(axes: Array) -> float:
+        off = np.einsum("kijl,jl->ki", products, axes) - expected
+        return float(np.sqrt(np.median(np.sum(off**2, axis=1))))
+
+    orders = [sign * axes for axes in gyro_checks.FRAMES for sign in (1.0, -1.0)]
+    best = min(misfit(axes) for axes in orders[1:])
+    return best < min(MAX_FORCE_RESIDUAL_M_S2, misfit(orders[0]) / MIN_AXES_RATIO)
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:

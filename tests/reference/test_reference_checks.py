@@ -110,6 +110,20 @@ def test_gravity_refuses_a_judge_that_is_further_off_than_it_says(
     assert bool(residuals(judge, accused, sigma).contradicting()) is refused
 
 
+@pytest.mark.parametrize(("sigma", "refused"), [(0.02, False), (0.2, True)])
+def test_a_bias_that_motion_shows_does_not_refuse_the_judge(sigma: float, refused: bool) -> None:
+    """The accelerometer reads 0.7 m/s^2 too much along y: gravity seems 4 deg off."""
+    log, judge = flights_flight(), judge_over(60.0)
+    log.imus[0].acc.x = log.imus[0].acc.x + np.array([0.0, 0.7, 0.0])
+    values = {"x": 0.0, "y": 0.7, "z": 0.0}
+    judge.quality = {"heading_from": "motion"} | {f"acc_bias_{k}_m_s2": v for k, v in values.items()}
+    judge.quality |= {f"acc_bias_{k}_sigma_m_s2": sigma for k in values}
+    found = residuals_of(log, judge, Attitude(judge.t, judge.q, "ATT"))
+    assert found is not None
+    assert np.nanmedian(found.reference) == pytest.approx(4.0, abs=0.3)
+    assert bool(found.contradicting()) is refused
+
+
 def judge_over(seconds: float) -> Reference:
     """A smoother without gaps."""
     t = np.arange(0.0, seconds, 0.1)
@@ -192,6 +206,21 @@ def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_ag
     assert found is not None
     assert asked == ["f0"]
     assert found == contradicted(log, log.imus[0], choose(log, phases, ReferenceOptions()), list(whole.values()))
+
+
+def test_filters_on_an_accelerometer_with_exchanged_axes_are_one_witness() -> None:
+    """The vehicle leans by 25 deg to one side after the other; x and y are exchanged, as all filters see it."""
+    side = (T // 6.0).astype(int) % 4
+    roll, pitch = np.radians(25.0) * np.array([[1, 0, -1, 0], [0, 1, 0, -1]])[:, side]
+    own = rotation.from_euler(roll, pitch, 0.0 * T)
+    log = flight(own)
+    force = rotation.rotate_inverse(own, np.tile([0.0, 0.0, -9.80665], (len(T), 1)))[:, [1, 0, 2]]
+    log.imus[0].acc.x = force
+    seen = rotation.from_euler(np.arctan2(-force[:, 1], -force[:, 2]), np.arcsin(force[:, 0] / 9.80665), 0.0 * T)
+    assert refusal(log, rows(seen, tilted(seen, 2.0), tilted(seen, -2.0))) == ""
+    log.imus[0].acc.x = rotation.rotate_inverse(own, np.tile([0.0, 0.0, -9.80665], (len(T), 1)))
+    log.attitudes["ATT"].q = tilted(own, 25.0)
+    assert "wrong by 25 deg" in refusal(log, rows(own, tilted(own, 2.0), tilted(own, -2.0)))
 
 
 def test_two_filters_are_not_enough() -> None:

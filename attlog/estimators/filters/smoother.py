@@ -47,8 +47,8 @@ from attlog.estimators.interface import Array, Estimate, Parameter
 # ======================= ============ =======================================================================
 # run without the compass Dz           what is kept
 # ======================= ============ =======================================================================
-# sure                    up to 1      the run with it: heading from ``both``
-# sure                    above 1      the run without it: ``motion``
+# sure                    up to 2      the run with it: heading from ``both`` (above 1 if the field fits it)
+# sure                    above        the run without it: ``motion``
 # not sure                up to 1      the run with it if that is sure: ``compass``, which nothing confirms
 # not sure                above 1      the run with it, without its heading: ``none``
 # ======================= ============ =======================================================================
@@ -57,17 +57,18 @@ from attlog.estimators.interface import Array, Estimate, Parameter
 # Dz is up to 2, of the tilt unless the compass is beyond doubt the one that errs.
 
 HeadingFrom = Literal["both", "compass", "motion", "none"]
-# Joint sigmas between two headings of which one shares every sensor with the other: sound compasses stay below 0.85 (24
-# simulated flights), turned by 15 deg they are above it on 22.
-MOST_DISAGREEMENT = 1.0
+# Joint sigmas between two headings of which one shares every sensor with the other. Up to the first no compass is
+# suspect. Up to the second, the 95 % limit, it is open which run errs: sound compasses reach 1.3, and a gyro scale of
+# 3 % or an accelerometer bias mislead the run without compass. Then the one with it counts if the field fits it.
+AGREEMENT, OPEN = 1.0, 2.0
+# Of a field that fits, so many test ratios (squared innovation over the gate) are below 1: sound compasses have 0.4 to
+# 0.7 there, turned by 5 deg or more and offset by 100 mG 0.7 to 100.
+FITTING_PCT = 95.0
 # Samples that are compared: smoothed attitudes differ slowly, and a long run's copies are large.
 COMPARED = 20_000
 # What a run by motion alone says of its heading (rad) where that is too unsure for a reference; pi if contradicted.
 OWN_HEADING = "own_sigma_heading"
 NO_NORTH = "neither GNSS nor a compass shows north"
-# Up to so many joint sigmas it is open which of the runs errs, and the difference is part of the sigma: a wrong gyro
-# scale or accelerometer bias parts the runs by less (chosen on 24 flights with 18 faults).
-OPEN = 2.0
 
 
 def without_compass_twin(run: Estimate) -> Estimate:
@@ -88,9 +89,10 @@ def choose_heading(with_compass: Estimate, without: Estimate) -> Estimate:
     differ = differences(with_compass, without)
     disagreement = rms(differ[1] / _joint_sigma(with_compass, without, "sigma_heading"))
     tilt, heading = (rms(x) for x in differ)
-    agree = disagreement <= MOST_DISAGREEMENT
+    agree = disagreement <= AGREEMENT
     quality: dict[str, float | str] = {"compass_disagreement": disagreement}
     if own_deg(without) <= SURE_DEG:
+        agree |= disagreement <= OPEN and field_fits(with_compass)
         chosen = with_compass if agree else without
         chosen = _widened(chosen, tilt, heading) if disagreement <= OPEN else chosen
         return _with_heading(chosen, "both" if agree else "motion", quality)
@@ -101,6 +103,13 @@ def choose_heading(with_compass: Estimate, without: Estimate) -> Estimate:
     if not agree:
         why = f"compass and motion differ by {math.degrees(heading):.0f} deg, and motion is not sure of it"
     return without_heading(chosen, why, quality)
+
+
+def field_fits(run: Estimate) -> bool:
+    """Return whether a run's compass fits it: nearly all test ratios of the field below 1."""
+    ratio = run.aux.get("test_ratio_mag", np.zeros(0))
+    ratio = ratio[np.isfinite(ratio)]
+    return not len(ratio) or bool(np.percentile(ratio, FITTING_PCT) < 1.0)
 
 
 def without_heading(run: Estimate, why: str, quality: Mapping[str, float | str] | None = None) -> Estimate:

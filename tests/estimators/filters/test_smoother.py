@@ -128,12 +128,20 @@ def test_a_compass_that_nothing_contradicts_is_said_to_stand_alone() -> None:
     assert np.degrees(e.aux["sigma_heading"]) == pytest.approx(0.5)
 
 
-def test_up_to_two_joint_sigmas_it_is_open_who_errs() -> None:
+@pytest.mark.parametrize(("apart", "ratio", "found"), [(0.8, 0.6, "both"), (0.8, 3.0, "motion"), (5.0, 0.6, "motion")])
+def test_up_to_two_joint_sigmas_the_fit_of_the_field_decides(apart: float, ratio: float, found: str) -> None:
     """Joint sigma 0.5 deg: at 0.8 deg the difference is part of the sigma, at 5 deg the compass errs."""
-    near, far = (smoother.choose_heading(estimated(10.0 + d, 0.3), estimated(10.0, 0.4)) for d in (0.8, 5.0))
-    assert near.quality["heading_from"] == far.quality["heading_from"] == "motion"
-    assert np.degrees(near.aux["sigma_heading"]) == pytest.approx(np.hypot(0.4, 0.8))
-    assert np.degrees(far.aux["sigma_heading"]) == pytest.approx(0.4)
+    one = estimated(10.0 + apart, 0.3)
+    one = replace(one, aux=one.aux | {"test_ratio_mag": np.full(10, ratio)})
+    e = smoother.choose_heading(one, estimated(10.0, 0.4))
+    assert e.quality["heading_from"] == found
+    own = 0.3 if found == "both" else 0.4
+    assert np.degrees(e.aux["sigma_heading"]) == pytest.approx(np.hypot(own, apart) if apart < 1.0 else own)
+
+
+def test_beside_an_unsure_motion_a_compass_counts_up_to_one_joint_sigma() -> None:
+    near, far = (smoother.choose_heading(estimated(10.0 + d, 0.3), estimated(10.0, 4.0)) for d in (3.5, 6.5))
+    assert (near.quality["heading_from"], far.quality["heading_from"]) == ("compass", "none")
 
 
 # A smoothed heading that GNSS acceleration or the gyro at rest contradicts does not stand.
