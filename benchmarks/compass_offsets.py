@@ -29,11 +29,11 @@ import attlog
 from attlog import flight, reference, segments
 from attlog.core import rotation
 from attlog.estimators import place
+from attlog.flight.compass import motor_drive, power_at
 from attlog.flight.model import FlightLog
 from attlog.health import compass
 from attlog.health.check import HealthCase
 from attlog.health.compass_offset import CompassStudy, compass_studies, fit_offset, offset_refusal
-from attlog.health.compass_power import motor_drive, power_at
 from attlog.metrics.metric import Case
 from attlog.pipeline import preparation
 from attlog.pipeline.config import Config

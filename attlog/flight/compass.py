@@ -1,6 +1,8 @@
-"""Build magnetometers without spikes, and choose the one to use."""
+"""Build magnetometers without spikes, choose the one to use, and find the motors' power beside it."""
 
 from __future__ import annotations
+
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +13,7 @@ from attlog.flight import limits
 from attlog.flight.builder import LogBuilder
 from attlog.flight.frozen import turned_deg
 from attlog.flight.imu import as_sentence
-from attlog.flight.model import Array, Imu, Mag, Severity
+from attlog.flight.model import Array, FlightLog, Imu, Mag, Severity, Stream
 
 # Tesla per gauss and per milligauss.
 GAUSS, MILLIGAUSS = 1e-4, 1e-7
@@ -127,3 +129,44 @@ def choose_mag(builder: LogBuilder, preferred: int | None, why: str, asked: int 
     chosen = next((k for k in usable if mags[k].index == preferred), usable[0])
     log.choices["mag"] = as_sentence(why if mags[chosen].index == preferred else "the first usable one")
     return chosen
+
+
+# Power of the motors, whose field a compass measures too.
+
+MotorPower = Literal["current", "throttle"]
+# Maximum time from a field sample to a power record.
+MAX_POWER_DISTANCE_S = 2.0
+# Minimum peak current; below it there is no current sensor.
+MIN_CURRENT_A = 0.5
+
+
+def motor_drives(log: FlightLog) -> dict[MotorPower, Stream]:
+    """Return the logged streams of battery current (A) and throttle (0 to 1)."""
+    found: dict[MotorPower, Stream] = {}
+    battery, throttle = log.power.battery, log.power.throttle
+    if battery is not None and battery.x.shape[1] > 1 and np.isfinite(battery.x[:, 1]).any():
+        found["current"] = Stream(battery.t, battery.x[:, 1:2], "A", "", battery.source)
+    if throttle is not None and len(throttle.t) > 1:
+        found["throttle"] = throttle
+    return found
+
+
+def motor_drive(log: FlightLog) -> tuple[MotorPower, Stream | None]:
+    """Return the kind and stream of the motors' power: the current, else the throttle."""
+    drives = motor_drives(log)
+    if "current" in drives and np.nanmax(np.abs(drives["current"].x[:, 0])) >= MIN_CURRENT_A:
+        return "current", drives["current"]
+    return "throttle", drives.get("throttle")
+
+
+def power_at(drive: Stream | None, t: Array) -> Array:
+    """Interpolate the power at ``t`` (n,) s; NaN far from any record."""
+    if drive is None:
+        return np.full(len(t), np.nan)
+    known = np.isfinite(drive.x[:, 0])
+    at, x = drive.t[known], drive.x[known, 0]
+    if not len(at):
+        return np.full(len(t), np.nan)
+    k = np.clip(np.searchsorted(at, t), 1, max(len(at) - 1, 1))
+    gap = np.minimum(np.abs(t - at[k - 1]), np.abs(at[np.minimum(k, len(at) - 1)] - t))
+    return np.where(gap <= MAX_POWER_DISTANCE_S, np.interp(t, at, x), np.nan)

@@ -229,6 +229,8 @@ DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
     (r"EK2_ALT_M_NSE", 0.1, 10.0),
     (r"EK3_ALT_M_NSE", 0.1, 100.0),
     (r"EK[23]_EAS_M_NSE", 0.5, 5.0),
+    (r"COMPASS_ORIENT[23]?", 0.0, 43.0),
+    (r"CAL_MAG\d_ROT", -1.0, 40.0),
     (r"CAL_MAG\d_[XYZ]OFF", -2.0, 2.0),
     (r"CAL_MAG\d_[XYZ]COMP", -100.0, 100.0),
     (r"CAL_MAG_COMP_TYP", 0.0, 3.0),
@@ -250,8 +252,8 @@ DOCUMENTED_RANGES: tuple[tuple[str, float, float], ...] = (
 )
 # Integer parameters: type int32 in QGroundControl's parameter files.
 INTEGER_PARAMETERS = re.compile(
-    r"COMPASS_(MOTCT|USE[23]?|PRIO\d_ID)|INS_HNT(CH|C2)_(ENABLE|MODE|HMNCS|OPTS)|INS_TCAL\d_ENABLE|GPS\d?_DELAY_MS2?"
-    r"|EK[23]_HGT_DELAY|CAL_MAG_COMP_TYP|CAL_(MAG|ACC|GYRO)\d_(PRIO|ROT|ID)|IMU_GYRO_DNF_(EN|HMC)"
+    r"COMPASS_(ORIENT[23]?|MOTCT|USE[23]?|PRIO\d_ID)|INS_HNT(CH|C2)_(ENABLE|MODE|HMNCS|OPTS)|INS_TCAL\d_ENABLE"
+    r"|GPS\d?_DELAY_MS2?|EK[23]_HGT_DELAY|CAL_MAG_COMP_TYP|CAL_(MAG|ACC|GYRO)\d_(PRIO|ROT|ID)|IMU_GYRO_DNF_(EN|HMC)"
 )
 
 

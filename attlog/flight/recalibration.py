@@ -112,6 +112,17 @@ def flown_gyro(log: FlightLog, imu: Imu, read: dict[str, float] | None = None) -
     return calibration.px4_gyro(used, _device_number(log, imu.device or imu.acc_device))
 
 
+def flown_mounting(log: FlightLog, mag: Mag) -> calibration.Mounting:
+    """Return the mounting of a compass by the parameters at the first arming; none where it is unknown."""
+    used = flown_parameters(log)
+    try:
+        if log.firmware.name == "ArduPilot":
+            return calibration.ardupilot_mounting(used, mag.index)
+        return calibration.px4_mounting(used, _device_number(log, mag.device))
+    except CalibrationUnknownError:
+        return calibration.Mounting()
+
+
 def flown_motor_type(log: FlightLog, mag: Mag, power: str) -> dict[str, float]:
     """Return the parameters that select ``power`` (current or throttle) for motor compensation of a compass.
 

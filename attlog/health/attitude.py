@@ -184,7 +184,7 @@ INERTIAL_CHECKS = (
     *("accelerometer_dead", "accelerometer_rest", "accelerometer_offset", "vibration_level", "vertical_force"),
 )
 # Checks of the compass, for a smoother with heading from it.
-COMPASS_CHECKS = ("compass_axes", "compass_offset", "compass_turn", "field", "compass_motors")
+COMPASS_CHECKS = ("compass_orientation", "compass_offset", "compass_turn", "field", "compass_motors")
 
 
 def smoother_checks(case: HealthCase) -> list[Check]:

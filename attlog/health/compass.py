@@ -18,6 +18,7 @@ from attlog.flight.parameters import looks_up_declination
 from attlog.health import settings as parameters
 from attlog.health import timing
 from attlog.health.check import Check, HealthCase, Setting, Verdict, graded, unknown
+from attlog.health.compass_mounting import without_explained
 from attlog.health.compass_offset import (
     HUBER,
     MAX_HEADING_ERROR_DEG,
@@ -86,7 +87,7 @@ def field_checks(case: HealthCase) -> list[Check]:
         direction = [unknown(name, why) for name in ("field_against_attitude", "declination")]
     else:
         direction = field_direction(log, segments)
-    return [*dead, field_strength(log, segments), *direction]
+    return without_explained(case, [*dead, field_strength(log, segments), *direction])
 
 
 def field_strength(log: FlightLog, segments: Segments) -> Check:
@@ -498,7 +499,7 @@ def compass_checks(case: HealthCase) -> list[Check]:
             checks.append(check)
         elif own[0].verdict == "unknown" and check.verdict != "unknown":
             checks[checks.index(own[0])] = check
-    return checks + choice_checks(case, studies)
+    return without_explained(case, [*checks, *choice_checks(case, studies)])
 
 
 def without_repeats(checks: list[Check]) -> list[Check]:

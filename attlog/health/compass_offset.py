@@ -27,7 +27,6 @@ from attlog.flight import compass
 from attlog.flight.model import Array, FlightLog, Mag, TimeLine
 from attlog.health import settings
 from attlog.health.check import Check, HealthCase, MotionAttitude, Verdict
-from attlog.health.compass_power import Power, motor_drive, power_at
 from attlog.health.compass_turn import MODEL_SIZE_ERROR, STANDARD_ERRORS, TILT_RAD, TURN_OFF_DEG, fit_simplest
 from attlog.health.flown import UPSIDE_DOWN_DEG, crash_spans, flight_before_crash
 from attlog.health.regression import robust_fit
@@ -70,7 +69,7 @@ class FieldSamples:
     after: Mask
     earth: Array
     hover: float
-    power_kind: Power
+    power_kind: compass.MotorPower
     seconds: float
 
     @property
@@ -96,8 +95,8 @@ def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: Mag
     good = rotation.finite_rows(field) & np.isfinite(t)
     air = thinned(good & inside(t, flown), MAX_FLIGHT_SAMPLES)
     ground = [thinned(good & inside(t, spans), MAX_GROUND_SAMPLES) for spans in ground_spans(case.segments)]
-    kind, drive = motor_drive(case.log)
-    in_flight = power_at(drive, t[air])
+    kind, drive = compass.motor_drive(case.log)
+    in_flight = compass.power_at(drive, t[air])
     hover = float(np.median(in_flight[np.isfinite(in_flight)])) if np.isfinite(in_flight).any() else math.nan
     where = np.flatnonzero(air | ground[0] | ground[1])
     q, sample = rotation.slerp_in_segments(motion.t, motion.q, motion.segment, t[where])
@@ -108,7 +107,7 @@ def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: Mag
     if not air[where].any():
         return None
     earth = 1e6 * np.array(model.ned_t)
-    power = power_at(drive, t[where])
+    power = compass.power_at(drive, t[where])
     idle = _idle_motors(case.log.state.armed, t[where], power, hover)
     rests = [mask[where] & idle for mask in ground]
     for rest in rests:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.spans import inside
-from attlog.flight.model import Array, FlightLog, Mag, Stream
+from attlog.flight.compass import MotorPower, motor_drives
+from attlog.flight.model import FlightLog, Mag, Stream
 from attlog.health.check import Check, Verdict, unknown
 from attlog.health.flown import samples_in_use
 from attlog.segments.model import Segments
-
-Power = Literal["current", "throttle"]
 
 MOVE_ADVICE = "Move the compass away from power wires, or calibrate it against the motors."
 # Minimum correlation; the field also changes with attitude and place.
@@ -25,47 +22,11 @@ MIN_FIELD_UT = 1.0
 INTERFERENCE_PCT = (12.0, 30.0)
 LIMIT = f"ok up to {INTERFERENCE_PCT[0]:.0f} % or r below {MIN_CORRELATION}, fault above {INTERFERENCE_PCT[1]:.0f} %"
 # Minimum range of the drive for a slope: 0.1 of throttle, twice the noise of a current sensor.
-MIN_RANGES: dict[Power, float] = {"throttle": 0.1, "current": 2.0}
+MIN_RANGES: dict[MotorPower, float] = {"throttle": 0.1, "current": 2.0}
 # Minimum time and samples against correlation by chance.
 MIN_FIELD_S, MIN_FIELD_SAMPLES = 10.0, 50
 # Offsets explain the variation if a sphere fit halves it, with a minimum turn for the fit.
 STEADIER_SHARE, MIN_SPHERE_TURN_DEG = 0.5, 15.0
-# Maximum time from a field sample to a power record.
-MAX_POWER_DISTANCE_S = 2.0
-# Minimum peak current; below it there is no current sensor.
-MIN_CURRENT_A = 0.5
-
-
-def motor_drives(log: FlightLog) -> dict[Power, Stream]:
-    """Return the logged streams of battery current (A) and throttle (0 to 1)."""
-    found: dict[Power, Stream] = {}
-    battery, throttle = log.power.battery, log.power.throttle
-    if battery is not None and battery.x.shape[1] > 1 and np.isfinite(battery.x[:, 1]).any():
-        found["current"] = Stream(battery.t, battery.x[:, 1:2], "A", "", battery.source)
-    if throttle is not None and len(throttle.t) > 1:
-        found["throttle"] = throttle
-    return found
-
-
-def motor_drive(log: FlightLog) -> tuple[Power, Stream | None]:
-    """Return the kind and stream of the motors' power: the current, else the throttle."""
-    drives = motor_drives(log)
-    if "current" in drives and np.nanmax(np.abs(drives["current"].x[:, 0])) >= MIN_CURRENT_A:
-        return "current", drives["current"]
-    return "throttle", drives.get("throttle")
-
-
-def power_at(drive: Stream | None, t: Array) -> Array:
-    """Interpolate the power at ``t`` (n,) s; NaN far from any record."""
-    if drive is None:
-        return np.full(len(t), np.nan)
-    known = np.isfinite(drive.x[:, 0])
-    at, x = drive.t[known], drive.x[known, 0]
-    if not len(at):
-        return np.full(len(t), np.nan)
-    k = np.clip(np.searchsorted(at, t), 1, max(len(at) - 1, 1))
-    gap = np.minimum(np.abs(t - at[k - 1]), np.abs(at[np.minimum(k, len(at) - 1)] - t))
-    return np.where(gap <= MAX_POWER_DISTANCE_S, np.interp(t, at, x), np.nan)
 
 
 def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:

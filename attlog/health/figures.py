@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.spans import Span, inside
+from attlog.flight.compass import motor_drive, power_at
 from attlog.flight.model import (
     FIX_3D,
     VIBRATION_LIMITS,
@@ -41,7 +42,7 @@ from attlog.flight.vehicle import VehicleKind
 from attlog.health import notch, vibration
 from attlog.health.check import Check, HealthCase
 from attlog.health.compass_offset import MAX_SIGMA_HEADING_RAD, compass_studies, reason_no_heading
-from attlog.health.compass_power import MIN_RANGES, motor_drive, power_at
+from attlog.health.compass_power import MIN_RANGES
 from attlog.health.flown import first_crash, flight_before_crash
 from attlog.metrics.trace import Trace
 from attlog.reference import alignment

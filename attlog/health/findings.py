@@ -527,14 +527,14 @@ MISSING_COMPASS = ("mag_dead", "no_mag", "mag_not_in_log", ONLY_OFFSETS)
 # Kinds that are attributed to a suspect compass if about heading.
 HEADING_KINDS = ("realigned", "reset", "attitude")
 LOST_HEADING = "The onboard estimator was not aligned, or drifted without a compass."
-FIELD_CHECKS = ("compass_axes", "field", "field_size")
+FIELD_CHECKS = ("compass_orientation", "field", "field_size")
 # Checks that rotate the field by the onboard attitude.
 FIELD_BY_ATTITUDE = ("field_against_attitude", "declination", "compass_turn", "attitude")
 # Change of the field in percent by motors above which they lead the finding.
 BENT_PCT = 30.0
 # Checks of the compass in order of explanatory power.
 COMPASS_LEADS = (
-    *("heading_by_gnss", "compass_axes", "compass_turn", "compass_motors", "attitude", "field", "field_size"),
+    *("compass_orientation", "heading_by_gnss", "compass_turn", "compass_motors", "attitude", "field", "field_size"),
     *("field_against_attitude", "compass_offset", "declination"),
 )
 # Checks of the attitude against the accelerometer, and those that are consequences of a wrong attitude.
@@ -847,7 +847,7 @@ def settings_advice(checks: Sequence[Check], log: FlightLog) -> dict[str, tuple[
 
 
 # Checks whose settings or action remove the usual cause of their row.
-OFFERS = ("compass_offset", "compass_motors", "compass_choice")
+OFFERS = ("compass_orientation", "compass_offset", "compass_motors", "compass_choice")
 
 
 def _settings_first(checks: Iterable[Check]) -> list[Check]:

@@ -125,7 +125,8 @@ def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | Non
         check.evidence.insert(0, f"{text}.")
         check.cause = REJECTION_CAUSES[one.aid]
         if one.aid == "compass":
-            check.kind, check.action = "compass", case.log.remedy("compass")
+            check.kind = "compass"
+            check.action = "" if case.trouble("compass_orientation") else case.log.remedy("compass")
         if rejection is not None:
             check.evidence.insert(0, check.text)
             check.text, check.count = rejection.text, len(rejection.spans)

@@ -13,6 +13,7 @@ from attlog.health import (
     attitude,
     baro,
     compass,
+    compass_mounting,
     delays,
     drive,
     gnss,
@@ -68,9 +69,8 @@ CHECKS: Mapping[str, Row] = {
     "accelerometer_delay": Row(
         "accelerometer delay", timing.sensor_fault_checks, "accelerometer_delay", fault="serious", remedy="bus"
     ),
-    "compass_axes": Row(
-        "compass axes", timing.sensor_fault_checks, "compass", fault="serious", remedy="compass_mounting"
-    ),
+    "compass_orientation": Row("compass mounting", compass_mounting.orientation_checks, "compass", fault="serious"),
+    "compass_iron": Row("iron near the compass", timing.sensor_fault_checks, "compass", warning="note", fault="note"),
     "onboard_against_truth": Row("attitude against truth", attitude.smoother_checks, "attitude", fault="serious"),
     "onboard_against_smoother": Row("attitude against smoother", attitude.smoother_checks, "attitude", fault="serious"),
     "heading_by_gnss": Row(
@@ -163,7 +163,7 @@ CAUSES: Mapping[str, str] = {
     "gyro_spikes": "Errors on the sensor's bus, or samples that leave its range.",
     "accelerometer_axes": "The accelerometer is mounted otherwise than set, or its axes are mixed up.",
     "accelerometer_delay": "Its samples wait in a queue, or are stamped by another clock.",
-    "compass_axes": "The compass is mounted otherwise than set, or its axes are mixed up.",
+    "compass_orientation": "The compass is mounted otherwise than its orientation says.",
     "onboard_against_truth": "The onboard estimator was not aligned, or learned a wrong bias or a wrong field.",
     "onboard_against_smoother": "The onboard estimator was not aligned, or learned a wrong bias or a wrong field.",
     "heading_by_gnss": "The compass is turned, badly calibrated or disturbed, or the declination is wrong.",

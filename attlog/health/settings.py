@@ -19,6 +19,9 @@ from attlog.health.check import Setting
 # Relative tolerance for equal parameters, which are 32-bit floats.
 PARAMETER_TOLERANCE = 1e-5
 
+# Smallest bias learned by the firmware that matters: 5 mG.
+LEARNED_T = 5e-7
+
 
 def range_refusal(log: FlightLog, settings: Sequence[Setting]) -> str:
     """Return why one of the settings is not possible, as a sentence; empty if all are.
@@ -109,6 +112,33 @@ def compass_proposal(
     return make_proposal(log, values, units, found.digits)
 
 
+def mounting_proposal(
+    log: FlightLog, mag: Mag, name: str, number: int, turn: Array, offset_ut: Array | None
+) -> Proposal:
+    """Return the parameters of a compass's mounting ``number``, with the offsets that belong to it.
+
+    ``turn`` (3, 3) rotates logged fields into the true axes, where ``offset_ut`` (3,) is left; None if unknown.
+    """
+    try:
+        found = recalibration.flown_compass(log, mag)
+        check_sensor_order(log, found)
+        values, units = {name: float(number)}, found.units
+        if log.firmware.name == "ArduPilot":  # offsets act after the rotation
+            scale = float(found.correction.matrix[0, 0])
+            if np.abs(found.correction.matrix - scale * np.eye(3)).max() > PARAMETER_TOLERANCE:
+                raise CalibrationUnknownError(f"The soft iron of this compass belongs to its present {name}.")
+            if offset_ut is None:
+                raise CalibrationUnknownError(f"The flight does not show the offsets that belong to {name} {number}.")
+            values |= found.offset_values(turn @ found.correction.offset - 1e-6 * offset_ut / scale)
+            if found.correction.motor.any():
+                values |= found.motor_values(turn @ found.correction.motor)
+        elif np.abs(recalibration.learned_compass_bias(log, mag, found)).max() > LEARNED_T:
+            raise CalibrationUnknownError("The firmware learned a bias in the wrong axes, which is void with others.")
+    except CalibrationUnknownError as why:
+        return Proposal(refused=str(why))
+    return make_proposal(log, values, units, found.digits)
+
+
 def check_sensor_order(log: FlightLog, found: Calibration) -> None:
     """Raise CalibrationUnknownError where a parameter that orders sensors was set after take-off."""
     if moved := recalibration.changed_sensor_order(log, found):
@@ -128,7 +158,7 @@ MAVLINK_ID_PARAMETER = "MAV_SYS_ID"
 INT32, FLOAT, AUTOPILOT = 6, 9, 1
 # Prefixes of parameters that swap compass slots at the next boot, and of parameters of a slot.
 COMPASS_ORDER_PREFIX = "COMPASS_PRIO"
-COMPASS_SLOT_PREFIXES = ("COMPASS_OFS", "COMPASS_MOT", "COMPASS_DIA", "COMPASS_ODI", "COMPASS_SCALE")
+COMPASS_SLOT_PREFIXES = ("COMPASS_ORIENT", "COMPASS_OFS", "COMPASS_MOT", "COMPASS_DIA", "COMPASS_ODI", "COMPASS_SCALE")
 
 
 def param_file(log: Mapping[str, Any], settings: Sequence[Setting]) -> str:

@@ -17,7 +17,7 @@ from attlog.flight.imu import LOW_RATE_HZ, REPLAY_MIN_HZ, is_replayable_rate
 from attlog.flight.model import FIX_3D, Array, FlightLog, Imu, Stream
 from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded, unknown
 from attlog.health.regression import robust_fit
-from attlog.reference.sensor_faults import COMPASS, FRAME, GYRO, LATE
+from attlog.reference.sensor_faults import FRAME, GYRO, IRON, LATE
 from attlog.segments import model
 from attlog.segments.model import Segments
 from attlog.segments.rest import flag_spans
@@ -372,7 +372,7 @@ def _frozen_text(what: str, spans: list[Span]) -> str:
 
 SENSOR_FAULT_LIMITS = {
     GYRO: "ok: fewer than 5 samples 20 times further from their neighbours than usual; fault above 20 deg/min of them",
-    COMPASS: "ok: no other axes of the compass turn three times better with the gyro, and the dip is within 25 deg",
+    IRON: "ok: the dip is within 25 deg of the earth's",
     FRAME: "ok: the field does not dip by 25 deg otherwise below its level while it is right below the attitude's",
     LATE: "ok: no other clock of the accelerometer fits the GNSS velocity nine times better (squared)",
 }

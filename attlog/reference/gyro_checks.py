@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from itertools import permutations, product
+from itertools import permutations
 from typing import Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.kinematics import body_rates
-from attlog.flight.model import Array, Attitude, FlightLog, Imu, Mag
+from attlog.flight.model import Array, Attitude, Imu, Mag
 from attlog.segments import model
 from attlog.segments.increments import gyro_increments
 from attlog.segments.model import interpolate_attitudes
@@ -252,85 +252,6 @@ def swapped_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
     if reversed_:
         parts.append("reversed sign about " + ", ".join("xyz"[k] for k in reversed_))
     return "; ".join(parts) + ("." if parts else "")
-
-
-# Axes of the compass against those of the gyro; turns determine them up to a common sign.
-#
-# The earth's field has a constant direction while the vehicle turns. In wrong axes it varies, unless the vehicle turns
-# about the one axis that both frames share. Only the dip shows the common sign (:mod:`attlog.reference.sensor_faults`).
-
-# Largest number of compared pairs; more do not change the result.
-MAX_FIELD_PAIRS = 4000
-# Ratio of the squared field change to the residual in other axes. Iron that turns with the vehicle gives an almost
-# constant field, which any axes along it fit.
-MIN_EXPLAINED_RATIO = 9.0
-
-
-def compass_axes_error(log: FlightLog) -> str:
-    """Return swapped or reversed compass axes as a sentence, or empty.
-
-    Of 24 axis permutations (up to a common sign of all three) one must leave at most a ninth of the squared field
-    change, and a third of what the logged axes leave.
-    """
-    imu, mag = log.replay_imu, None if log.mag is None else log.mags[log.mag]
-    if imu is None or mag is None:
-        return ""
-    start, end, before, after = field_changes(mag)
-    turning = gyro_increments(imu)
-    inside = np.flatnonzero(turning.known(start, end))
-    inside = inside[:: len(inside) // MAX_FIELD_PAIRS + 1]
-    if len(inside) < MIN_RATE_INTERVALS:
-        return ""
-    turned = rotation.to_matrix(rotation.from_rotvec(turning.between(start[inside], end[inside])))
-    known = np.isfinite(turned).all(axis=(1, 2))
-    turned, before, after = turned[known], before[inside][known], after[inside][known]
-    if len(turned) < MIN_RATE_INTERVALS:
-        return ""
-    left = [_field_misfit(turned, before @ axes.T, after @ axes.T) for axes in FRAMES]
-    change = float(np.mean(np.sum((after - before) ** 2, axis=1)))
-    best = int(np.argmin(left))
-    own = np.degrees(np.sqrt(left[0]))
-    if (
-        best == 0
-        or own < MIN_FIELD_CHANGE_DEG
-        or left[0] < MIN_MISFIT_RATIO * left[best]
-        or change < MIN_EXPLAINED_RATIO * left[best]
-    ):
-        return ""
-    return (
-        f"{mag.field.source} does not turn as the gyro does ({own:.1f} deg in 0.3 s): it does with "
-        f"{_axes_text(FRAMES[best])} ({np.degrees(np.sqrt(left[best])):.1f} deg)"
-    )
-
-
-def _field_misfit(turned: Array, before: Array, after: Array) -> float:
-    """Return the mean square field change (n, 3) left after derotation."""
-    return float(np.mean(np.sum((np.einsum("nji,nj->ni", turned, before) - after) ** 2, axis=1)))
-
-
-def _frames() -> list[Array]:
-    """Return the 24 signed permutations with the determinant 1, the identity first."""
-    eye = np.eye(3)
-    every = [
-        eye[list(order)] * np.array(signs)[:, None]
-        for order in permutations(range(3))
-        for signs in product((1.0, -1.0), repeat=3)
-    ]
-    return sorted((axes for axes in every if np.linalg.det(axes) > 0), key=lambda axes: -np.trace(axes))
-
-
-FRAMES = _frames()
-
-
-def _axes_text(axes: Array) -> str:
-    """Return axes as ``x = -y, y = -x, z = -z``, or their mirror image with fewer signs."""
-    mirrored = axes if np.sum(axes < 0) <= np.sum(axes > 0) else -axes
-    said = []
-    for k, row in enumerate(mirrored):
-        source = int(np.argmax(np.abs(row)))
-        if source != k or row[source] < 0:
-            said.append(f"{'xyz'[k]} = {'-' if row[source] < 0 else ''}{'xyz'[source]}")
-    return ", ".join(said)
 
 
 # Gyro spikes: single samples far from both neighbours, which no vehicle motion causes.

@@ -17,6 +17,7 @@ from attlog.core import rotation, spans
 from attlog.core.log_cache import cached_per_log
 from attlog.flight.model import Array, Attitude, FlightLog, guarded_part
 from attlog.reference import alignment, gyro_checks
+from attlog.reference.compass_orientation import compass_orientation
 from attlog.reference.model import SensorFault
 from attlog.segments import Segments, model
 from attlog.segments import model as gaps
@@ -53,11 +54,10 @@ def compass_contradicted(seen: DipAngles | None, attitude: Attitude | None, sour
         return ""
     if abs(seen.by_force - seen.on_earth) < MIN_DIP_FAULT_DEG:
         return ""
-    signs = abs(seen.by_force + seen.on_earth) <= MAX_DIP_ERROR_DEG and abs(seen.on_earth) >= MIN_DIP_FAULT_DEG
     return (
         f"the field of {source} {_dip_text(seen.by_force)} the level of the accelerometer and of {attitude.source}; "
         f"the earth's field there {_dip_text(seen.on_earth)} the horizon: "
-        f"{'all its axes have the other sign' if signs else 'its axes are wrong, or iron bends it'}"
+        "iron is near"
     )
 
 
@@ -228,22 +228,41 @@ def _delay_misfit(
 
 # Comparison of each sensor with the others, before a smoother is run.
 
-GYRO, COMPASS, LATE, FRAME = "gyro spikes", "compass axes", "accelerometer delay", "accelerometer axes"
+GYRO, COMPASS, IRON = "gyro spikes", "compass orientation", "compass iron"
+LATE, FRAME = "accelerometer delay", "accelerometer axes"
 
 
 def find_sensor_faults(log: FlightLog, segments: Segments) -> dict[str, SensorFault]:
     """Return the faults of the replayed sensors by name; empty without any."""
-    attitude = log.onboard_attitude
-    source = "" if log.mag is None else log.mags[log.mag].field.source
     seen = guarded_part(log, "The dip of the field", lambda: _log_dips(log, segments), lambda: None)
     asked: dict[str, Callable[[], SensorFault | None]] = {
         GYRO: lambda: _spike_fault(log),
-        COMPASS: lambda: _as_fault(gyro_checks.compass_axes_error(log) or compass_contradicted(seen, attitude, source)),
+        COMPASS: lambda: _as_fault(wrong_mounting(log, segments)),
+        IRON: lambda: _iron_fault(log, segments, seen),
         LATE: lambda: _delay_fault(log),
         FRAME: lambda: _as_fault(wrong_frame(log, segments)),
     }
     made = {name: guarded_part(log, f"The check {name}", ask, lambda: None) for name, ask in asked.items()}
     return {name: fault for name, fault in made.items() if fault is not None}
+
+
+def wrong_mounting(log: FlightLog, segments: Segments) -> str:
+    """Return why the axes of the compass in use are wrong, or empty."""
+    if log.mag is None:
+        return ""
+    mag = log.mags[log.mag]
+    found = compass_orientation(log, segments, mag)
+    if found.verdict != "fault":
+        return ""
+    how = "has mirrored axes" if found.mirrored else f"is mounted turned by {found.angle_deg:.0f} deg"
+    return f"{mag.field.source} {how}: its field then turns {found.ratio:.1f} times better with the gyro"
+
+
+def _iron_fault(log: FlightLog, segments: Segments, seen: DipAngles | None) -> SensorFault | None:
+    """Return the fault of a wrong dip that no mounting explains."""
+    if log.mag is None or not (why := compass_contradicted(seen, log.onboard_attitude, log.mags[log.mag].field.source)):
+        return None
+    return None if compass_orientation(log, segments, log.mags[log.mag]).verdict != "unknown" else SensorFault(why)
 
 
 def wrong_frame(log: FlightLog, segments: Segments) -> str:

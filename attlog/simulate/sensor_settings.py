@@ -14,6 +14,8 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from attlog.flight.calibration import MOUNTING_EULER_DEG
+
 STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 Three = tuple[float, float, float]
 Span = tuple[float, float]
@@ -103,12 +105,16 @@ class ImuSettings:
     vibration: VibrationSettings = VibrationSettings()
 
 
+Mounting = Annotated[int, Field(ge=0, lt=len(MOUNTING_EULER_DEG))]
+
+
 @dataclass(frozen=True, config=STRICT)
 class MagSettings:
     """One magnetometer, body axes, in microtesla.
 
     ``hard_iron_ut`` and ``soft_iron`` (rows of a 3x3 matrix): left by the calibration. ``current_ut_a`` [uT/A]:
-    times the battery's current.
+    times the battery's current. ``mounted``: number of its mounting by MAV_SENSOR_ORIENTATION; ``orientation``: that
+    which the vehicle's parameter says. Where they differ, the vehicle flies on turned axes.
     """
 
     rate_hz: Positive = 50.0
@@ -118,6 +124,8 @@ class MagSettings:
     soft_iron: tuple[Three, Three, Three] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     current_ut_a: Three = ZERO
     rotation_deg: Three = ZERO
+    mounted: Mounting = 0
+    orientation: Mounting = 0
     range_ut: Positive = 1100.0
     step_ut: NotNegative = 0.013
     delay_s: NotNegative = 0.001
@@ -125,6 +133,11 @@ class MagSettings:
     jitter_s: NotNegative = 0.0
     loss_pct: Percent = 0.0
     gaps: tuple[Span, ...] = ()
+
+    @property
+    def is_external(self) -> bool:
+        """True where a parameter of its own sets the mounting."""
+        return bool(self.mounted or self.orientation)
 
 
 @dataclass(frozen=True, config=STRICT)

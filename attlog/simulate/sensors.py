@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.flight.calibration import MOUNTING_EULER_DEG, euler_matrix
 from attlog.simulate.environment import LAPSE, SEA_KELVIN, generator, geodetic, height_of, pressure
 from attlog.simulate.flight import BaroStream, BatteryStream, Fix, GnssStream, MagStream, RpmStream, Truth
 from attlog.simulate.scenario import PlantedFault, Scenario
@@ -207,7 +208,7 @@ def sample_rpm(scenario: Scenario, seed: int, truth: Truth) -> RpmStream | None:
 
 
 class MagSensor(SlowSensor):
-    """``field = soft_iron R_mount^T (R^T B + hard iron + current) + noise``, clipped and rounded, T."""
+    """``field = soft_iron R_mount^T R_set R_mounted^T (R^T B + hard iron + current) + noise``, clipped, rounded, T."""
 
     def __init__(self, scenario: Scenario, number: int, seed: int) -> None:
         s = scenario.sensors.mag[number]
@@ -218,7 +219,8 @@ class MagSensor(SlowSensor):
         spread = generator(seed, "mag", number, "iron").standard_normal(3)
         self.hard = (np.array(s.hard_iron_ut) + s.hard_iron_spread_ut * spread) * 1e-6
         mount = rotation.to_matrix(rotation.from_euler(*np.radians(s.rotation_deg)))
-        self.matrix: Array = np.array(s.soft_iron) @ mount.T
+        turned = euler_matrix(*MOUNTING_EULER_DEG[s.orientation]) @ euler_matrix(*MOUNTING_EULER_DEG[s.mounted]).T
+        self.matrix: Array = np.array(s.soft_iron) @ mount.T @ turned
         noise = generator(seed, "mag", number, "noise").standard_normal((len(self.instants), 3))
         self.noise = noise * s.noise_ut_rthz * 1e-6 * math.sqrt(s.rate_hz)
         self.per_ampere = np.array(s.current_ut_a) * 1e-6

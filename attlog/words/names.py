@@ -108,7 +108,7 @@ DOUBTS = {
     },
     "mag": {
         "field": "its field is wrong",
-        "compass_axes": "its axes are wrong",
+        "compass_orientation": "it is mounted otherwise than set",
         "compass_offset": "it is off",
         "compass_motors": "motors disturb it",
     },

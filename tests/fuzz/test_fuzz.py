@@ -164,9 +164,9 @@ CHEAP = (
     (COPTER, "accelerometer", "zero"),
 )
 TOLD = (
-    (PX4, "compass", "reversed", "compass_axes", "all its axes have the other sign"),
-    (TELEMETRY, "compass", "one axis reversed", "compass_axes", "it does with x = -x"),
-    (COPTER, "compass", "swapped", "compass_axes", "it does with x = y, y = x"),
+    (PX4, "compass", "reversed", "compass_orientation", "mirrored axes"),
+    (TELEMETRY, "compass", "one axis reversed", "compass_orientation", "mirrored axes"),
+    (COPTER, "compass", "swapped", "compass_orientation", "mirrored axes"),
     (COPTER, "gyro", "spiked", "gyro_spikes", "jumps 9 times for a single sample"),
     (PX4, "accelerometer", "reversed", "accelerometer_axes", "the accelerometer's axes are wrong"),
     (COPTER, "accelerometer", "late", "accelerometer_delay", "taken 4.5 s later"),

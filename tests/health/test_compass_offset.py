@@ -10,6 +10,7 @@ import pytest
 
 from attlog import flight as attlog_flight
 from attlog.core import rotation
+from attlog.flight.compass import motor_drive, power_at
 from attlog.flight.model import Mag, Stream, TimeLine
 from attlog.health import compass_offset
 from attlog.health.check import HealthCase, MotionAttitude
@@ -22,7 +23,6 @@ from attlog.health.compass_offset import (
     rms_deg,
     total_sigma,
 )
-from attlog.health.compass_power import motor_drive, power_at
 from attlog.health.flown import flight_before_crash
 from attlog.reference import alignment
 from attlog.segments.model import Segment, Segments

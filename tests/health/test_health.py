@@ -116,14 +116,15 @@ def test_a_wrong_accelerometer_scale_is_seen_and_said(factor: float, verdict: st
         assert "Scale 0.3" in check.why_no_setting
 
 
-def test_a_turned_compass_moves_against_the_attitude() -> None:
+def test_a_turned_compass_is_named_instead_of_the_declination() -> None:
     def turn(log: FlightLog) -> None:
         field = log.mags[log.mag].field
         field.x = field.x[:, [1, 0, 2]] * [-1, 1, 1]
 
     found = with_fault(turn)
-    assert found["declination"].verdict == "fault"
-    assert abs(found["declination"].value) > 60
+    assert found["compass_orientation"].verdict == "fault"
+    assert found["compass_orientation"].value == pytest.approx(90.0, abs=5.0)
+    assert "declination" not in found
 
 
 def test_lost_samples_show_as_gaps_but_not_where_the_logger_pauses_on_the_ground() -> None:

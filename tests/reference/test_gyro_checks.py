@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import flight as attlog_flight
 from attlog import segments
 from attlog.core import rotation
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
@@ -19,7 +17,6 @@ from attlog.health.check import HealthCase
 from attlog.health.findings import contradiction
 from attlog.health.gyro import unusable_gyro
 from attlog.reference import choose, gyro_checks
-from tests.conftest import SAMPLES
 from tests.reference.flights import Array, attitude_at, flight
 
 FIELD_T = np.array([2e-5, 0.0, 4e-5])
@@ -204,43 +201,6 @@ def test_noise_an_askew_mount_and_one_bump_reverse_nothing(seed: int) -> None:
     bump = smooth + np.outer(np.arange(2000) == 700, np.radians([0.0, 0.0, 120.0]))
     assert said(bump, smooth - (bump - smooth)) == ""
     assert said(smooth, smooth * [1.0, 1.0, -0.5]) == ""  # half of a turn the other way is no reversed sensor
-
-
-# Are the axes of the compass those of the gyro?
-
-
-@pytest.fixture(scope="module")
-def sound():
-    return attlog_flight.read(SAMPLES / "copter_steps_stabilize.bin")
-
-
-def with_field(log, change):
-    log = copy.copy(log)
-    mag = copy.copy(log.mags[log.mag])
-    mag.field = copy.copy(mag.field)
-    mag.field.x = change(mag.field.x)
-    log.mags = [mag if k == log.mag else other for k, other in enumerate(log.mags)]
-    return log
-
-
-@pytest.mark.parametrize("axes", gyro_checks.FRAMES[1:6], ids=gyro_checks._axes_text)
-def test_other_axes_are_found_and_named(sound, axes):
-    said = gyro_checks.compass_axes_error(with_field(sound, lambda x: x @ axes))
-    assert f"it does with {gyro_checks._axes_text(axes)} (" in said
-
-
-@pytest.mark.parametrize(
-    ("what", "change"),
-    [
-        ("as logged", lambda x: x),
-        ("all signs, which turns cannot show", lambda x: -x),
-        ("iron that turns with the vehicle", lambda x: 0.02 * x + np.array([3e-5, 2e-5, 1e-5])),
-        ("noise alone", lambda x: 3e-5 * np.random.default_rng(0).normal(size=x.shape)),
-        ("a mounting that is 20 deg off", lambda x: x @ np.array([[0.94, 0.34, 0], [-0.34, 0.94, 0], [0, 0, 1.0]])),
-    ],
-)
-def test_what_is_no_matter_of_axes_is_not_accused(sound, what, change):
-    assert gyro_checks.compass_axes_error(with_field(sound, change)) == ""
 
 
 # Does the gyro jump for single samples?

@@ -24,6 +24,7 @@ OWN = {
     "clipping": {"vibration"},
     "hard-landing": {"hard_landing"},
     "mag-anomaly": {"compass"},
+    "compass-turned": {"compass", "crash"},
     "gnss-loss": {"gnss"},
     "vibration": {"vibration"},
 }

@@ -267,6 +267,7 @@ WANTED = {
     "gnss-loss",
     "crash",
     "carried-home",
+    "compass-turned",
     "roll-in",
     "flip",
     "hard-landing",

@@ -99,6 +99,8 @@ RAW_HZ = 500.0
 PWM_MIN, PWM_MAX = 1000, 2000
 # Shares of the output range at no and at full thrust of an armed motor, the firmware's defaults.
 SPIN_MIN, SPIN_MAX = 0.15, 0.95
+# Offsets of an external compass, which its calibration subtracted.
+CALIBRATED_MG = (30, -45, 20)
 SLOW_HZ, VIBE_HZ, EKF_HZ = 10.0, 10.0, 10.0
 _NAN = float("nan")
 
@@ -151,7 +153,9 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     for mag in flight.mags:
         x, y, z = (mag.field / MILLIGAUSS).T
         sampled = micros(mag.t_sample) & np.uint64(0xFFFFFFFF)
-        yield message("MAG", mag.instance, micros(mag.t), I=mag.instance, MagX=x, MagY=y, MagZ=z, Health=1, S=sampled)
+        own = CALIBRATED_MG if flight.scenario.sensors.mag[mag.instance].is_external else (0, 0, 0)
+        yield message("MAG", mag.instance, micros(mag.t), I=mag.instance, MagX=x, MagY=y, MagZ=z, OfsX=own[0],
+                      OfsY=own[1], OfsZ=own[2], Health=1, S=sampled)
     for baro in flight.baro:
         ground = float(np.median(baro.height[:10])) if len(baro.height) else 0.0
         yield message("BARO", baro.instance, micros(baro.t), I=baro.instance, Alt=baro.height - ground,
@@ -346,6 +350,14 @@ def copter_parameters(flight: Flight) -> list[ParamChange]:
         "SIM_RATE_HZ": round(loop.rate_hz * loop.substeps),
     }
     values |= {f"COMPASS_USE{n or ''}": int(k < len(flight.mags)) for k, n in enumerate((0, 2, 3))}
+    for k, mag in enumerate(flight.scenario.sensors.mag[:3]):
+        if not mag.is_external:
+            continue
+        end = f"{k + 1}" if k else ""
+        calibrated = {"OFS": CALIBRATED_MG, "DIA": (1.0, 1.0, 1.0), "ODI": (0.0, 0.0, 0.0)}
+        for name, axes in calibrated.items():
+            values |= {f"COMPASS_{name}{end}_{axis}": value for axis, value in zip("XYZ", axes, strict=True)}
+        values |= {f"COMPASS_ORIENT{end}": mag.orientation, f"COMPASS_EXTERN{end}" if k else "COMPASS_EXTERNAL": 1}
     values |= {f"SERVO{k + 1}_FUNCTION": 33 + k for k in range(4)}
     return [ParamChange(name, float(value)) for name, value in sorted(values.items())]
 

@@ -174,7 +174,9 @@ def px4_parameters(flight: Flight) -> list[ParamChange]:
                              ("MAG", MAGS, len(flight.mags))):
         for k in range(min(count, len(ids))):
             values += [(f"CAL_{kind}{k}_ID", ids[k], 0), (f"CAL_{kind}{k}_PRIO", 75 - 25 * (k > 0), -1)]
-            values += [(f"CAL_{kind}{k}_ROT", -1, -1)]
+            external = kind == "MAG" and flight.scenario.sensors.mag[k].is_external
+            values += [(f"CAL_{kind}{k}_ROT", flight.scenario.sensors.mag[k].orientation if external else -1, -1)]
+            values += [(f"CAL_MAG{k}_{axis}OFF", 0.0, 0.0) for axis in "XYZ" if external]
             if instant and kind in OFFSETS:
                 values += [(f"CAL_{kind}{k}_{axis}OFF", x, 0.0) for axis, x in zip("XYZ", OFFSETS[kind], strict=True)]
     found = [ParamChange(name, default, None, True) for name, value, default in values if value != default]

@@ -1,0 +1,133 @@
+"""Mounting of each compass against its parameter, and the parameters that mend it.
+
+A parameter of mounting is not set alone: offsets that were learned with another one are void.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from attlog.flight import compass, recalibration
+from attlog.flight.calibration import MOUNTING_EULER_DEG, Mounting
+from attlog.flight.compass import motor_drive, power_at
+from attlog.flight.model import Array, FlightLog, Mag
+from attlog.health import settings
+from attlog.health.check import Check, HealthCase
+from attlog.health.compass_turn import STANDARD_ERRORS
+from attlog.health.regression import robust_fit
+from attlog.reference.compass_orientation import (
+    MIN_FAULT_RATIO,
+    MIN_NEXT_RATIO,
+    Orientation,
+    compass_orientation,
+    mirrored_axes,
+    mounting_number,
+)
+
+QUESTION = "compass_orientation"
+LIMIT = (
+    f"ok: no other mounting fits the field {MIN_FAULT_RATIO} times better, or {MIN_NEXT_RATIO} times as well as this; "
+    "dip within 15 deg"
+)
+SOURCE = "least squares over all mountings, tilt and gyro alone"
+# Largest standard error of an offset to set beside a mounting: 30 mG.
+MAX_OFFSET_SIGMA_UT = 3.0
+# Checks of a compass that a wrong mounting explains.
+EXPLAINED = ("compass_offset", "compass_turn", "compass_motors", "soft_iron", "field_against_attitude", "declination")
+
+
+def orientation_checks(case: HealthCase) -> list[Check]:
+    """Check the mounting of each live compass by tilt and gyro."""
+    log = case.log
+    live = [mag for mag in log.mags if not compass.dead_reason(mag, log.replay_imu)]
+    return [_check(log, mag, compass_orientation(log, case.segments, mag)) for mag in live]
+
+
+def without_explained(case: HealthCase, checks: Sequence[Check]) -> list[Check]:
+    """Drop checks that a wrong mounting explains.
+
+    A better compass is not offered where the one in use is only set wrongly.
+    """
+    used = case.log.mags[case.log.mag].field.source if case.log.mag is not None else ""
+    wrong = {check.sensor for check in case.found if check.question == QUESTION and check.verdict == "fault"}
+    return [
+        check
+        for check in checks
+        if not (check.question in EXPLAINED and (check.sensor or used) in wrong)
+        and not (check.question == "compass_choice" and used in wrong)
+    ]
+
+
+def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:
+    source = mag.field.source
+    check = Check(QUESTION, found.verdict, found.why, threshold=LIMIT, sensor=source, source=SOURCE)
+    check.n, check.seconds = found.samples, round(found.seconds, 1)
+    if found.verdict == "unknown":
+        return check
+    mounting = recalibration.flown_mounting(log, mag)
+    fits = f"dip {found.dip_deg[1]:.0f} deg, residual {found.left_ut[1]:.1f} uT"
+    check.evidence = [f"As set: dip {found.dip_deg[0]:.0f} deg, residual {found.left_ut[0]:.1f} uT; as named: {fits}."]
+    if found.mirrored:
+        check.text = f"{source} has mirrored axes: its field turns with the gyro with {mirrored_axes(found.turn)}."
+        check.action = "No mounting does that: check the driver of this compass."
+        return check
+    check.unit = "deg"
+    check.measure(found.angle_deg, found.sigma_deg, 1, least=0.0)
+    if found.verdict == "ok":
+        check.text = f"{source} is mounted as set, to {found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg."
+        return check
+    size = f"{found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg"
+    check.text = f"{source} is mounted turned by {size} against its setting."
+    check.evidence.append(f"The next best mounting leaves {found.next_ratio:.1f} times the residual.")
+    _offer(log, mag, found, mounting, check)
+    return check
+
+
+def _offer(log: FlightLog, mag: Mag, found: Orientation, mounting: Mounting, check: Check) -> None:
+    """Add the parameters that mend a mounting to its check, else advice in words."""
+    source = mag.field.source
+    if not mounting.parameter:
+        board = log.param("AHRS_ORIENTATION" if log.firmware.name == "ArduPilot" else "SENS_BOARD_ROT") or 0.0
+        number = mounting_number(found.turn, board)
+        check.why_no_setting = f"{source} is set as internal: it turns with the board."
+        external = "" if number is None else f" If it is external, set it so, with orientation {_named(number)}."
+        check.action = f"Check the orientation of the board.{external}"
+        return
+    number = mounting_number(found.turn, mounting.number)
+    if number is None:
+        check.why_no_setting = f"No number of {mounting.parameter} has this mounting."
+        check.action = "Mount the compass as its orientation says, then calibrate it."
+        return
+    check.text = f"{source} is mounted turned by {found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg: "
+    check.text += f"{mounting.parameter} should be {_named(number)}."
+    offer = settings.mounting_proposal(log, mag, mounting.parameter, number, found.turn, residual_offset(log, found))
+    check.settings, check.why_no_setting = offer.settings, offer.refused
+    if not any(setting.name == mounting.parameter for setting in offer.settings):
+        check.settings = []  # offsets of this mounting are unknown
+        check.action = f"Set {mounting.parameter} {number}, and calibrate this compass before flying."
+
+
+def residual_offset(log: FlightLog, found: Orientation) -> Array | None:
+    """Return the offset (3,) uT left in true body axes, without the motors' field where it shows; None if unsure."""
+    t, error = found.error_t, found.error
+    if len(t) == 0:
+        return None
+    power = power_at(motor_drive(log)[1], t)
+    own = np.broadcast_to(np.eye(3), (len(t), 3, 3))
+    tries = [own]
+    if np.isfinite(power).all() and np.ptp(power) > 0:
+        tries.insert(0, np.concatenate([own, power[:, None, None] * own], axis=2))
+    for columns in tries:
+        fit = robust_fit(t, columns, error)
+        if fit is not None and STANDARD_ERRORS * float(fit.sigma[:3].max()) <= MAX_OFFSET_SIGMA_UT:
+            return np.asarray(fit.x[:3])
+    return None
+
+
+def _named(number: int) -> str:
+    """Return a mounting as ``6 (yaw 270)``."""
+    angles = zip(("roll", "pitch", "yaw"), MOUNTING_EULER_DEG[number], strict=True)
+    words = ", ".join(f"{name} {angle}" for name, angle in angles if angle)
+    return f"{number} ({words or 'forward'})"
