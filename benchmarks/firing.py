@@ -1,12 +1,12 @@
 """How often each check and each question about a sensor fires on the corpus: logs on which it answers, warns, or finds
 a fault, and what is offered to be set.
 
-    python benchmarks/firing.py [--corpus DIR] [--list NAME] [--questions]
+    python benchmarks/firing.py [--corpus DIR] [--list NAME] [--questions | --events]
 
 Real logs (``logs/``) and simulated flights (``sitl/``) are counted apart; logs that were made or damaged on purpose
 (``made_``, ``hostile/``) are left out. Checks see no logged truth; questions (``--questions``) do, as in ``attlog
-health``. ``--list`` prints each firing of one check or question with its sentence, to be read against the raw data;
-with ``--list settings`` what is offered. Nothing is kept between runs.
+health``; ``--events`` counts what the story names instead, by kind of event. ``--list`` prints each firing of one name
+with its sentence, to be read against the raw data; with ``--list settings`` what is offered.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
-from attlog import flight, segments
+from attlog import flight, segments, story
 from attlog.core.errors import AttlogError
 from attlog.health import run_checks
 from attlog.health.check import HealthCase, agreed_settings
@@ -35,7 +35,9 @@ def main() -> None:
     parser.add_argument("--corpus", default=os.environ.get("ATTLOG_CORPUS", ""))
     parser.add_argument("--list", default="", help="print the firings of this check or question")
     parser.add_argument("--questions", action="store_true", help="questions about sensors instead of checks")
+    parser.add_argument("--events", action="store_true", help="events of the story instead of checks")
     given = parser.parse_args()
+    ask = asked if given.questions else happened if given.events else checked
     counted: dict[str, dict[str, Counter[str]]] = defaultdict(lambda: {name: Counter() for name in SETS})
     logs: Counter[str] = Counter()
     for which in SETS:
@@ -43,7 +45,7 @@ def main() -> None:
             if path.suffix.lower() not in SUFFIXES or path.name.startswith("made_"):
                 continue
             try:
-                found = list(asked(path) if given.questions else checked(path))
+                found = list(ask(path))
             except AttlogError:
                 continue
             logs[which] += 1
@@ -74,6 +76,17 @@ def asked(path: Path) -> Iterator[Fired]:
         yield one.question, one.verdict, f"{one.sensor}: {one.text} {one.why_no_setting}".strip()
     offers = ", ".join(f"{s.name} {s.old} -> {s.new:.7g}" for s in agreed_settings(told))
     yield "settings", "set" if offers else "ok", offers
+
+
+def happened(path: Path) -> Iterator[Fired]:
+    """The events of one log by kind, its truth taken away; every kind answers."""
+    log = flight.read(path)
+    log.truth = None
+    told = story.events(log, segments.build(log))
+    for kind in story.KINDS:
+        yield kind, "ok", ""
+    for event in told:
+        yield event.kind, "fault" if event.severity in ("serious", "warning") else "ok", event.text
 
 
 def worst(found: list[Fired]) -> dict[str, str]:
