@@ -134,6 +134,8 @@ def jumped_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
 
 # Time from clipped samples to the switch that they cause: an estimator's filter fault takes a second or two.
 SHAKEN_S, SETTLE_S = 2.0, 0.3
+# Resolution of vibration levels in time.
+LEVEL_S = 1.0
 VIBRATION_WORDS = re.compile(r"vibration comp|vibration failsafe|clipping", re.I)
 # Time between a switch of sensor or core and the jump of attitude that it brings.
 SWITCH_S = 0.5
@@ -146,7 +148,7 @@ def shaken(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
             continue
         end = source.t if source.t_end is None else source.t_end
         for n, event in _of(events, "clipping", "sensor_switch", "lane_switch", "failsafe", "message"):
-            if not source.t - SETTLE_S <= event.t <= end + SHAKEN_S:
+            if not source.t - LEVEL_S <= event.t <= end + SHAKEN_S:
                 continue
             if event.kind in ("failsafe", "message"):
                 if VIBRATION_WORDS.search(event.text):
@@ -156,12 +158,23 @@ def shaken(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
 
 
 def _shaking(log: FlightLog, source: Event, switch: Event) -> str:
-    """Return what shook just before a switch, empty if nothing did."""
+    """Return what shook just before a switch, empty if nothing did.
+
+    Clipping shook where it has just begun, or is stronger than on the average.
+    """
     if source.kind == "vibration":
-        inside = source.t <= switch.t <= (source.t_end or source.t) + 1.0
+        inside = source.t - LEVEL_S <= switch.t <= (source.t_end or source.t) + LEVEL_S
         return f"vibration of {format_significant(source.value or 0.0)} m/s² at that time" if inside else ""
-    count = max((_clipped(log, switch, unit) for unit in _left_units(log, switch)), default=0)
-    return f"{count:,} samples clipped in the {SHAKEN_S:.0f} s before" if count else ""
+    if not source.t - SETTLE_S <= switch.t:
+        return ""
+    began = switch.t - SHAKEN_S <= source.t
+    seconds = max((source.t_end or source.t) - source.t, SHAKEN_S)
+    for unit in _left_units(log, switch):
+        count = _clipped(log, unit, switch.t - SHAKEN_S, switch.t + SETTLE_S)
+        usual = SHAKEN_S * _clipped(log, unit, source.t, source.t + seconds) / seconds
+        if count and (began or count > usual):
+            return f"{count:,} samples clipped in the {SHAKEN_S:.0f} s before"
+    return ""
 
 
 def _left_units(log: FlightLog, switch: Event) -> list[int | None]:
@@ -172,10 +185,10 @@ def _left_units(log: FlightLog, switch: Event) -> list[int | None]:
     return list({c.unit for c in log.vibration.clippings})
 
 
-def _clipped(log: FlightLog, switch: Event, unit: int | None) -> int:
-    """Return the samples of an accelerometer that clipped just before a switch."""
+def _clipped(log: FlightLog, unit: int | None, t0: float, t1: float) -> int:
+    """Return the clipped samples of an accelerometer between two times."""
     counts = [
-        int(c.new[between(c.t, switch.t - SHAKEN_S, switch.t + SETTLE_S)].sum())
+        int(c.new[between(c.t, t0, t1)].sum())
         for c in log.vibration.clippings
         if c.sensor == "accelerometer" and c.unit == unit
     ]
@@ -205,6 +218,21 @@ def rejected_compass(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         for n, change in _of(events, "compass_switch", "realigned"):
             if event.t + MIN_COAST_S <= change.t <= end + ALIGN_S and change.severity == "warning":
                 yield k, n, f"the EKF had rejected it from {event.t:.1f} s"
+
+
+# Parameters that turn a sensor or choose the source of the heading, and time until the estimator reacts.
+TURNING_PARAMETERS = re.compile(r"ORIENT|_ROT\b|EK[23]_SRC|COMPASS_(USE|ENABLE)|EKF2_MAG_TYPE")
+REACTS_S = 3.0
+
+
+def changed_parameters(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join a parameter that turns a sensor or the heading to what the estimator did at once."""
+    for k, change in _of(events, "parameter_changed"):
+        if not (named := TURNING_PARAMETERS.search(change.text)):
+            continue
+        for n, event in _of(events, "realigned", "reset", "compass_switch", "aid_rejected"):
+            if 0.0 <= event.t - change.t <= REACTS_S and "height" not in event.text:
+                yield k, n, f"the parameter acts on the heading ({named[0]})"
 
 
 # --- failsafes and landings -------------------------------------------------------------------------------------
@@ -295,11 +323,11 @@ def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
 
 
 def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
-    """Join the first event of a crash to the blow that follows, and a crash to reports just after it."""
+    """Join an event of a crash to the next one, and a crash to reports just after it."""
     crashes = [(k, e) for k, e in _of(events, *CRASHES) if e.severity == "serious"]
     for k, crash in crashes:
         for n, blow in crashes:
-            if k < n and crash.kind != "impact" and 0.0 < blow.t - (crash.t_end or crash.t) <= STRUCK_S:
+            if k < n and crash.kind != blow.kind and 0.0 < blow.t - (crash.t_end or crash.t) <= STRUCK_S:
                 yield k, n, f"{blow.t - crash.t:.1f} s after it"
     for n, event in _of(events, "lane_switch", "sensor_switch", "reset", "failsafe", "compass_switch", "gnss_jump"):
         before = [(k, e) for k, e in crashes if 0.0 <= event.t - e.t <= STRUCK_S]
@@ -316,6 +344,7 @@ RULES: tuple[Rule, ...] = (
     jumped_position,
     shaken,
     jumped_by_switch,
+    changed_parameters,
     rejected_compass,
     ended_flight,
 )

@@ -95,6 +95,20 @@ def test_a_rejected_compass_explains_its_replacement_while_it_is_rejected(change
     assert joined(rejected, change) == ({"compass_switch": "aid_rejected"} if linked else {})
 
 
+@pytest.mark.parametrize(
+    ("name", "t", "linked"),
+    [
+        ("AHRS_ORIENTATION", 41.0, True),
+        ("EK3_SRC1_YAW", 41.0, True),
+        ("RTL_ALT", 41.0, False),
+        ("CAL_MAG0_ROT", 49.0, False),
+    ],
+)
+def test_a_changed_parameter_explains_a_new_heading_only_if_it_acts_on_it(name: str, t: float, linked: bool) -> None:
+    change = event("parameter_changed", 40.0, f"Parameter changed in flight at 40.0 s: {name} from 0 to 8.")
+    assert joined(change, event("realigned", t)) == ({"realigned": "parameter_changed"} if linked else {})
+
+
 LANDING = event("landing", 80.0, severity="info")
 
 
