@@ -14,6 +14,7 @@ from attlog.health import (
     baro,
     compass,
     compass_mounting,
+    consistency,
     delays,
     drive,
     gnss,
@@ -104,6 +105,7 @@ CHECKS: Mapping[str, Row] = {
     "onboard_acc_bias": Row(
         "onboard accelerometer bias", gravity.onboard_acc_bias_check, "accelerometer", remedy="accelerometer"
     ),
+    "gravity_kept": Row("gravity before and after", consistency.gravity_kept_checks, "accelerometer"),
     "coverage": Row("attitude coverage", attitude.attitude_checks, "coverage", warning="note"),
     "gyro_against_attitude": Row(
         "gyro against attitude",
@@ -128,6 +130,7 @@ CHECKS: Mapping[str, Row] = {
     "compass_choice": Row("compass in use", compass.compass_checks, "compass"),
     "gnss_quality": Row("GNSS quality", gnss.gnss_checks, "gnss", remedy="gnss"),
     "gnss_jumps": Row("GNSS jumps", gnss.gnss_checks, "gnss"),
+    "gnss_height": Row("GNSS height", consistency.height_checks, "gnss"),
     "gnss_interference": Row("GNSS interference", gnss.gnss_checks, "gnss"),
     "innovations": Row("test ratios", innovations.innovation_checks, "estimator"),
     "motor_thrust": Row("thrust of each motor", drive.motor_checks, "motor", fault="serious"),

@@ -30,6 +30,7 @@ from attlog.health import (
     unusable_gyro,
 )
 from attlog.health.attitude import wrong_angle
+from attlog.health.consistency import with_sensor_events
 from attlog.health.figures import traces
 from attlog.health.findings import findings, problem_finding
 from attlog.metrics.metric import Case, per_case
@@ -254,6 +255,7 @@ def without_replay(
     described = describe(log, phases)  # before the findings, which include its errors
     others = [] if case is None else contradiction(case.reference)
     found = findings(log, checks, others, events=happened)
+    happened = with_sensor_events(happened, checks, phases)
     return Result(
         attlog=versions(),
         command=command,
@@ -347,6 +349,7 @@ def evaluate(
             result.checks = checks_of(case.log, case.segments, case, drawn=result.traces if traces else None)
         result.verdicts = guarded_part(case.log, "The verdicts", lambda: verdicts(result), list)
         result.findings = all_of(case, result, rows, own)
+        result.events = with_sensor_events(result.events, result.checks, case.segments)
         sound = nothing_wrong(result.findings)
         wrong = wrong_angle(result.checks)
         headline = partial(story.headline, case.log, case.segments, result.events, sound, wrong)

@@ -16,6 +16,7 @@ from attlog.segments.model import Segments
 from attlog.story.flight_events import (
     ANOMALY,
     COMPASS,
+    HARMLESS_WORDS,
     INTERFERENCE,
     JUMP,
     LANE,
@@ -308,7 +309,7 @@ def _gnss_jumps(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[
     """Return the autopilot's reports of GNSS jumps, from ERR records or texts, and of interference."""
     found = [_interference_event(log, segments, group) for group in _interference_groups(log)]
     quoted += matching_texts(log, INTERFERENCE)
-    said = [x for x in matching_texts(log, JUMP) if not INTERFERENCE.search(x[2])]
+    said = [x for x in matching_texts(log, JUMP) if not (INTERFERENCE.search(x[2]) or HARMLESS_WORDS.search(x[2]))]
     quoted += said
     reported = [p for p in log.problems if p.code == "gnss_glitch" and p.t is not None]
     if reported and reported[0].t is not None:

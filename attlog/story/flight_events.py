@@ -52,6 +52,7 @@ KINDS = (
     "arming_refused",
     "device_error",
     "parameter_changed",
+    "sensor_fault",
     "message",
 )
 # Kinds of crash events, with severity ``serious``.

@@ -210,6 +210,7 @@ TOLD_FIRST = (
     "gnss_interference",
     "device_error",
     "parameter_changed",
+    "sensor_fault",
 )
 # Margin after the first lift-off and before the last landing for an angle wrong throughout.
 THROUGHOUT_S = 10.0
@@ -291,6 +292,7 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
         "gnss_interference": f"“{first.quote}” {format_time(first.t)}",
         "device_error": first.quote,
         "parameter_changed": _changed_parameters(first),
+        "sensor_fault": first.text.rstrip("."),
         "gnss_jump": first.text.partition(",")[0].rstrip("."),
     }[first.kind]
     more = f" (vibration {format_significant(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
@@ -328,9 +330,12 @@ def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments, 
 
 
 def _changed_parameters(event: Event) -> str:
-    count = len(event.evidence)
-    first = event.evidence[0].replace(" from ", " changed from ", 1) if event.evidence else ""
-    return f"{first if count < 2 else f'{count} parameters changed'} at {event.t:.1f} s"
+    """Return one changed parameter with its values, two by name, or the number of more."""
+    names = [text.partition(" ")[0] for text in event.evidence]
+    if len(names) == 1:
+        return event.evidence[0].replace(" from ", " changed from ", 1)
+    what = " and ".join(names) if len(names) == 2 else f"{len(names)} parameters"
+    return f"{what} changed from {event.t:.1f} s on"
 
 
 def _realigned(found: Sequence[Event]) -> str:

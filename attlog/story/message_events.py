@@ -162,7 +162,7 @@ def _message_event(texts: Sequence[Text], in_use: list[Span]) -> Event:
 
 # Time after the start of log or flight from which a change is no late record of an older value, and time between
 # changes of one event.
-SETTLED_S, TOGETHER_S = 1.0, 5.0
+SETTLED_S, TOGETHER_S = 1.0, 60.0
 # Changes named in an event.
 MAX_CHANGES = 3
 # Parameters that firmware or ground station write by themselves: statistics, ground pressure, learned hover throttle,
@@ -174,7 +174,7 @@ OF_SIMULATOR = re.compile(r"^SIM_")
 
 
 def parameter_events(log: FlightLog, segments: Segments) -> list[Event]:
-    """Return changes of parameters in flight, those within 5 s as one event; a simulator's are notes."""
+    """Return changes of parameters in flight, those within a minute as one event; a simulator's are notes."""
     flown = [(a + SETTLED_S, b) for a, b in segments.spans("airborne") if b - a > SETTLED_S]
     changes: list[tuple[float, str, float, float]] = []
     for name, line in log.parameters.lines.items():
@@ -195,10 +195,10 @@ def parameter_events(log: FlightLog, segments: Segments) -> list[Event]:
 
 def _parameter_event(changes: Sequence[tuple[float, str, float, float]]) -> Event:
     """Return changed parameters as one event, with old and new values."""
-    said = [f"{name} from {before:g} to {after:g}" for _, name, before, after in changes]
+    said = [f"{name} from {before:g} to {after:g} at {t:.1f} s" for t, name, before, after in changes]
     more = f" and {len(said) - MAX_CHANGES} more" if len(said) > MAX_CHANGES else ""
     t, name = changes[0][0], changes[0][1]
-    text = f"Parameters changed in flight {format_time(t)}: {', '.join(said[:MAX_CHANGES])}{more}."
+    text = f"Changed in flight: {', '.join(said[:MAX_CHANGES])}{more}."
     weight: EventSeverity = "note" if OF_SIMULATOR.search(name) else "warning"
     t_end = changes[-1][0] if len(changes) > 1 else None
     return Event("parameter_changed", t, weight, text, t_end, float(len(said)), "parameters", said)

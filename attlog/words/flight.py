@@ -186,6 +186,7 @@ EVENT_LABELS = {
     "arming_refused": "arming refused",
     "device_error": "device error",
     "parameter_changed": "parameters",
+    "sensor_fault": "sensor fault",
     "message": "message",
 }
 # Event kinds in the collapsed list.

@@ -1,0 +1,247 @@
+"""Sensors that must agree over a flight: heights of GNSS and barometer, and gravity at rest before and after it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+
+from attlog.core import rotation
+from attlog.core.spans import Span, between, inside
+from attlog.flight.model import FIX_3D, Array, Gnss, Imu, Stream
+from attlog.health.check import Check, HealthCase, unknown
+from attlog.health.flown import flight_spans
+from attlog.health.gravity import degrees_between
+from attlog.segments.increments import gyro_increments
+from attlog.segments.model import Segment, Segments
+from attlog.story.flight_events import Event
+
+# --- height ------------------------------------------------------------------------------------------------------
+
+# Allowed change of GNSS height against the barometer: 10 m of the barometer (ground effect, weather; in wind and speed
+# the dynamic pressure v^2/2g), and three times the accuracy of GNSS, at least 2 m. On 60 real flights the change is
+# 1 to 10 m, but for those with a broken receiver or barometer.
+BARO_M, ACCURACIES, MIN_ACCURACY_M = 10.0, 3.0, 2.0
+STANDARD_GRAVITY_M_S2 = 9.80665
+MIN_FIXES = 20
+# Share of a difference from which one of two sensors explains it, and up to which the other one is sound: a height
+# against the integrated GNSS velocity, a rest against one on ground that did not move.
+ERRS_SHARE, SOUND_SHARE = 0.6, 0.4
+HEIGHT_LIMIT = "ok up to 10 m (or v²/2g) and three times the accuracy of GNSS"
+HEIGHT_SOURCE = "60 real flights"
+
+
+def height_checks(case: HealthCase) -> list[Check]:
+    """Check GNSS height against the barometer in each flight; the worst flight counts."""
+    receiver = next((g for g in case.log.gnss if (g.fix >= FIX_3D).any()), None)
+    flown = flight_spans(case.segments)
+    if receiver is None or not case.log.baro or not flown:
+        return []
+    found = [one for span in flown if (one := _height_check(case.log.baro[0], receiver, span)) is not None]
+    if not found:
+        why = f"No flight has {MIN_FIXES} fixes with a height."
+        return [unknown("gnss_height", why, HEIGHT_LIMIT, sensor=receiver.source)]
+    return [max(found, key=lambda check: (check.is_trouble, check.value or 0.0))]
+
+
+def _height_check(baro: Stream, receiver: Gnss, flight: Span) -> Check | None:
+    """Check the heights in one flight, None for too few fixes."""
+    part = between(receiver.t, *flight)
+    use = np.flatnonzero((receiver.fix[part] >= FIX_3D) & np.isfinite(receiver.alt[part])) + part.start
+    known = np.isfinite(baro.x[:, 0])
+    if len(use) < MIN_FIXES or np.count_nonzero(inside(baro.t[known], [flight])) < MIN_FIXES:
+        return None
+    t, v = receiver.t[use], receiver.vel_ned[use]
+    high = _without_spikes(receiver.alt[use])
+    flat = _without_spikes(np.interp(t, baro.t[known], baro.x[known, 0]))
+    apart = high - flat
+    change = float(np.ptp(apart))
+    accuracy = receiver.v_acc[use][np.isfinite(receiver.v_acc[use])]
+    speed = np.hypot(v[:, 0], v[:, 1])
+    fast = float(np.percentile(speed[np.isfinite(speed)], 95.0)) if np.isfinite(speed).any() else 0.0
+    allowed = max(BARO_M, fast**2 / (2.0 * STANDARD_GRAVITY_M_S2))
+    allowed += ACCURACIES * max(MIN_ACCURACY_M, float(np.median(accuracy)) if len(accuracy) else 0.0)
+    text = f"GNSS height and barometer stay within {change:.1f} m of each other in flight."
+    check = Check("gnss_height", "ok", text, round(change, 1), "m", HEIGHT_LIMIT, sensor=receiver.source)
+    check.n, check.seconds, check.source = len(use), round(float(t[-1] - t[0]), 1), HEIGHT_SOURCE
+    if change <= allowed:
+        return check
+    begin = float(np.median(apart[: max(MIN_FIXES // 4, 1)]))
+    away = np.abs(apart - begin)
+    beyond = np.flatnonzero(away > min(allowed, 0.5 * float(away.max())))
+    check.verdict, check.t, check.t_end = "warning", round(float(t[beyond[0]]), 1), round(float(t[beyond[-1]]), 1)
+    check.about, check.cause = _wrong_height(t, v[:, 2], high, flat, change)
+    what = {"GNSS height": "GNSS height errs", "barometer": "The barometer errs"}.get(check.about, "")
+    other = {"GNSS height": " against the barometer", "barometer": " against GNSS"}.get(check.about, "")
+    what = what or "Heights of GNSS and barometer part"
+    check.text = f"{what} by {change:.0f} m{other} in flight, from {check.t:.0f} s."
+    check.action = "Compare both heights with the ground before the next flight in a height mode."
+    return check
+
+
+def _without_spikes(x: Array) -> Array:
+    """Return the running median (n,) of five samples."""
+    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode="edge"), 5), axis=1))
+
+
+def _wrong_height(t: Array, down: Array, high: Array, flat: Array, change: float) -> tuple[str, str]:
+    """Return which height errs by the integrated GNSS velocity, which is measured apart (Doppler), and the cause."""
+    if not np.isfinite(down).all() or not np.any(down):
+        return "", ""
+    climbed = np.concatenate([[0.0], np.cumsum(-0.5 * (down[1:] + down[:-1]) * np.diff(t))])
+    gnss, baro = (float(np.ptp(x - climbed)) / change for x in (high, flat))
+    if gnss >= ERRS_SHARE and baro <= SOUND_SHARE:
+        return "GNSS height", "The GNSS position errs: its own vertical speed agrees with the barometer."
+    if baro >= ERRS_SHARE and gnss <= SOUND_SHARE:
+        return "barometer", "The barometer errs: height and vertical speed of GNSS agree."
+    return "", ""
+
+
+# --- gravity at rest ---------------------------------------------------------------------------------------------
+
+# Rest before and after a flight, and its part that is used, next to the flight.
+MIN_REST_S, MAX_REST_S = 2.0, 10.0
+# Longest time between both rests: longer, the gyro drifts by as much as an offset tilts.
+MAX_BETWEEN_S = 200.0
+STEP_S = 0.1
+# Allowed angle between gravity as the gyro turned it and as measured after the flight: 4 deg, half of what the change
+# of the gyro's bias makes, and 0.3 % of all turns. On 25 simulated flights with rests it is below 2.5 deg, with a bias
+# that moves by 0.2 deg/s 6.8 deg.
+ANGLE_DEG, BIAS_SHARE, TURN_SHARE = 4.0, 0.5, 0.003
+GRAVITY_LIMIT = "ok up to 4°, half the drift by the change of the gyro's bias, and 0.3 % of all turns"
+GRAVITY_SOURCE = "25 simulated flights and 9 real ones"
+
+
+def gravity_kept_checks(case: HealthCase) -> list[Check]:
+    """Check gravity at rest after each flight against that before it, turned by the gyro; the worst counts."""
+    found = []
+    for imu in case.log.imus:
+        mine = [one for pair in _rest_pairs(case.segments) if (one := _gravity_check(imu, *pair)) is not None]
+        if mine:
+            found.append(max(mine, key=lambda check: (check.is_trouble, check.value or 0.0)))
+    if not found and case.log.imus and case.segments.spans("airborne"):
+        why = f"No flight below {MAX_BETWEEN_S:.0f} s has {MIN_REST_S:.0f} s of rest before and after it in one log."
+        return [unknown("gravity_kept", why, GRAVITY_LIMIT)]
+    return found
+
+
+def _rest_pairs(segments: Segments) -> list[tuple[Segment, Segment]]:
+    """Return the rests before and after each flight, without crash between them."""
+    rests = [s for s in segments.of("rest") if s.t1 - s.t0 >= MIN_REST_S]
+    lost = [s.t0 for kind in ("impact", "loss_of_control") for s in segments.of(kind)]
+    pairs = []
+    for a, b in segments.spans("airborne"):
+        before, after = [s for s in rests if s.t1 <= a + 0.5], [s for s in rests if s.t0 >= b - 0.5]
+        if before and after and not any(before[-1].t1 <= t <= after[0].t0 for t in lost):
+            pairs.append((before[-1], after[0]))
+    return list(dict.fromkeys(pairs))
+
+
+def _gravity_check(imu: Imu, before: Segment, after: Segment) -> Check | None:
+    """Check one unit over one flight, None where its samples have a gap."""
+    first, last = (max(before.t0, before.t1 - MAX_REST_S), before.t1), (after.t0, min(after.t1, after.t0 + MAX_REST_S))
+    start, end = _mean_at_rest(imu, first), _mean_at_rest(imu, last)
+    if start is None or end is None or last[1] - first[0] > MAX_BETWEEN_S:
+        return None
+    (force0, bias0, t0), (force1, bias1, t1) = start, end
+    gyro = gyro_increments(imu)
+    edges = np.linspace(t0, t1, max(int((t1 - t0) / STEP_S), 2))
+    if not gyro.known(edges[:1], edges[-1:]).all():
+        return None
+    share = ((0.5 * (edges[1:] + edges[:-1]) - t0) / (t1 - t0))[:, None]
+    turns = gyro.between(edges[:-1], edges[1:]) - (bias0 + share * (bias1 - bias0)) * np.diff(edges)[:, None]
+    expected = np.asarray(rotation.rotate_inverse(_product(rotation.from_rotvec(turns)), force0))
+    angle, moved = _degrees(expected, force1), _degrees(force0, force1)
+    drift = math.degrees(float(np.linalg.norm(bias1 - bias0))) * (t1 - t0) / 2.0
+    turned = math.degrees(float(np.linalg.norm(turns, axis=1).sum()))
+    allowed = ANGLE_DEG + BIAS_SHARE * drift + TURN_SHARE * turned
+    text = f"Gravity at rest after the flight is within {angle:.1f}° of that before, turned by the gyro."
+    check = Check("gravity_kept", "ok", text, round(angle, 1), "°", GRAVITY_LIMIT, t=round(before.t1, 1))
+    check.t_end, check.sensor, check.source = round(after.t0, 1), imu.acc.source, GRAVITY_SOURCE
+    if angle <= allowed:
+        return check
+    check.verdict, by_gyro = "warning", _degrees(force0, expected)
+    check.text = f"Gravity at rest turned by {moved:.1f}° over the flight, where the gyro shows {by_gyro:.1f}°."
+    step = force1 - expected
+    axis = int(np.argmax(np.abs(step)))
+    check.evidence = [f"{imu.acc.source} changed by {step[axis]:+.2f} m/s^2 along {'xyz'[axis]} against the gyro."]
+    if moved > ERRS_SHARE * angle and by_gyro < SOUND_SHARE * angle:
+        check.about, check.cause = "accelerometer", "The accelerometer's offset moved in flight, or its mount gave way."
+        check.action = "Check that the autopilot is fixed, and calibrate the accelerometer in six positions."
+    elif by_gyro > ERRS_SHARE * angle and moved < SOUND_SHARE * angle:
+        check.about, check.kind = "gyro", "gyro_bias"
+        check.cause = "The gyro's bias in flight is not that at rest, or its scale is off."
+        check.action = "Calibrate the gyro, keep it still as it starts, and reduce vibration."
+    else:
+        check.cause = "The accelerometer's offset or the gyro's bias changed in flight."
+        check.action = "Check that the autopilot is fixed, and calibrate gyro and accelerometer."
+    return check
+
+
+def _mean_at_rest(imu: Imu, span: Span) -> tuple[Array, Array, float] | None:
+    """Return mean force, mean rate and mean time of a unit in a span, None for too few samples."""
+    part = between(imu.gyro.t, *span)
+    good = rotation.finite_rows(imu.acc.x[part]) & rotation.finite_rows(imu.gyro.x[part])
+    if np.count_nonzero(good) < MIN_FIXES:
+        return None
+    force, rate, t = imu.acc.x[part][good], imu.gyro.x[part][good], imu.gyro.t[part][good]
+    return force.mean(axis=0), rate.mean(axis=0), float(t.mean())
+
+
+def _product(q: Array) -> Array:
+    """Return the product (4,) of successive rotations (n, 4), by halves."""
+    while len(q) > 1:
+        pairs = np.asarray(rotation.multiply(q[0 : len(q) - 1 : 2], q[1::2]))
+        q = np.concatenate([pairs, q[-1:]]) if len(q) % 2 else pairs
+    return np.asarray(q[0])
+
+
+def _degrees(a: Array, b: Array) -> float:
+    return float(degrees_between(a[None], b[None])[0])
+
+
+# --- events ------------------------------------------------------------------------------------------------------
+
+
+def _step_words(check: Check) -> str:
+    return f"Gyro bias stepped by {abs(check.value or 0.0):.1f}°/s at {check.t:.0f} s."
+
+
+def _height_words(check: Check) -> str:
+    return check.text.replace(" in flight,", "")
+
+
+def _gravity_words(check: Check) -> str:
+    what = check.about or "accelerometer or gyro"
+    return f"{what.capitalize()} changed in flight: gravity at rest is {check.value:.1f}° off."
+
+
+def _jump_words(check: Check) -> str:
+    return check.text.replace(" in flight,", ",")
+
+
+# Words of the event of a sensor that failed in flight, by the question of its check.
+EVENT_WORDS: Mapping[str, Callable[[Check], str]] = {
+    "frozen_gyro": lambda check: f"Gyro froze at {check.t:.0f} s.",
+    "gyro_bias_step": _step_words,
+    "gnss_height": _height_words,
+    "gnss_jumps": _jump_words,
+    "gravity_kept": _gravity_words,
+}
+
+
+def with_sensor_events(events: Sequence[Event], checks: Iterable[Check], segments: Segments) -> list[Event]:
+    """Return events in time order, with those of sensors in use that failed in flight by their checks."""
+    flights = segments.spans("airborne")
+    found = list(events)
+    for check in checks:
+        if check.question not in EVENT_WORDS or not (check.is_trouble and check.in_use) or check.t is None:
+            continue
+        if check.question == "gnss_jumps" and any(e.kind == "gnss_jump" and e.severity == "warning" for e in events):
+            continue
+        if any(a <= (check.t_end or check.t) and check.t <= b for a, b in flights):
+            t = check.t_end if check.question == "gravity_kept" and check.t_end is not None else check.t
+            text = EVENT_WORDS[check.question](check)
+            found.append(Event("sensor_fault", t, "warning", text, None, check.value, check.unit, [check.text]))
+    return sorted(found, key=lambda event: event.t)
