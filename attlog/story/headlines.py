@@ -326,7 +326,7 @@ def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments, 
     said = f"{wrong.angle.capitalize()} was {wrong.size_deg:.0f}° wrong {when}"
     if broken:
         return [f"{broken} {said}.", broken]
-    return [*(f"{said}; {text}" for text in first if text), f"{said}."]
+    return [*(f"{said}. {text}" for text in first if text), f"{said}."]
 
 
 def _changed_parameters(event: Event) -> str:
