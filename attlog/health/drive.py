@@ -21,6 +21,7 @@ ACTIONS = {
     "motor_no_thrust": "Check this motor, its propeller, ESC and plugs before the next flight.",
     "motor_off": "Check the output's function and the ESC's protocol.",
     "motor_frozen": "Check the output's function and the ESC's protocol.",
+    "motors_off": "After a false landing keep the minimum thrust (MPC_THR_MIN) well below hover.",
     "no_thrust_left": "Fly lighter, or with stronger motors, propellers and battery.",
     "yaw_backwards": "Check propellers, spin and order of the motors against the frame type.",
 }

@@ -15,7 +15,9 @@ import numpy as np
 
 from attlog.core.spans import between
 from attlog.flight.model import FlightLog
+from attlog.story.drive_events import crash_cause
 from attlog.story.flight_events import CRASHES, Cause, Event, format_significant
+from attlog.story.motor_faults import CAUSE_S
 
 # Indices of cause and effect in a list of events, with the evidence.
 Link = tuple[int, int, str]
@@ -298,28 +300,15 @@ def _fall_seconds(log: FlightLog, t0: float, t1: float) -> float:
 
 # --- crashes ----------------------------------------------------------------------------------------------------
 
-# Faults of motors, thrust and control, and time from them to the loss of control.
-DRIVE_FAULTS = ("motor_no_thrust", "motor_off", "motor_frozen", "no_thrust_left", "yaw_backwards")
-LASTING_FAULTS = ("rate_tracking", "oscillation")
-LOST_S = 5.0
 # Time after a crash in which the estimator's reports are its effects.
 STRUCK_S = 2.0
 
 
 def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
-    """Join the earliest fault of the drive to the loss of control, or to the impact, that follows within 5 s."""
-    first = next(((n, e) for n, e in _of(events, *CRASHES) if e.severity == "serious"), None)
-    if first is None:
-        return
-    n, crash = first
-    for k, fault in _of(events, *DRIVE_FAULTS):
-        if -LOST_S <= fault.t - crash.t <= 0.0 or fault.t <= crash.t <= (fault.t_end or fault.t) + LOST_S:
-            yield k, n, f"{crash.t - fault.t:.1f} s before it"
-            return
-    for k, fault in _of(events, *LASTING_FAULTS):
-        if fault.t < crash.t <= (fault.t_end or fault.t) + LOST_S:
-            yield k, n, f"from {fault.t:.0f} s on until it"
-            return
+    """Join the fault of motors, thrust or control that explains the first crash to it, if it lasted until then."""
+    fault, crash = crash_cause(events), next(((n, e) for n, e in enumerate(events) if e.is_crash), None)
+    if fault is not None and crash is not None and crash[1].t - (fault.t_end or fault.t) <= CAUSE_S:
+        yield events.index(fault), crash[0], f"{crash[1].t - fault.t:.1f} s before it"
 
 
 def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:

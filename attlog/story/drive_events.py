@@ -10,7 +10,7 @@ from attlog.story.flight_events import Event, EventSeverity, Text
 from attlog.story.motor_faults import CAUSE_S, DriveFault, study_motors
 
 # Faults of a part, in contrast to those of settings.
-BROKEN = ("motor_no_thrust", "motor_off", "motor_frozen", "no_thrust_left", "yaw_backwards")
+BROKEN = ("motor_no_thrust", "motor_off", "motor_frozen", "motors_off", "no_thrust_left", "yaw_backwards")
 # Faults that explain a crash however long before it they began.
 LASTING = ("rate_tracking", "oscillation")
 

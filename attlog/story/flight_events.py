@@ -32,6 +32,7 @@ KINDS = (
     "motor_no_thrust",
     "motor_off",
     "motor_frozen",
+    "motors_off",
     "no_thrust_left",
     "yaw_backwards",
     "rate_tracking",

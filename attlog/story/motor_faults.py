@@ -23,6 +23,7 @@ from attlog.flight.vehicle import VehicleKind
 from attlog.segments.flight_signs import true_runs
 from attlog.segments.heights import height_stream
 from attlog.segments.model import Segments
+from attlog.story.flight_events import KILLED, LANDED, matching_texts
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -339,6 +340,55 @@ def _output_fault(outputs: MotorOutputs, word: str, i: int, t0: float, t1: float
     return DriveFault(kind, "motor output", t0, t1, text, value, unit, i + 1, where, OUTPUT_CAUSE, evidence)
 
 
+# --- all outputs off ---------------------------------------------------------------------------------------------
+
+# Output up to which PX4's motors stand still; ArduPilot's floor turns them, so that they stand below OFF.
+PX4_STOPPED = 0.005
+# Largest mean specific force of a fall in m/s^2: drag carries up to half the weight.
+FALL_M_S2 = 5.0
+# Time from a detected landing, or from a kill switch or disarming, to the stop of the motors.
+STOPPED_S = 1.0
+ALL_OFF_CAUSE = "The land detector took low thrust for the ground: the vehicle is overpowered."
+
+
+def all_off(log: FlightLog, outputs: MotorOutputs, spans: Sequence[Span], loss: float) -> list[DriveFault]:
+    """Return the stop of all motors of an armed vehicle that fell and was lost within 5 s.
+
+    A stop by the pilot's kill switch or by disarming is none.
+    """
+    limit = PX4_STOPPED if log.firmware.name == "PX4" else OFF
+    still = ~(outputs.x > limit).any(axis=1) & inside(outputs.t, [(a, min(b, loss)) for a, b in spans if a < loss])
+    armed, killed = log.state.armed, [t for t, _, _ in matching_texts(log, KILLED)]
+    for a, b in runs_in_a_row(still, outputs.in_a_row()):
+        t0, t1 = float(outputs.t[a]), float(outputs.t[b - 1])
+        if t1 - t0 < OFF_S or loss - t0 > CAUSE_S or any(abs(t - t0) <= STOPPED_S for t in killed):
+            continue
+        if (armed is not None and not armed.at(t0 + OFF_S)) or not _fell(log, t0, t1):
+            continue
+        landed = _detected_landing(log, t0)
+        why = "" if landed is None else f": the autopilot had detected a landing at {landed:.1f} s"
+        text = f"All motors were off from {t0:.1f} s in the air{why}."
+        evidence = [f"{outputs.source}: no output above {100.0 * limit:.0f} %; the accelerometer shows a fall"]
+        cause = "" if landed is None else ALL_OFF_CAUSE
+        return [DriveFault("motors_off", "motor outputs", t0, t1, text, cause=cause, evidence=evidence)]
+    return []
+
+
+def _fell(log: FlightLog, t0: float, t1: float) -> bool:
+    """Return whether the IMU with most samples shows a fall between two times."""
+    parts = [imu.acc.x[between(imu.acc.t_best, t0 + 0.5 * OFF_S, t1)] for imu in log.imus]
+    force = max(parts, key=len, default=np.zeros((0, 3)))
+    return len(force) > 1 and float(np.median(np.linalg.norm(force, axis=1))) < FALL_M_S2
+
+
+def _detected_landing(log: FlightLog, t: float) -> float | None:
+    """Return the time of the landing that the autopilot detected just before ``t`` s, None without one."""
+    line = log.state.landed
+    found = [] if line is None else [float(at) for at, on in zip(line.t, line.value, strict=True) if on]
+    found += [at for at, _, _ in matching_texts(log, LANDED)]
+    return max((at for at in found if -OFF_S <= t - at <= STOPPED_S), default=None)
+
+
 # --- no thrust left ----------------------------------------------------------------------------------------------
 
 # Demand at its limit, or a motor this near its ceiling with this mean of all.
@@ -462,7 +512,9 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
     if not outputs.scaled:
         study.missing.update({q: unscaled for q in QUESTIONS if q != "thrust_reserve"})
     else:
-        study.faults["motor_outputs"] = outputs_off(outputs, spans, first_loss(segments))
+        loss = first_loss(segments)
+        off = [*all_off(log, outputs, spans, loss), *outputs_off(outputs, spans, loss)]
+        study.faults["motor_outputs"] = sorted(off, key=lambda fault: fault.t)
         geometry = outputs.geometry
         for question in ("motor_thrust", "yaw_response"):
             if geometry is None:

@@ -9,7 +9,7 @@ import pytest
 
 from attlog import story
 from attlog.flight.drive import Geometry, MotorOutputs, MotorReport
-from attlog.flight.model import FlightLog, Stream
+from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.health.check import HealthCase
 from attlog.health.drive import motor_checks
 from attlog.segments.model import Segments
@@ -105,6 +105,43 @@ def test_all_outputs_off_at_once_is_disarming() -> None:
     log, spans = Fall(lost=0.0).flown()
     assert log.power.outputs is not None
     log.power.outputs.x[log.power.outputs.t > 9.0] = -0.19
+    assert faults((log, spans)) == []
+
+
+def stopped(force: float = 0.0, at: float = 9.0, level: float = -0.19) -> tuple[FlightLog, Segments]:
+    """All motors stop at ``at`` s; it is weightless (or feels ``force``) and overturns at 10.5 s."""
+    log, _ = Fall(lost=0.0).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    off = (outputs.t > at) & (outputs.t < 10.5)
+    outputs.x[off] = level
+    acc = log.imus[0].acc
+    acc.x[:, 2] = np.where((acc.t > at) & (acc.t < 10.5), -force, -9.8)
+    log.state.armed = TimeLine(np.array([0.0]), [True], "made")
+    return log, segments(10.5, crashed=True)
+
+
+def test_all_motors_off_while_armed_and_falling_are_named_with_the_landing_that_was_detected() -> None:
+    log, spans = stopped()
+    (found,) = faults((log, spans))
+    assert (found.kind, found.motor, found.text) == ("motors_off", None, "All motors were off from 9.1 s in the air.")
+    log.state.landed = TimeLine(np.array([0.0, 8.7]), [False, True], "made")
+    (found,) = faults((log, spans))
+    assert found.text.endswith("the autopilot had detected a landing at 8.7 s.")
+    crash = next(e for e in story.events(log, spans) if e.kind == "overturn")
+    assert crash.cause is not None
+    assert crash.cause.kind == "motors_off"
+
+
+def test_motors_at_rest_are_no_fault_without_a_fall_or_by_the_pilot() -> None:
+    assert faults(stopped(force=9.8)) == []
+    assert faults(stopped(at=4.0)) == []  # it was lost 6.5 s later
+    assert faults(stopped(level=0.0)) == []  # ArduPilot's floor turns the motors
+    log, spans = stopped()
+    log.texts = [(8.9, 4, "Kill-switch engaged")]
+    assert faults((log, spans)) == []
+    log, spans = stopped()
+    log.state.armed = TimeLine(np.array([0.0, 9.0]), [True, False], "made")
     assert faults((log, spans)) == []
 
 
