@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from attlog.health.check import Check, HealthCase, unknown
+from attlog.story.control_faults import QUESTIONS as CONTROL
+from attlog.story.control_faults import study_control
 from attlog.story.motor_faults import QUESTIONS, DriveFault, DriveStudy, study_motors
 
 LIMITS = {
@@ -10,12 +12,15 @@ LIMITS = {
     "motor_outputs": "fault: off for 0.3 s or unmoved for 0.8 s in flight while others drive",
     "thrust_reserve": "fault: sinks 2 m and more at full throttle",
     "yaw_response": "fault: turns against the yaw torque by 15 deg/s for 3 s",
+    "rate_tracking": "fault: correlation below 0.65, slope outside 0.4 to 1.6, or 0.2 s late",
+    "oscillation": "fault: one frequency from 4.5 to 20 Hz above 8 deg/s for 10 s",
 }
 SOUND = {
     "motor_thrust": "No motor failed to answer at its ceiling.",
     "motor_outputs": "No motor output was off or frozen in flight.",
     "thrust_reserve": "It never sank at full throttle.",
     "yaw_response": "Yaw followed the motors.",
+    "oscillation": "No axis oscillated between 4.5 and 20 Hz.",
 }
 ACTIONS = {
     "motor_no_thrust": "Check this motor, its propeller, ESC and plugs before the next flight.",
@@ -23,6 +28,8 @@ ACTIONS = {
     "motor_frozen": "Check the output's function and the ESC's protocol.",
     "motors_off": "After a false landing keep the minimum thrust (MPC_THR_MIN) well below hover.",
     "no_thrust_left": "Fly lighter, or with stronger motors, propellers and battery.",
+    "rate_tracking": "Tune the rate controller; check propellers, control surfaces and filters.",
+    "oscillation": "Lower the rate gains of this axis; check for play and filters that are too slow.",
     "yaw_backwards": "Check propellers, spin and order of the motors against the frame type.",
 }
 WEAK_MOTOR_ACTION = "Check this motor and its propeller, and the balance of the load."
@@ -35,6 +42,12 @@ def motor_checks(case: HealthCase) -> list[Check]:
     return [check for question in QUESTIONS for check in fault_checks(study, question)]
 
 
+def control_checks(case: HealthCase) -> list[Check]:
+    """Check how rates follow their set-point and whether an axis oscillates; nothing without a flight."""
+    study = study_control(case.log, case.segments)
+    return [check for question in CONTROL for check in fault_checks(study, question)]
+
+
 def fault_checks(study: DriveStudy, question: str) -> list[Check]:
     """Return the faults of a question as checks, or one that it is sound or unknown."""
     if question in study.missing:
@@ -43,7 +56,8 @@ def fault_checks(study: DriveStudy, question: str) -> list[Check]:
         return []
     faults = study.faults[question]
     if not faults:
-        return [Check(question, "ok", SOUND[question], threshold=LIMITS[question], source=SOURCE)]
+        sound = study.numbers.get(question) or SOUND[question]
+        return [Check(question, "ok", sound, threshold=LIMITS[question], source=SOURCE)]
     return [fault_check(question, faults)]
 
 
@@ -54,5 +68,5 @@ def fault_check(question: str, faults: list[DriveFault]) -> Check:
     weak = first.kind == "no_thrust_left" and first.motor is not None
     check.t_end, check.cause, check.source = first.t_end, first.cause, SOURCE
     check.action = WEAK_MOTOR_ACTION if weak else ACTIONS[first.kind]
-    check.evidence = [*first.evidence, *(f"Then: {fault.text}" for fault in others[:3])]
+    check.evidence = [*first.evidence, *(f"Also: {fault.text}" for fault in others[:3])]
     return check

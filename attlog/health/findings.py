@@ -28,7 +28,7 @@ WEIGHTS: Mapping[Severity, Weight] = {"error": "serious", "warning": "warning", 
 SEPARATE_KINDS = (BUG, "estimator_failed", "estimator_timed_out")
 # Order of kinds among findings of equal severity.
 KINDS = (
-    *("motor", "motor_output", "thrust", "propellers"),
+    *("motor", "motor_output", "thrust", "propellers", "control"),
     *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "vibration", "attitude", "mounting", "trim", "reset"),
     *("coverage", "estimator", "accelerometer", "accelerometer_axes", "accelerometer_delay", "frozen_sensors"),
     *("device", "parameters", "arming", "gyro_range", "gnss", "imu_delay", "gyro_scale", "main_loop", "gaps"),

@@ -137,6 +137,8 @@ CHECKS: Mapping[str, Row] = {
     "motor_outputs": Row("motor outputs", drive.motor_checks, "motor_output", fault="serious"),
     "thrust_reserve": Row("thrust left", drive.motor_checks, "thrust", fault="serious"),
     "yaw_response": Row("answer to yaw", drive.motor_checks, "propellers", fault="serious"),
+    "rate_tracking": Row("rates against set-points", drive.control_checks, "control"),
+    "oscillation": Row("oscillation", drive.control_checks, "control"),
     "crash": Row("crash", attitude.crash_checks, "crash", fault="serious"),
     "imu_instances": Row("IMUs against each other", imu_checks.imu_differences, "accelerometer"),
     "accelerometer_temperature": Row(

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from attlog.flight.model import FlightLog
 from attlog.segments.model import Segments
+from attlog.story.control_faults import study_control
 from attlog.story.flight_events import Event, EventSeverity, Text
 from attlog.story.motor_faults import CAUSE_S, DriveFault, study_motors
 
@@ -17,7 +18,7 @@ LASTING = ("rate_tracking", "oscillation")
 
 def drive_events(log: FlightLog, segments: Segments) -> tuple[list[Event], list[Text]]:
     """Return an event for each fault of motors, thrust and control, and the texts that they quote."""
-    faults = study_motors(log, segments).all_faults
+    faults = [*study_motors(log, segments).all_faults, *study_control(log, segments).all_faults]
     quoted = {report.t: report.text for report in (log.power.outputs.reports if log.power.outputs is not None else ())}
     near = [t for t in quoted if any(fault.t - CAUSE_S <= t <= fault.t_end + CAUSE_S for fault in faults)]
     texts = [text for text in log.texts if text[0] in near and text[2] == quoted[text[0]]]

@@ -391,11 +391,13 @@ def _detected_landing(log: FlightLog, t: float) -> float | None:
 
 # --- no thrust left ----------------------------------------------------------------------------------------------
 
-# Demand at its limit, or a motor this near its ceiling with this mean of all.
-FULL_DEMAND, NEAR_CEILING, MIN_MEAN = 0.95, 0.02, 0.75
+# Demand at its limit (0.95 in 32 bits lies below), or a motor this near its ceiling with this mean of all.
+FULL_DEMAND, NEAR_CEILING, MIN_MEAN = 0.949, 0.02, 0.75
+# A run goes on this far below those limits, where this share of the 2 s around reaches them: a limit is no sharp line.
+NOISE, MIN_FULL_SHARE, SHARE_S = 0.03, 0.4, 2.0
 MAX_FULL_TILT_DEG, MIN_FULL_S, MIN_DROP_M = 40.0, 1.5, 2.0
-# A fall that is being arrested gains climb rate.
-MAX_GAINED_M_S = 0.3
+# A fall that is being arrested gains climb rate; a last part up to this share of the run may, as in ground contact.
+MAX_GAINED_M_S, MAX_ARRESTED_SHARE = 0.3, 0.2
 # A motor at its ceiling for this share of the run is named, with others lower by this as the weak one.
 MIN_LIMIT_SHARE, MIN_ONE_SIDED = 0.6, 0.15
 WEAK_CAUSE = "A weak motor or propeller there, or a load off centre."
@@ -409,24 +411,43 @@ def thrust_runs_out(
     t = outputs.t if outputs is not None else demand.t if demand is not None else np.zeros(0)
     if not len(t) or not len(motion.heights[0]):
         return []
-    full = np.zeros(len(t), bool)
-    if demand is not None and len(demand.t) > 1:
-        full |= np.interp(t, demand.t, np.nan_to_num(demand.x[:, 0])) >= FULL_DEMAND
-    if outputs is not None:
-        x, ceiling = np.nan_to_num(outputs.x), outputs.ceiling
-        full |= (x.max(axis=1) >= ceiling - NEAR_CEILING) & (x.mean(axis=1) >= MIN_MEAN * ceiling)
-    full &= inside(t, spans) & ~(motion.tilt_at(t) >= MAX_FULL_TILT_DEG)
+    near, full = (_at_limit(t, outputs, demand, noise) for noise in (NOISE, 0.0))
+    total = np.concatenate([[0.0], np.cumsum(full)])
+    low, high = (np.searchsorted(t, t + side * 0.5 * SHARE_S) for side in (-1.0, 1.0))
+    near &= total[high] - total[low] >= MIN_FULL_SHARE * (high - low)
+    near &= inside(t, spans) & ~(motion.tilt_at(t) >= MAX_FULL_TILT_DEG)
     row = outputs.in_a_row() if outputs is not None else np.zeros(len(t), np.int64)
     found = []
-    for a, b in runs_in_a_row(full, row):
-        t0, t1 = float(t[a]), float(t[b - 1])
-        drop = motion.height_at(t0) - motion.height_at(t1)
-        if t1 - t0 < MIN_FULL_S or not drop >= MIN_DROP_M:
-            continue
-        if motion.climb_at(t1) - motion.climb_at(t0) > MAX_GAINED_M_S:
-            continue
-        found.append(_thrust_fault(outputs, a, b, t0, t1, drop))
+    for a, b in runs_in_a_row(near, row):
+        sinks = _sinking_part(t[a:b], motion)
+        drop = np.nan if sinks is None else motion.height_at(sinks[0]) - motion.height_at(sinks[1])
+        if sinks is not None and sinks[1] - sinks[0] >= MIN_FULL_S and drop >= MIN_DROP_M:
+            found.append(
+                _thrust_fault(outputs, *np.searchsorted(t, [sinks[0], sinks[1] + 1e-6]).tolist(), *sinks, drop)
+            )
     return found
+
+
+def _sinking_part(t: Array, motion: Motion) -> Span | None:
+    """Return the part of a run (n,) s up to its last record without a gain of climb; None for an early gain."""
+    climb = np.array([motion.climb_at(float(x)) for x in t])
+    kept = np.flatnonzero(climb <= climb[0] + MAX_GAINED_M_S)
+    if not len(kept):
+        return None
+    last = float(t[kept[-1]])
+    return (float(t[0]), last) if t[-1] - last <= MAX_ARRESTED_SHARE * (t[-1] - t[0]) else None
+
+
+def _at_limit(t: Array, outputs: MotorOutputs | None, demand: Stream | None, noise: float) -> Mask:
+    """Mark the times (n,) s at which demand or motors lie within ``noise`` of their limit."""
+    full = np.zeros(len(t), bool)
+    if demand is not None and len(demand.t) > 1:
+        full |= np.interp(t, demand.t, np.nan_to_num(demand.x[:, 0])) >= FULL_DEMAND - noise
+    if outputs is not None:
+        x, ceiling = np.nan_to_num(outputs.x), outputs.ceiling
+        high = x.max(axis=1) >= ceiling - NEAR_CEILING - noise
+        full |= high & (x.mean(axis=1) >= (MIN_MEAN - noise) * ceiling)
+    return full
 
 
 def _thrust_fault(outputs: MotorOutputs | None, a: int, b: int, t0: float, t1: float, drop: float) -> DriveFault:
@@ -508,7 +529,6 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
     slow = 1.0 / outputs.period < MIN_OUTPUT_HZ
     hz = f"Motor outputs are logged at {1.0 / outputs.period:.1f} Hz; 5 Hz are needed."
     unscaled = "The log holds no limits of the outputs (MOT_PWM_MIN and MAX, or RC3_MIN and MAX)."
-    study.numbers["motor_outputs"] = "All motor outputs moved in flight."
     if not outputs.scaled:
         study.missing.update({q: unscaled for q in QUESTIONS if q != "thrust_reserve"})
     else:
