@@ -45,6 +45,7 @@ from attlog.segments.sparse_flights import (
     liftoff_by_tilt,
     rotor_sign,
     stood_times,
+    tilts_as_in_air,
 )
 
 Array = NDArray[np.float64]
@@ -367,8 +368,10 @@ def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
     if seconds([level.sure for level in levels]) >= MIN_HEIGHT_S:
         return True
     hints = seconds([level.hint for level in levels])
-    if grid.slow:
-        return hints >= MIN_SLOW_HEIGHT_S
+    if grid.slow:  # propellers raise a barometer on the ground
+        own = np.zeros(len(grid.t), bool)
+        own[a:b] = True
+        return hints >= MIN_SLOW_HEIGHT_S and tilts_as_in_air(grid, own) is not False
     hinted = hints >= MIN_HEIGHT_S
     dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
     by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without attitude, ground contact cannot be excluded

@@ -285,11 +285,13 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
         wrecks.append(Wreck(crash[0].t, blow, t1, "; ".join(e.why for e in crash)))
         crash.clear()
 
+    air = context.air
+    driven = air.driven & (air.power_source != "arming")  # armed is not driven: there only stillness shows a stand
     times: list[tuple[float, CrashEvent | None]] = [(a, None) for a, _ in context.air.spans]
     times += [(e.t, e) for e in found]
     for t, ending in sorted(times, key=lambda x: (x[0], x[1] is not None)):
         if crash:
-            stood = _stood_since(context.air.grid, context.air.driven, crash[0].t, t)
+            stood = _stood_since(air.grid, driven, crash[0].t, t)
             if stood is not None:
                 close(stood)
         if ending is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -192,3 +194,50 @@ def test_the_estimators_height_shows_a_flight_where_neither_imu_nor_attitude_is_
     zero = 0.0 * t  # a receiver that stands still outweighs the estimator
     log.gnss = [Gnss(0, t, "GPS", zero, zero, zero, np.zeros((len(t), 3)), zero, zero, zero, np.full(len(t), 3))]
     assert segments.build(log).spans("airborne") == []
+
+
+def thinned(log: attlog.FlightLog, hz: float, lost: list[spans.Span]) -> attlog.FlightLog:
+    """The log as its telemetry: one IMU, attitude, barometer and throttle at a few hertz, with pauses of the link."""
+
+    def kept(t: np.ndarray) -> np.ndarray:
+        k = np.unique(np.searchsorted(t, np.arange(t[0], t[-1], 1.0 / hz)))
+        return k[~spans.inside(t[k], lost)]
+
+    def stream(one: Stream) -> Stream:
+        k = kept(one.t)
+        return replace(one, t=one.t[k], x=one.x[k], t_sample=None)
+
+    unit, attitude = log.imus[0], log.onboard_attitude
+    assert attitude is not None
+    log.imus, log.imu = [replace(unit, gyro=stream(unit.gyro), acc=stream(unit.acc))], 0
+    k = kept(attitude.t)
+    log.attitudes = {attitude.source: Attitude(attitude.t[k], attitude.q[k], attitude.source)}
+    log.onboard, log.rangefinder, log.gnss = attitude.source, None, []
+    log.baro = [stream(one) for one in log.baro[:1]]
+    log.power.throttle = None if log.power.throttle is None else stream(log.power.throttle)
+    log.power.motors = log.power.rpm = log.estimator.height = log.estimator.speed = None
+    return log
+
+
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "px4_hover.ulg", "copter_aggressive.bin", "copter_loop400.bin"])
+@pytest.mark.parametrize("hz", [4.0, 1.5])
+def test_slow_telemetry_over_a_bad_link_is_the_one_flight_that_was_simulated(corpus, name, hz):
+    """Three in ten seconds are lost, in pauses of 6 s."""
+    path = sitl(corpus, name)
+    log = attlog.read(path)
+    a, b = true_flight(path, log)
+    lost = [(t, t + 6.0) for t in np.arange(b % 20.0 + 8.0, log.seconds, 20.0)]
+    (found,) = segments.build(thinned(log, hz, lost)).spans("airborne")
+    assert found == (pytest.approx(a, abs=6.5), pytest.approx(b, abs=3.0))
+
+
+def test_a_barometer_that_propellers_raise_is_no_flight_in_slow_telemetry() -> None:
+    """1.5 m for half a minute with the throttle up: level within 0.1 deg as on the ground, or swaying."""
+    for lean_deg, flights in ((0.1, 0), (2.0, 1)):
+        log = telemetry((90.0, 91.0))
+        t = log.attitudes["ATTITUDE"].t
+        roll = np.radians(lean_deg) * np.sin(2.0 * np.pi * t / 5.0)
+        log.attitudes["ATTITUDE"].q = rotation.from_euler(roll, 0.0 * t, 0.0 * t)
+        log.baro[0].x = 300.0 + 1.5 * (log.baro[0].x - 300.0) / 8.0
+        log.estimator.height = None
+        assert len(segments.build(log).spans("airborne")) == flights
