@@ -24,6 +24,7 @@ from attlog.segments.impacts import (
     HARDER_RATIO,
     MAX_REST_FORCE_ERROR_M_S2,
     MAX_TILT_DIFFERENCE_DEG,
+    MAX_UPRIGHT_DEG,
     MIN_IMPACT_G,
     MIN_LYING_DRIVEN_DEG,
     REST_BEGINS_S,
@@ -41,8 +42,8 @@ from attlog.segments.impacts import (
 
 # Overturn: minimum tilt and duration, or a larger tilt for a shorter duration.
 MIN_OVERTURN_DEG, MIN_OVERTURN_S, MIN_INVERTED_DEG, MIN_INVERTED_S = 90.0, 0.2, 120.0, 0.05
-# Tilt that counts as upright, and how long before an overturn; events closer than that are one.
-MAX_UPRIGHT_DEG, UPRIGHT_BEFORE_S = 60.0, 5.0
+# Time before an overturn in which it was upright; events closer than that are one.
+UPRIGHT_BEFORE_S = 5.0
 # Gyro rate that confirms an overturn, and how long before it.
 MIN_TURN_DPS, TURN_BEFORE_S = 100.0, 3.0
 # Tumble: minimum rate and duration.
@@ -311,10 +312,15 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
 
 
 def _same_crash(crash: list[CrashEvent], ending: CrashEvent) -> bool:
-    """Return whether an event extends a crash: another kind, a harder impact, or an overturn after a fall."""
-    last, blows = crash[-1], [e.size for e in crash if e.kind == "impact"]
+    """Return whether an event extends a crash.
+
+    Another kind, a harder impact, one with the ground after one in the air, or an overturn after a fall.
+    """
+    last, blows = crash[-1], [e.size for e in crash if e.kind == "impact" and not e.in_air]
     if ending.kind == "impact" and blows:
         return ending.size > HARDER_RATIO * max(blows)
+    if ending.kind == last.kind == "impact":
+        return True  # after a blow in the air
     return ending.kind != last.kind or (last.unit == "deg" and last.size < MIN_OVERTURN_DEG < ending.size)
 
 

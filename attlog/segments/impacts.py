@@ -14,6 +14,7 @@ from attlog.flight.model import FlightLog, Imu
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.airborne import InAir
 from attlog.segments.flight_signs import G
+from attlog.segments.heights import height_stream
 
 Array = NDArray[np.float64]
 CrashKind = Literal["impact", "overturn", "tumble", "hard_landing"]
@@ -27,12 +28,17 @@ MAX_REST_RATE_DPS, MAX_REST_FORCE_ERROR_M_S2, MAX_TILT_DIFFERENCE_DEG = 60.0, 2.
 STILL_S, STILL_STEP_S = 0.4, 0.1
 
 
+# Fall after a blow that was not with the ground: propellers shift a barometer by up to 4 m.
+MIN_FALL_M = 5.0
+
+
 @dataclass(frozen=True, slots=True)
 class CrashEvent:
     """Crash or hard landing at ``t`` s.
 
     ``size`` in ``unit``: g of a peak, deg of the largest tilt, deg/s of a tumble. ``lies_deg``: tilt at rest
     afterwards, None without rest. ``rate``: IMU rate in Hz. ``why``: a sentence with numbers. ``sources``: evidence.
+    ``fell_m``: how far it fell in the seconds after a blow, 0 where no height shows it.
     """
 
     kind: CrashKind
@@ -44,6 +50,12 @@ class CrashEvent:
     lies_deg: float | None = None
     rate: float = 0.0
     sources: tuple[str, ...] = ()
+    fell_m: float = 0.0
+
+    @property
+    def in_air(self) -> bool:
+        """True if a blow was above the ground: it fell far afterwards."""
+        return self.fell_m > MIN_FALL_M
 
     @property
     def is_crash(self) -> bool:
@@ -202,6 +214,8 @@ MIN_LEAN_DEG = 20.0  # before a violent peak
 MIN_KILLED_TILT_DEG, DISARMED_S = 40.0, 3.0  # around a violent peak, and the time until it was disarmed for good
 # Largest tilt in the next seconds of a vehicle that landed hard.
 MAX_LANDED_DEG = 45.0
+# Tilt that counts as upright.
+MAX_UPRIGHT_DEG = 60.0
 # Largest height by the barometer at a touch-down from which a vehicle bounces.
 MAX_BOUNCE_M = 1.0
 # Samples of one contact, distance of contacts in a group, and how much harder a later one is.
@@ -290,7 +304,8 @@ def find_impacts(context: CrashContext) -> list[CrashEvent]:
         size, source = f"a blow of {blow.g:.1f} g", (blow.source,)
         if why:
             text = f"{size}, {why}"
-            found.append(CrashEvent("impact", blow.t, blow.t, blow.g, "g", text, lying, blow.rate, source))
+            fell_m = _fell_m(context, blow.t)
+            found.append(CrashEvent("impact", blow.t, blow.t, blow.g, "g", text, lying, blow.rate, source, fell_m))
             continue
         upright = not context.tilt.largest(blow.t, blow.t + FALL_S) > MAX_LANDED_DEG
         if blow.g > least_g and upright and _at_flight_end(context, blow.t):
@@ -307,7 +322,7 @@ def find_impacts(context: CrashContext) -> list[CrashEvent]:
 def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
     """Return the evidence that a peak above 4 g is an impact; empty without evidence."""
     t = blow.t
-    if context.flies_at(t + FLIES_ON_S):
+    if context.flies_at(t + FLIES_ON_S) and not _lies_over(context, t):
         return ""
     lying = rest_tilt(context, t)
     driven = context.driven_at(t + REST_BEGINS_S, t + REST_ENDS_S)
@@ -330,6 +345,21 @@ def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
     if blow.most > MIN_VIOLENT_G and leaned > MIN_LEAN_DEG:
         return f"after {leaned:.0f} deg of tilt"
     return ""
+
+
+def _lies_over(context: CrashContext, t: float) -> bool:
+    """Return whether a vehicle without wings stays far tilted after a blow, with whatever drive."""
+    later = context.tilt.deg[spans.between(context.tilt.t, t + 0.5 * FLIES_ON_S, t + FLIES_ON_S)]
+    return not context.log.kind.winged and len(later) > 0 and float(np.median(later)) > MAX_UPRIGHT_DEG
+
+
+def _fell_m(context: CrashContext, t: float) -> float:
+    """Return how far the vehicle fell within 6 s after a blow, 0 without a height."""
+    stream = height_stream(context.log)
+    if stream is None:
+        return 0.0
+    later = stream.x[spans.between(stream.t, t, t + FLIES_ON_S), 0]
+    return float(max(np.interp(t, stream.t, stream.x[:, 0]) - np.min(later), 0.0)) if len(later) else 0.0
 
 
 def _at_flight_end(context: CrashContext, t: float) -> bool:

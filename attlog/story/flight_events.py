@@ -205,11 +205,8 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
             found.append(_flown_event(log, "liftoff", a, "Lifted off", matching_texts(log, TAKE_OFF), quoted))
         ended = [e for e in segments.crash_events if abs(e.t - b) <= TEXT_MARGIN_S]
         if not ended and end - b < END_S and _is_still_flying(log, segments, end):
-            found.append(
-                Event(
-                    "ends_in_air", b, "note", f"The log ends in the air, at {b:.1f} s.", evidence=_flight_sources(log)
-                )
-            )
+            text = f"{_what_ends(log, end)} in the air, at {b:.1f} s."
+            found.append(Event("ends_in_air", b, "note", text, evidence=_flight_sources(log)))
         elif not ended:
             found.append(_flown_event(log, "landing", b, "Landed", matching_texts(log, LANDED), quoted))
     said = matching_texts(log, CRASHED)
@@ -225,6 +222,13 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
         found.append(_crash_event(ending, evidence))
     found += _wreck_moved(segments, crashes, end)
     return found, quoted
+
+
+def _what_ends(log: FlightLog, end: float) -> str:
+    """Return the log, or the sensors alone where its states go on."""
+    lines = (log.state.armed, log.state.landed, log.state.mode)
+    later = any(line is not None and len(line.t) and line.t[-1] > end + LANDING_KNOWN_S for line in lines)
+    return "The sensor records end" if later else "The log ends"
 
 
 def _is_still_flying(log: FlightLog, segments: Segments, end: float) -> bool:
@@ -266,7 +270,7 @@ def _arming(log: FlightLog) -> list[Event]:
         armed = bool(value)
         if (before is not None and armed != before) or (before is None and armed):
             kind, word = ("armed", "Armed") if armed else ("disarmed", "Disarmed")
-            since = " before the log begins" if before is None and t <= 0.0 else f" at {t:.1f} s"
+            since = " before the log begins" if before is None else f" at {t:.1f} s"
             found.append(Event(kind, t, "info", f"{word}{since}.", evidence=[line.source]))
         before = armed
     return found
@@ -305,7 +309,8 @@ def overturn_word(ending: CrashEvent) -> str:
 def _crash_event(ending: CrashEvent, evidence: list[str]) -> Event:
     lies = "" if ending.lies_deg is None else f" It then lay at {ending.lies_deg:.0f}°."
     words = {
-        "impact": f"Hit the ground or an obstacle at {ending.t:.1f} s: {format_size(ending)}.",
+        "impact": f"{'Took a blow in the air' if ending.in_air else 'Hit the ground or an obstacle'} "
+        f"at {ending.t:.1f} s: {format_size(ending)}.",
         "hard_landing": f"Hard landing at {ending.t:.1f} s: {format_size(ending)}, and it stayed upright.",
         "overturn": f"{overturn_word(ending)} at {ending.t:.1f} s, to {format_size(ending)}.",
         "tumble": f"Tumbled at {ending.t:.1f} s, at up to {format_size(ending)}, which nobody asked for.",

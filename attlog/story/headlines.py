@@ -349,7 +349,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
     """Return phrases on how the flight ended, longest first."""
     crashes = _crashes(segments.crash_events)
     if crashes:
-        blow = next((e.t for e in crashes[0] if e.kind == "impact"), crashes[0][0].t)
+        blow = next((e for e in crashes[0] if e.kind == "impact"), crashes[0][0])
         full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, blow))
         if len(crashes) == 1:
             return list(dict.fromkeys((f"{full}.", f"{short}.")))
@@ -370,7 +370,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
             f"{hit}.",
         ]
     if has_open_end(events):
-        return ["The log ends in the air."]
+        return [next(e.text for e in events if e.kind == "ends_in_air").partition(",")[0] + "."]
     cannot = "Blows cannot be determined." if segments.spans("airborne") and _too_slow(log) else ""
     if sound and not warned and segments.spans("airborne"):
         return [cannot or "Nothing went wrong."]
@@ -399,14 +399,16 @@ def _size(group: Sequence[CrashEvent]) -> str:
     return "" if blow is None else f" ({format_size(blow)})"
 
 
-def _crash_target(kind: VehicleKind, segments: Segments, t: float) -> str:
+def _crash_target(kind: VehicleKind, segments: Segments, blow: CrashEvent) -> str:
     """Return what was hit: the ground or an obstacle; empty if it never flew."""
     if not segments.spans("airborne"):
         return ""
     air = segments.air
+    if blow.in_air:
+        return "something"
     if kind.winged:
         return "the ground"
-    levels = [] if air is None else [level.above[air.grid.index(t)] for level in air.levels]
+    levels = [] if air is None else [level.above[air.grid.index(blow.t)] for level in air.levels]
     high = [x for x in levels if np.isfinite(x)]
     return "something" if high and max(high) > HIGH_M else "the ground"
 
@@ -416,8 +418,13 @@ def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
     blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
     if blow is not None:
         hit = f"hit {what or 'something'} at {blow.t:.1f} s ({format_size(blow)})"
+        ground = next((e for e in group if e.kind == "impact" and not e.in_air), blow)
+        if blow.in_air and ground is not blow:
+            hit = (
+                f"took a blow in the air at {blow.t:.1f} s, hit the ground at {ground.t:.1f} s ({format_size(ground)})"
+            )
         harder = max((e for e in group if e.kind == "impact"), key=lambda e: e.size)
-        hit += f", then {format_size(harder)} at {harder.t:.1f} s" if harder is not blow else ""
+        hit += f", then {format_size(harder)} at {harder.t:.1f} s" if harder not in (blow, ground) else ""
         short = hit[0].upper() + hit[1:]
         if over is None:
             return f"{short}{_rest_phrase(blow)}", short

@@ -329,3 +329,23 @@ def test_what_tips_over_after_a_soft_landing_falls_as_it_passes_thirty_degrees()
     (found,) = crash.find_crashes(log, air, [(TAKE_OFF - 5.0, LANDED)], 105.0).crash_events
     assert (found.kind, found.t) == ("overturn", pytest.approx(76.5, abs=0.06))
     assert found.size == pytest.approx(60.0, abs=1.0)
+
+
+def test_a_blow_high_above_the_ground_is_one_in_the_air_and_the_ground_follows():
+    """It is struck at 71 s, 20 m up, falls, and strikes the ground at 74 s, as hard."""
+    log = made(8.0, LANDED - 1.0, lies_deg=60.0)
+    imu = log.imus[0]
+    i = int(np.searchsorted(imu.acc.t, LANDED - 4.0))
+    imu.acc.x[i : i + 2] = [0.0, 0.0, -8.0 * 9.81]
+    log.attitudes["ATT"].q[log.attitudes["ATT"].t >= LANDED - 3.9] = rotation.from_euler(np.radians(100.0), 0.0, 0.0)
+    t = np.arange(0.0, 105.0, 0.1)
+    high = np.interp(t, [35.0, 40.0, 72.0, 74.0], [0.0, 20.0, 20.0, 0.0])
+    log.baro = [Stream(t, high[:, None], "m", "", "BARO")]
+    blows = [e for e in endings(log) if e.kind == "impact"]
+    assert [(round(e.t), e.in_air) for e in blows] == [(71, True), (74, False)]
+
+
+def test_a_wreck_that_lies_over_with_motors_driven_hit_the_ground(corpus):
+    """17 g at 21.7 s, then tumbling upside down with throttle for eight seconds more, which is no flight."""
+    found = ended(attlog.read(corpus / "logs" / "bin_copter_3.3dev_solo_tumble_cut.bin"))[1]
+    assert [(e.kind, round(e.t, 1)) for e in found] == [("overturn", 21.5), ("impact", 21.7)]

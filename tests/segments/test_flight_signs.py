@@ -114,7 +114,8 @@ def test_half_a_second_above_what_proves_a_flight_is_one() -> None:
 
 
 def test_an_imu_that_is_too_slow_proves_a_flight_by_three_seconds_of_height_alone() -> None:
-    grid = made_grid(dynamics=np.full(400, 3.0), slow=True)
+    unknown = np.full((400, 3), np.nan)
+    grid = made_grid(dynamics=np.full(400, 3.0), down=unknown, slow=True)
     for seconds, proven in ((3.0, True), (2.9, False)):
         above = np.where((T >= 10.0) & (T < 10.0 + seconds - 1e-9), 1.0, 0.0)
         assert bool(airborne._is_flight(50, 300, grid, [level(above)])) is proven

@@ -104,11 +104,13 @@ def test_above_five_metres_it_is_not_the_ground_that_was_hit(height: float, hit:
     level = SimpleNamespace(above=np.array([0.0, 50.0, height]))
     low = SimpleNamespace(above=np.array([0.0, 50.0, 1.0]))
     air: Any = SimpleNamespace(levels=[low, level], grid=SimpleNamespace(index=lambda t: 2))
-    flown = Segments([Segment("airborne", 1.0, 20.0)], air=air)
-    assert _crash_target(VehicleKind.MULTIROTOR, flown, 15.0) == hit
-    assert _crash_target(VehicleKind.PLANE, flown, 15.0) == "the ground"
-    assert _crash_target(VehicleKind.MULTIROTOR, Segments(air=air), 15.0) == ""
-    assert _crash_target(VehicleKind.MULTIROTOR, Segments([Segment("airborne", 1.0, 20.0)]), 15.0) == "the ground"
+    span, blow = Segment("airborne", 1.0, 20.0), ending("impact", 15.0)
+    flown = Segments([span], air=air)
+    assert _crash_target(VehicleKind.MULTIROTOR, flown, blow) == hit
+    assert _crash_target(VehicleKind.PLANE, flown, blow) == "the ground"
+    assert _crash_target(VehicleKind.PLANE, flown, ending("impact", 15.0, fell_m=9.0)) == "something"
+    assert _crash_target(VehicleKind.MULTIROTOR, Segments(air=air), blow) == ""
+    assert _crash_target(VehicleKind.MULTIROTOR, Segments([span]), blow) == "the ground"
 
 
 # Words and limits of what is told of a flight, on events made by hand.
