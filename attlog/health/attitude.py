@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.core.spans import Span, intersect
-from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
-from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded, unknown
+from attlog.health.check import Check, HealthCase, as_sentence, graded, unknown
 from attlog.health.flown import before_crashes
+from attlog.health.heading import HEADING_BY_GNSS
 from attlog.health.sources import REFERENCE_NAMES
 from attlog.reference import onboard_check
 from attlog.reference.gyro_checks import (
@@ -25,14 +24,12 @@ from attlog.reference.gyro_checks import (
     reversed_slowly,
     swapped_axes,
 )
-from attlog.reference.heading_sources import WrongHeading, find_gnss_motion, find_wrong_heading, onboard_offsets
 from attlog.reference.model import Reference
 from attlog.reference.onboard_check import OnboardComparison, OnboardError
 from attlog.reference.smoother import differences_deg
 from attlog.segments import increments
 from attlog.segments.impacts import shows_impacts
 from attlog.segments.model import Segments, interpolate_attitudes
-from attlog.story.estimator_events import aid_rejections
 from attlog.story.headlines import WrongAngle
 
 # Coverage of the IMU's time: warning below the first, fault below the second.
@@ -108,61 +105,6 @@ def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
     size = float(np.hypot(roll, pitch))
     text = f"The vehicle's trim turns roll by {roll:.2f} and pitch by {pitch:.2f} deg."
     return [Check("trim", "ok" if size <= MAX_TRIM_DEG else "warning", text, round(size, 3), "deg", limit)]
-
-
-# Heading by GNSS acceleration, without compass, truth or smoother.
-
-HEADING_BY_GNSS = "heading_by_gnss"
-# Heading error from which position hold flies circles.
-SERIOUS_HEADING_DEG = 15.0
-GNSS_HEADING_LIMIT = (
-    f"ok up to {WRONG_DEG:.0f} deg or {WRONG_SIGMAS:.0f} sigma, fault above {SERIOUS_HEADING_DEG:.0f} deg"
-)
-# Minimum duration of a rejection; shorter ones are one or two late fixes.
-MIN_REJECTED_S = 1.0
-
-
-def gnss_heading_checks(case: HealthCase) -> list[Check]:
-    """Check the onboard heading against GNSS acceleration in flight; nothing without either."""
-    log, segments = case.log, case.segments
-    motion = find_gnss_motion(log, segments)
-    if motion is None or log.onboard_attitude is None:
-        return []
-    whole, parts = onboard_offsets(log, segments, motion)
-    wrong = find_wrong_heading(whole, parts)
-    if wrong is not None:
-        return [_wrong_heading_check(log, segments, wrong)]
-    if not whole.known:
-        return [unknown(HEADING_BY_GNSS, f"{whole.why[0].upper()}{whole.why[1:]}.", GNSS_HEADING_LIMIT)]
-    size = abs(whole.offset_deg)
-    text = f"{log.onboard}'s heading is {size:.1f} deg off by GNSS acceleration (± {whole.sigma_deg:.1f} deg)."
-    return [Check(HEADING_BY_GNSS, "ok", text, round(size, 1), "deg", GNSS_HEADING_LIMIT)]
-
-
-def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Check:
-    size = round(abs(wrong.offset.offset_deg), 1)  # rounded as in texts made from the value
-    first, last = wrong.spans[0][0], wrong.spans[-1][1]
-    seconds = sum(b - a for a, b in wrong.spans)
-    when = f" from {first:.0f} s to {last:.0f} s" + (f", {seconds:.0f} s in all" if len(wrong.spans) > 1 else "")
-    text = f"The onboard heading is {size:.0f} deg off by GNSS acceleration (± {wrong.offset.sigma_deg:.0f} deg){when}."
-    evidence = ["At other times it is right."] if wrong.partly else []
-    rejected = _rejected_gnss(log, segments, wrong.spans)
-    if rejected:
-        evidence.append(f"The EKF rejected {rejected} then: its heading is wrong, not GNSS.")
-    verdict: Verdict = "fault" if size > SERIOUS_HEADING_DEG else "warning"
-    return Check(
-        HEADING_BY_GNSS, verdict, text, size, "deg", GNSS_HEADING_LIMIT, t=first, t_end=last, evidence=evidence
-    )
-
-
-def _rejected_gnss(log: FlightLog, segments: Segments, spans: list[Span]) -> str:
-    """Return GNSS rejections of the onboard estimator in spans: ``GNSS velocity for 12 s``."""
-    found = []
-    for one in aid_rejections(log, segments):
-        seconds = sum(b - a for a, b in intersect(one.spans, spans))
-        if one.aid in ("velocity", "position") and seconds >= MIN_REJECTED_S:
-            found.append(f"GNSS {one.aid} for {seconds:.0f} s")
-    return " and ".join(found)
 
 
 # Onboard attitude against truth or smoother (:mod:`attlog.reference.onboard_check`). A smoother whose sensors failed a

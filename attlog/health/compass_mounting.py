@@ -16,6 +16,7 @@ from attlog.flight.model import Array, FlightLog, Mag
 from attlog.health import settings
 from attlog.health.check import Check, HealthCase
 from attlog.health.compass_turn import STANDARD_ERRORS
+from attlog.health.heading import left_by_estimator
 from attlog.health.regression import robust_fit
 from attlog.reference.compass_orientation import (
     MIN_FAULT_RATIO,
@@ -48,7 +49,7 @@ def orientation_checks(case: HealthCase) -> list[Check]:
 def without_explained(case: HealthCase, checks: Sequence[Check]) -> list[Check]:
     """Drop checks that a wrong mounting explains.
 
-    A better compass is not offered where the one in use is only set wrongly.
+    A better compass is not offered where the one in use is only set wrongly, or was left by the estimator.
     """
     used = case.log.mags[case.log.mag].field.source if case.log.mag is not None else ""
     wrong = {check.sensor for check in case.found if check.question == QUESTION and check.verdict == "fault"}
@@ -56,7 +57,7 @@ def without_explained(case: HealthCase, checks: Sequence[Check]) -> list[Check]:
         check
         for check in checks
         if not (check.question in EXPLAINED and (check.sensor or used) in wrong)
-        and not (check.question == "compass_choice" and used in wrong)
+        and not (check.question == "compass_choice" and (used in wrong or left_by_estimator(case.found)))
     ]
 
 

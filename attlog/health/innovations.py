@@ -11,6 +11,7 @@ from attlog.flight import aiding as parameters
 from attlog.flight.model import InnovationTest
 from attlog.health.check import Check, HealthCase, Setting, unknown
 from attlog.health.flown import driven_spans, held_seconds
+from attlog.health.heading import left_by_estimator
 from attlog.health.regression import median_interval
 from attlog.segments.flight_signs import true_runs
 from attlog.story.estimator_events import Rejection, aid_rejections
@@ -126,7 +127,8 @@ def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | Non
         check.cause = REJECTION_CAUSES[one.aid]
         if one.aid == "compass":
             check.kind = "compass"
-            check.action = "" if case.trouble("compass_orientation") else case.log.remedy("compass")
+            explained = case.trouble("compass_orientation") or left_by_estimator(case.found)
+            check.action = "" if explained else case.log.remedy("compass")
         if rejection is not None:
             check.evidence.insert(0, check.text)
             check.text, check.count = rejection.text, len(rejection.spans)

@@ -14,7 +14,7 @@ from attlog.estimators.evidence import HeadingOffset
 from attlog.flight.model import Clipping, FlightLog, InnovationTest, Problem
 from attlog.health import Check, attitude, sources
 from attlog.health import attitude as against_smoother
-from attlog.health import attitude as gnss_heading
+from attlog.health import heading as gnss_heading
 from attlog.health.attitude import wrong_angle
 from attlog.health.check import HealthCase
 from attlog.health.findings import findings
@@ -262,12 +262,37 @@ def test_a_heading_that_is_wrong_for_a_part_is_named_with_that_time() -> None:
     assert check.t_end == pytest.approx(end, abs=5.0)
 
 
+@pytest.mark.parametrize("seconds", [0.0, 8.0], ids=["jump", "ramp"])
+def test_an_estimator_that_leaves_its_compass_is_blamed_from_then_on(seconds: float) -> None:
+    log = turned(0.0)
+    (begin, end) = max(segments.build(log).spans("airborne"), key=lambda span: span[1] - span[0])
+    since = begin + 0.4 * (end - begin)
+    attitude = log.onboard_attitude
+    share = np.clip((attitude.t - since) / max(seconds, 1e-3), 0.0, 1.0)
+    attitude.q = rotation.turn_about_down(attitude.q, np.radians(-70.0) * share)
+    check = checked(log)
+    assert (check.kind, check.verdict) == ("attitude", "fault")
+    assert check.t == pytest.approx(since + seconds * 15.0 / 70.0, abs=0.7)
+    assert any("jumped by 70 deg" in text for text in check.evidence) == (seconds == 0.0)
+    assert "alibrate the compass" not in check.action
+
+
+def test_a_compass_that_leads_the_estimator_astray_stays_accused() -> None:
+    log = turned(50.0)
+    field = log.mags[log.mag].field
+    mount = rotation.from_euler(0.0, 0.0, np.radians(50.0))  # its field turns as a heading too large by 50 deg
+    field.x = rotation.rotate(np.tile(mount, (len(field.x), 1)), field.x)
+    check = checked(log)
+    assert (check.kind, check.verdict) == ("", "fault")
+    assert check.action == log.remedy("compass")
+
+
 def test_rejected_gnss_is_laid_to_the_heading() -> None:
     log = turned(60.0)
     (begin, end) = max(segments.build(log).spans("airborne"), key=lambda span: span[1] - span[0])
     t = np.arange(begin + 5.0, end - 5.0, 0.2)
     log.estimator.innovation_tests = [InnovationTest("velocity", t, np.full(len(t), 1.7), "test")]
-    assert "its heading is wrong, not GNSS" in checked(log).evidence[-1]
+    assert any("its heading is wrong, not GNSS" in text for text in checked(log).evidence)
 
 
 def test_nobody_is_accused_by_an_accelerometer_that_clips() -> None:

@@ -471,6 +471,7 @@ def test_of_other_sensors_the_usual_remedy_stays() -> None:
 
 def test_motors_that_turn_no_heading_are_no_cause() -> None:
     heading = Check("heading_by_gnss", "warning", "The heading is 15 deg off.", 15.0, "deg", t=3.0)
+    heading.action = LOG.remedy("compass")
     (found,) = of_kind("compass", heading, REFUSED)
     assert "motors" not in found.cause + found.action
     assert REFUSED.text in found.evidence
