@@ -175,7 +175,7 @@ def check_sign(check: Check, log: FlightLog, severity: Weight | None = None) -> 
     if check.question == "gyro_bias" and usual == "serious" and abs(check.value or 0.0) < UNUSABLE_DPS:
         usual = "warning"
     action = settings_text(check) or check.action or check.why_no_setting or _logging_advice(check, log)
-    if severity is None and row.remedy is not None:
+    if severity is None and row.remedy is not None and not check.action:
         action = log.remedy(row.remedy)
     harmless = check.question == "compass_motors" and not (check.action or check.settings)  # no effect on the heading
     return Finding(

@@ -117,7 +117,7 @@ def _quality(log: FlightLog, receiver: Gnss, flown: list[Span], fixed: NDArray[n
         check.text = f"{what} for {seconds:.0f} s in flight{times}, first at {lost[0][0]:.0f} s."
         if not no_fix:
             check.cause = SILENT_CAUSE
-            check.why_no_setting = "Check cable, power and baud rate of the receiver."
+            check.action = "Check cable, power and baud rate of the receiver."
         check.value, check.unit, check.evidence = round(seconds, 1), "s", with_fix
     return check
 

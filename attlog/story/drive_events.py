@@ -59,3 +59,9 @@ def drive_phrase(events: Sequence[Event]) -> str:
     """Return the cause of a crash, else the first broken part, as a sentence for the headline; empty for none."""
     found = crash_cause(events) or next((e for e in events if e.kind in BROKEN), None)
     return "" if found is None else f"{found.text.partition(': ')[0].rstrip('.')}."
+
+
+def fails_before_crash(events: Sequence[Event]) -> bool:
+    """Return whether the part of :func:`drive_phrase` failed before the first crash, or nothing crashed."""
+    found = crash_cause(events) or next((e for e in events if e.kind in BROKEN), None)
+    return found is None or found.t <= next((e.t for e in events if e.is_crash), found.t)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,6 +152,8 @@ def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
 TOGETHER_S, MAX_CORES_S = 1.5, 20.0
 CORE = re.compile(r"\bIMU\d+\b")
 LOST_S = 2.0
+# Number of outages that are events of their own.
+MAX_OUTAGES = 3
 # Formats of radio links, and the share of missing messages in which a pause of the attitude is one of the link.
 TELEMETRY, PAUSE_SHARE = ("tlog", "mavlink"), 0.5
 # Codes of problems: ERR 24 of ArduPilot, and PX4's estimator_selector_status.
@@ -292,7 +294,15 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
                 text = f"No GNSS message arrived for {until - since:.0f} s in flight, from {since:.1f} s."
                 evidence = [f"{log.gnss[0].source}: no record; with a fix before and after"]
             found.append(Event("gnss_lost", since, "warning", text, until, round(until - since, 1), "s", evidence))
-    return found
+    return found if len(found) <= MAX_OUTAGES else [_joined_outages(found)]
+
+
+def _joined_outages(found: Sequence[Event]) -> Event:
+    """Return many outages, which have one cause, as one event."""
+    seconds = sum(e.value or 0.0 for e in found)
+    what = found[0].text.partition(" for ")[0]
+    text = f"{what} for {seconds:.0f} s in flight, in {len(found)} outages from {found[0].t:.1f} s."
+    return replace(found[0], text=text, t_end=found[-1].t_end, value=round(seconds, 1))
 
 
 def is_link_loss(log: FlightLog, since: float, until: float) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,9 @@ LISTED = 3
 # Throttle counts as up above this share of its maximum.
 OF_FLIGHT = 0.5
 UPRIGHT_DEG = 30.0
+# On the ground, above this speed a vehicle moves. Below, it moves where its speed stays above MIN_SPEED_M_S and four
+# times the lowest quarter, which is the scatter of a receiver that stands, for 3 s.
+FAST_M_S, MIN_SPEED_M_S, SPEED_SCATTERS, MIN_MOVING_S = 0.5, 0.2, 4.0, 3
 
 
 def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
@@ -113,14 +116,7 @@ def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event
     seconds = max([log.seconds, *(e.t for e in events if e.kind in ("failsafe", "battery"))])
     total = f"{seconds:.0f} s"
     if not log.kind.flies:
-        air = np.arange(0.0, max(log.seconds, 1.0), 1.0)
-        speed = speed_at(log, air)
-        if not np.isfinite(speed).any():
-            return [f"logged for {total}."]
-        top = float(np.nanmax(speed))
-        return [
-            f"moved at up to {format_significant(top)} m/s in {total}." if top > 0.5 else f"stood still for {total}."
-        ]
+        return [_ground_phrase(log, total)]
     if "airborne" in segments.unknown:
         return [f"{f'{total}; ' if seconds > 0 else ''}nothing in the log shows whether it flew."]
     if any(e.is_crash for e in events):
@@ -143,6 +139,26 @@ def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event
     return [f"never left the ground in {total}; {often}{up}{x}." for x in (reason, "")] + [
         f"never left the ground; {up}."
     ]
+
+
+def _ground_phrase(log: FlightLog, total: str) -> str:
+    """Return how a vehicle on the ground or in water moved, by its speed every second."""
+    t = np.arange(0.0, max(log.seconds, 1.0), 1.0)
+    speed = speed_at(log, t)
+    if not np.isfinite(speed).any():
+        return f"logged for {total}."
+    speed = np.nan_to_num(speed)
+    slow = max(MIN_SPEED_M_S, SPEED_SCATTERS * float(np.percentile(speed, 25.0)))
+    runs = [(a, b) for a, b in true_runs(speed > min(slow, FAST_M_S)) if b - a >= MIN_MOVING_S]
+    top = float(speed.max())
+    if not runs and top <= FAST_M_S:
+        return f"stood still for {total}."
+    fast = f"at up to {format_significant(top)} m/s"
+    if not runs or top > FAST_M_S:
+        return f"moved {fast} in {total}."
+    metres = sum(float(speed[a:b].sum()) for a, b in runs)
+    begin, end = float(t[runs[0][0]]), float(t[runs[-1][1] - 1]) + 1.0
+    return f"moved {format_significant(metres)} m {fast} from {begin:.0f} to {end:.0f} s of {total}."
 
 
 def _times(n: int) -> str:
@@ -239,15 +255,26 @@ def headline(
     broken = drive_events.drive_phrase(events)
     fault = failsafe_events.failsafe_phrases(_first_fault(segments, events), log, segments, events)
     first = _with_angle(fault, wrong, segments, broken)
-    # Shorter wordings, then whole sentences less: what went wrong first, else the flights; the ending stays. A broken
-    # part stays longer than the flights.
-    shorter = [(end, first, flew), (end, [""], flew), (end, first, [""]), (end, [""], [""])]
-    shorter = [shorter[k] for k in (0, 2, 1, 3)] if broken else shorter
-    for b, c, a in itertools.chain.from_iterable(itertools.product(*parts) for parts in shorter):
-        said = f"{who}: " + " ".join(x for x in (a, c, b) if x)
+    for a, c, b in _wordings(flew, first, end, bool(broken)):
+        # a part that failed after the first crash explains a later one
+        parts = (a, b, c) if broken and not drive_events.fails_before_crash(events) else (a, c, b)
+        said = f"{who}: " + " ".join(x for x in parts if x)
         if len(said.split()) <= WORDS and (a or b or c):
             return said
     return f"{who}: {end[-1] or flew[-1]}"
+
+
+def _wordings(
+    flew: Sequence[str], first: Sequence[str], end: Sequence[str], broken: bool
+) -> Iterator[tuple[str, str, str]]:
+    """Yield flight, first fault and ending in shorter and shorter wordings, then without whole sentences.
+
+    What went wrong first goes before the flights, a ``broken`` part after them; the ending stays.
+    """
+    kept = ([""], first) if broken else (flew, [""])
+    gone = (flew, [""]) if broken else ([""], first)
+    for a, c in ((flew, first), kept, gone, ([""], [""])):
+        yield from ((x, y, z) for z, y, x in itertools.product(end, c, a))
 
 
 def _vehicle(log: FlightLog) -> str:
@@ -352,7 +379,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         blow = next((e for e in crashes[0] if e.kind == "impact"), crashes[0][0])
         full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, blow))
         if len(crashes) == 1:
-            return list(dict.fromkeys((f"{full}.", f"{short}.")))
+            return list(dict.fromkeys((f"{full}.", f"{short}.", f"{short.partition(', then ')[0]}.")))
         again = f"; crashed again at {crashes[1][0].t:.1f} s"
         sizes = f"{again}{_size(crashes[1])}"
         bare = short.partition(" (")[0]  # drop the first crash's size rather than the second crash

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ import pytest
 from attlog import story
 from attlog.flight.ardupilot.vehicle import is_simulated
 from attlog.flight.model import FlightLog, Gnss
+from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segment, Segments
 from attlog.story import Event, estimator_events, failsafe_events, message_events
 from attlog.story.flight_events import Text
@@ -151,6 +153,50 @@ def test_gnss_is_lost_by_records_without_a_fix_and_its_messages_may_be_missing()
     paused = with_attitude(receiver(missing=(40.0, 50.0)), pause=(42.0, 49.0))
     assert not estimator_events._gnss_lost(paused, flight)
     assert not estimator_events._gnss_lost(with_attitude(receiver(missing=(40.0, 50.0)), form="tlog"), flight)
+
+
+def test_many_outages_are_one_event_with_their_sum() -> None:
+    gnss = receiver()
+    for k in range(5):
+        gnss.fix[(gnss.t > 20.0 + 10.0 * k) & (gnss.t < 24.0 + 10.0 * k)] = 1
+    (lost,) = estimator_events._gnss_lost(with_attitude(gnss), spans((15.0, 80.0)))
+    assert (lost.t, lost.value) == (pytest.approx(20.0, abs=0.3), pytest.approx(20.0, abs=2.0))
+    assert "in 5 outages" in lost.text
+
+
+@pytest.mark.parametrize(
+    ("speed_m_s", "scatter_m_s", "said_"),
+    [
+        (0.4, 0.01, "moved 4.1 m at up to 0.42 m/s from 20 to 30 s of 100 s."),
+        (0.0, 0.01, "stood still for 100 s."),
+        (0.0, 0.1, "stood still for 100 s."),  # a receiver that scatters
+        (3.0, 0.1, "moved at up to 3.2 m/s in 100 s."),
+    ],
+)
+def test_a_rover_that_moves_slowly_does_not_stand(speed_m_s: float, scatter_m_s: float, said_: str) -> None:
+    gnss = receiver()
+    gnss.vel_ned[:] = 0.0
+    gnss.vel_ned[:, 0] = scatter_m_s * (1.0 + np.sin(gnss.t))
+    gnss.vel_ned[:, 0] += speed_m_s * ((gnss.t > 19.6) & (gnss.t < 29.4))
+    text = story.headline(log(gnss=[gnss], vehicle="rover", seconds=100.0), spans(), [], sound=False)
+    assert text.endswith(said_)
+
+
+def test_a_broken_part_stays_in_the_headline_where_flights_do_not() -> None:
+    made, crash = log(), Event("impact", 77.9, "serious", "Hit.")
+    motor = Event(
+        "motor_no_thrust", 77.0, "serious", "Motor 1 (front right) gave no thrust from 77.0 s: driven at 99 %."
+    )
+    first = CrashEvent("impact", 77.9, 78.0, 5.2, "g", "seen", rate=25.0)
+    second = CrashEvent("impact", 80.6, 80.7, 6.4, "g", "seen", rate=25.0)
+    text = story.headline(made, spans((15.0, 78.0)), [motor, crash], sound=False)
+    assert "Motor 1 (front right) gave no thrust" in text
+    crashed = replace(spans((15.0, 40.0), (50.0, 78.0)), crash_events=[first, second])
+    text = story.headline(made, crashed, [motor, crash], sound=False)
+    assert "Motor 1 (front right) gave no thrust from 77.0 s." in text
+    late = replace(motor, t=79.0, t_end=80.0)
+    text = story.headline(made, crashed, [crash, late], sound=False)
+    assert text.index("Hit") < text.index("Motor 1")
 
 
 @pytest.mark.parametrize(
