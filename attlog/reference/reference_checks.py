@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from attlog.core.spans import Span
 from attlog.core.spans import between as time_slice
 from attlog.estimators.evidence import still_windows, tilt_residual, within
 from attlog.flight.model import Attitude, FlightLog, Imu
-from attlog.reference import alignment, gyro_checks, scoring, sensor_faults
+from attlog.reference import alignment, scoring, sensor_faults
 from attlog.reference.model import SMOOTHER, AlignmentStep, Reference, Track
 from attlog.segments import Segments, model
 from attlog.segments.model import interpolate_attitudes
@@ -284,6 +285,8 @@ SAMPLES = 4000  # of the reference: enough for medians
 # Pieces of time in which axes of the accelerometer are exchanged on trial, their least number and records, and least
 # ratio of misfits of the logged axes and others (squared: 4, as of the check of axes in flight).
 AXES_PIECE_S, MIN_AXES_PIECES, MIN_AXES_RECORDS, MIN_AXES_RATIO = 2.0, 5, 10, 2.0
+# Every order and sign of three axes, mirror images too: x and y exchanged is one.
+SIGNED_ORDERS = [np.eye(3)[list(p)] * signs for p in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
@@ -405,9 +408,8 @@ def _axes_explain(log: FlightLog, imu: Imu, reference: Reference, spans: Sequenc
         off = np.einsum("kijl,jl->ki", products, axes) - expected
         return float(np.sqrt(np.median(np.sum(off**2, axis=1))))
 
-    orders = [sign * axes for axes in gyro_checks.FRAMES for sign in (1.0, -1.0)]
-    best = min(misfit(axes) for axes in orders[1:])
-    return best < min(MAX_FORCE_RESIDUAL_M_S2, misfit(orders[0]) / MIN_AXES_RATIO)
+    best = min(misfit(axes) for axes in SIGNED_ORDERS)
+    return best < min(MAX_FORCE_RESIDUAL_M_S2, misfit(np.eye(3)) / MIN_AXES_RATIO)
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:
