@@ -15,7 +15,7 @@ import numpy as np
 
 from attlog.core.spans import between
 from attlog.flight.model import FlightLog
-from attlog.story.drive_events import crash_cause
+from attlog.story.drive_events import BROKEN, LASTING
 from attlog.story.flight_events import CRASHES, Cause, Event, format_significant
 from attlog.story.motor_faults import CAUSE_S
 
@@ -305,10 +305,26 @@ STRUCK_S = 2.0
 
 
 def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
-    """Join the fault of motors, thrust or control that explains the first crash to it, if it lasted until then."""
-    fault, crash = crash_cause(events), next(((n, e) for n, e in enumerate(events) if e.is_crash), None)
-    if fault is not None and crash is not None and crash[1].t - (fault.t_end or fault.t) <= CAUSE_S:
-        yield events.index(fault), crash[0], f"{crash[1].t - fault.t:.1f} s before it"
+    """Join the earliest fault of motors, thrust or control to the crash that follows within 5 s of it.
+
+    Poor control and oscillation explain a crash only without a broken part.
+    """
+    crashes = [(n, e) for n, e in enumerate(events) if e.is_crash]
+    since = -np.inf
+    for n, crash in crashes:
+        if crash.t - since <= CAUSE_S:
+            since = crash.t_end or crash.t
+            continue  # a later event of the same crash
+        for kinds in (BROKEN, LASTING):
+            near = [
+                (k, e)
+                for k, e in _of(events, *kinds)
+                if since < e.t <= crash.t and crash.t - (e.t_end or e.t) <= CAUSE_S
+            ]
+            if near:
+                yield near[0][0], n, f"{crash.t - near[0][1].t:.1f} s before it"
+                break
+        since = crash.t_end or crash.t
 
 
 def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:

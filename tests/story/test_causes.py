@@ -171,6 +171,13 @@ def test_the_earliest_fault_is_the_cause_and_an_oscillation_only_without_one() -
     assert joined(event("oscillation", 50.0, t_end=60.0), over) == {}
 
 
+def test_each_of_two_crashes_has_its_own_fault() -> None:
+    crashes = [event("impact", t, severity="serious") for t in (100.0, 300.0)]
+    thrust = event("no_thrust_left", 296.0, t_end=300.0)
+    found = causes.link(made.log(), sorted([*crashes, thrust], key=lambda e: e.t))
+    assert [e.cause and e.cause.kind for e in found if e.is_crash] == [None, "no_thrust_left"]
+
+
 @pytest.mark.parametrize(("metres", "linked"), [(44.0, True), (11.0, False), (1.0, False), (None, False)])
 def test_a_jump_of_gnss_explains_its_rejection_only_where_it_is_beyond_any_gate(
     metres: float | None, linked: bool
