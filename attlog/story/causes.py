@@ -307,7 +307,8 @@ STRUCK_S = 2.0
 def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
     """Join the earliest fault of motors, thrust or control to the crash that follows within 5 s of it.
 
-    Poor control and oscillation explain a crash only without a broken part.
+    Poor control and oscillation explain a crash only without a broken part, and only where they had just begun: a
+    flight that survived them for longer was lost by something else.
     """
     crashes = [(n, e) for n, e in enumerate(events) if e.is_crash]
     since = -np.inf
@@ -319,7 +320,7 @@ def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
             near = [
                 (k, e)
                 for k, e in _of(events, *kinds)
-                if since < e.t <= crash.t and crash.t - (e.t_end or e.t) <= CAUSE_S
+                if since < e.t <= crash.t and crash.t - (e.t if kinds is LASTING else e.t_end or e.t) <= CAUSE_S
             ]
             if near:
                 yield near[0][0], n, f"{crash.t - near[0][1].t:.1f} s before it"

@@ -164,11 +164,12 @@ def test_a_broken_motor_explains_the_loss_of_control_within_five_seconds(t: floa
 
 def test_the_earliest_fault_is_the_cause_and_an_oscillation_only_without_one() -> None:
     first, second = event("motor_no_thrust", 97.0), event("no_thrust_left", 98.0)
-    shakes = event("oscillation", 50.0, t_end=99.0)
+    shakes = event("oscillation", 96.0, t_end=99.0)
     over = event("overturn", 100.0, severity="serious")
     assert joined(shakes, first, second, over) == {"overturn": "motor_no_thrust"}
     assert joined(shakes, over) == {"overturn": "oscillation"}
     assert joined(event("oscillation", 50.0, t_end=60.0), over) == {}
+    assert joined(event("oscillation", 50.0, t_end=100.0), over) == {}
 
 
 def test_each_of_two_crashes_has_its_own_fault() -> None:
