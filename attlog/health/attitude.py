@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -12,7 +12,7 @@ from attlog.core import rotation
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.check import Check, HealthCase, as_sentence, graded, unknown
 from attlog.health.flown import before_crashes
-from attlog.health.heading import HEADING_BY_GNSS
+from attlog.health.heading import HEADING_BY_GNSS, left_by_estimator
 from attlog.health.sources import REFERENCE_NAMES
 from attlog.reference import onboard_check
 from attlog.reference.gyro_checks import (
@@ -209,13 +209,23 @@ PROOFS = (HEADING_BY_GNSS, AGAINST_TRUTH, AGAINST_SMOOTHER)
 
 def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
     """Return the wrong angle with size and time; None where no check proves one."""
+    checks = list(checks)
     faults = {check.question: check for check in checks if check.question in PROOFS and check.verdict == "fault"}
     for name in PROOFS:
         check = faults.get(name)
         if check is not None and check.value is not None and check.t is not None:
             angle = "heading" if name == HEADING_BY_GNSS else check.about
-            return WrongAngle(angle, float(check.value), check.t, check.t if check.t_end is None else check.t_end)
+            why = _heading_cause(checks) if angle == "heading" else ""
+            return WrongAngle(angle, float(check.value), check.t, check.t if check.t_end is None else check.t_end, why)
     return None
+
+
+def _heading_cause(checks: Sequence[Check]) -> str:
+    """Return what made the heading wrong as a phrase: the estimator, or the mounting of the compass in use."""
+    if left_by_estimator(checks):
+        return "the estimator left its compass"
+    turned = any(c.question == "compass_orientation" and c.verdict == "fault" and c.in_use for c in checks)
+    return "wrong compass orientation" if turned else ""
 
 
 # Jumps of the onboard attitude: yaw realignments, resets and lane switches, with their size.

@@ -43,7 +43,7 @@ def gnss_heading_checks(case: HealthCase) -> list[Check]:
     whole, parts = onboard_offsets(log, segments, motion)
     wrong = find_wrong_heading(whole, parts)
     if wrong is not None:
-        return [_wrong_heading_check(log, segments, wrong)]
+        return [_wrong_heading_check(case, wrong)]
     if not whole.known:
         return [unknown(HEADING_BY_GNSS, f"{whole.why[0].upper()}{whole.why[1:]}.", GNSS_HEADING_LIMIT)]
     size = abs(whole.offset_deg)
@@ -51,7 +51,8 @@ def gnss_heading_checks(case: HealthCase) -> list[Check]:
     return [Check(HEADING_BY_GNSS, "ok", text, round(size, 1), "deg", GNSS_HEADING_LIMIT)]
 
 
-def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Check:
+def _wrong_heading_check(case: HealthCase, wrong: WrongHeading) -> Check:
+    log, segments = case.log, case.segments
     size = round(abs(wrong.offset.offset_deg), 1)  # rounded as in texts made from the value
     first, last = wrong.spans[0][0], wrong.spans[-1][1]
     seconds = sum(b - a for a, b in wrong.spans)
@@ -65,7 +66,7 @@ def _wrong_heading_check(log: FlightLog, segments: Segments, wrong: WrongHeading
     check = Check(
         HEADING_BY_GNSS, verdict, text, size, "deg", GNSS_HEADING_LIMIT, t=first, t_end=last, evidence=evidence
     )
-    left = compass_left(log, segments, wrong)
+    left = None if case.trouble("compass_orientation") else compass_left(log, segments, wrong)
     if left is None:
         check.action = log.remedy("compass")
     else:
@@ -186,7 +187,8 @@ def _blame_estimator(log: FlightLog, segments: Segments, check: Check, left: Com
     seconds = sum(b - a for one in rejected for a, b in intersect(one.spans, [(left.t - BEFORE_S, check.t_end)]))
     if left.jump_deg:
         check.evidence.append(f"It jumped by {left.jump_deg:.0f} deg at {left.t:.1f} s.")
-        check.action = f"Find what reset the onboard heading at {left.t:.1f} s; the compass needs no calibration."
+        sound = "; the compass needs no calibration" if left.compass_deg < LEFT_DEG else ""
+        check.action = f"Find what reset the onboard heading at {left.t:.1f} s{sound}."
     elif ran > BIAS_DPS:
         check.cause = f"Its gyro bias about the vertical ran by {ran:.1f} deg/s, against the compass."
         check.action = "Reboot before the next flight, and land when the EKF reports variances."

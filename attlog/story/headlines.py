@@ -234,12 +234,13 @@ THROUGHOUT_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class WrongAngle:
-    """Wrong angle (tilt, heading) of the onboard attitude from ``t`` to ``t_end`` s."""
+    """Wrong angle (tilt, heading) of the onboard attitude from ``t`` to ``t_end`` s; ``why`` empty where unknown."""
 
     angle: str
     size_deg: float
     t: float
     t_end: float
+    why: str = ""
 
 
 def headline(
@@ -353,7 +354,8 @@ def _with_angle(first: list[str], wrong: WrongAngle | None, segments: Segments, 
     said = f"{wrong.angle.capitalize()} was {wrong.size_deg:.0f}° wrong {when}"
     if broken:
         return [f"{broken} {said}.", broken]
-    return [*(f"{said}. {text}" for text in first if text), f"{said}."]
+    every = [f"{said}: {wrong.why}", said] if wrong.why else [said]
+    return [text for one in every for text in (*(f"{one}. {text}" for text in first if text), f"{one}.")]
 
 
 def _changed_parameters(event: Event) -> str:

@@ -187,6 +187,10 @@ SMOOTHER = Check("onboard_against_smoother", "fault", "", 7.2, "deg", t=30.0, t_
 def test_gnss_acceleration_which_assumes_least_is_taken_before_the_smoother():
     assert wrong_angle([SMOOTHER, GNSS]) == WrongAngle("heading", 26.5, 11.0, 102.0)
     assert wrong_angle([SMOOTHER]) == WrongAngle("tilt", 7.2, 30.0, 40.0)
+    turned = Check("compass_orientation", "fault", "", in_use=True)
+    assert wrong_angle([GNSS, turned]).why == "wrong compass orientation"
+    assert wrong_angle([GNSS, replace(turned, in_use=False)]).why == ""
+    assert wrong_angle([replace(GNSS, kind="attitude")]).why == "the estimator left its compass"
 
 
 # What is said of a crash follows what happened: the first thing first, and what is compared.

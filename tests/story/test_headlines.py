@@ -159,6 +159,7 @@ def phrases() -> Iterator[str]:
     spans = Segments([Segment("airborne", 20.0, 50.0), Segment("airborne", 60.0, 80.0)])
     for t, t_end in ((29.0, 71.0), (31.0, 71.0), (29.0, 69.0)):  # throughout: 10 s from lift-off and landing
         yield f"angle: {_with_angle(['', 'First.'], WrongAngle('heading', 27.6, t, t_end), spans)}"
+        yield f"angle: {_with_angle(['First.'], WrongAngle('heading', 27.6, t, t_end, 'why'), spans)}"
 
 
 def test_phrases_are_as_reviewed() -> None:
