@@ -35,6 +35,8 @@ MAX_DELAY_S, DELAY_GRID_S, SLOPE_S = 0.08, 0.02, 0.02
 MIN_INTERVALS, MIN_BLOCKS, STANDARD_ERRORS = 60, 6, 1.5
 # Least standard deviation of the rate about an axis, by an independent source and by the onboard attitude.
 MIN_TURN_DPS, MIN_ONBOARD_TURN_DPS = 3.0, 8.0
+# Least rate of a second unit; slower ones alias turns.
+MIN_UNIT_HZ = 10.0
 # Error of slopes and of the field's turns besides their scatter.
 SLOPE_FLOOR, FIELD_FLOOR = 0.006, 0.008
 
@@ -131,7 +133,7 @@ def truth_turns(case: HealthCase, imu: Imu) -> list[Turn]:
 def unit_turns(case: HealthCase, imu: Imu, other: Imu) -> list[Turn]:
     """Return the turns of a second unit against the gyro."""
     turning = increments.gyro_increments(other)
-    if len(turning.t) < MIN_INTERVALS:
+    if len(turning.t) < MIN_INTERVALS or other.gyro.rate < MIN_UNIT_HZ:
         return []
     start = np.arange(turning.t[0], turning.t[-1] - INTERVAL_S, INTERVAL_S)
     rates = BodyRates(start, start + INTERVAL_S, turning.mean_rates(start, start + INTERVAL_S))

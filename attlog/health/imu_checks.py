@@ -1,14 +1,16 @@
 """IMUs against each other, with the faulty one of a pair, and over temperature.
 
 The faster IMU is interpolated to the samples of the slower one; medians over blocks of 5 s suppress noise and
-vibration. The faulty IMU is the one further from gravity or zero rate at rest, else the one with the larger bias by the
-smoother.
+vibration. The faulty IMU of three is the one that differs from two that agree. Of two it is the one further from
+gravity or zero rate at rest, else the one with the larger bias by the smoother. A difference in flight alone is
+vibration.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -52,6 +54,8 @@ DUPLICATE_DIFFERENCE = 1e-5
 MIN_FLOWN_HZ, IN_FLIGHT = 10.0, "in flight"
 # Minimum ratio of the faulty IMU's error to the other's.
 LARGER_FACTOR = 2.0
+# An accelerometer shakes whose samples scatter by this factor more than another's in flight, and by this many m/s^2.
+SHAKEN_FACTOR, MIN_SHAKEN_M_S2 = 3.0, 1.0
 
 
 def imu_differences(case: HealthCase) -> list[Check]:
@@ -59,12 +63,48 @@ def imu_differences(case: HealthCase) -> list[Check]:
     units = usable_imus(case)
     if len(units) < 2:
         return []
-    pairs = [(kind, units[0], other) for other in units[1:] for kind in PAIR_LIMITS]
+    odd = {kind: _odd_unit(case, kind, units) for kind in PAIR_LIMITS}
+    pairs = [(kind, units[0], other, odd[kind]) for other in units[1:] for kind in PAIR_LIMITS]
     if found := [one for pair in pairs if (one := _pair_check(case, *pair)) is not None]:
-        return found
+        repeated = [c for kind in PAIR_LIMITS if odd[kind] is units[0] for c in _repeats(found, PAIR_LIMITS[kind].unit)]
+        return [check for check in found if check not in repeated]
     limits = PAIR_LIMITS["acc"]
     why = "The units share too little time, at rest or in flight, or shake too much to be compared."
     return [unknown("imu_instances", why, limits.text, sensor=units[0].acc.source, source=limits.source)]
+
+
+def _repeats(found: list[Check], unit: str) -> list[Check]:
+    """Return the troubles in a unit of measure besides the largest: the replayed IMU differs from each other one."""
+    same = [check for check in found if check.unit == unit and check.is_trouble]
+    return sorted(same, key=lambda check: -(check.value or 0.0))[1:]
+
+
+def _odd_unit(case: HealthCase, kind: Kind, units: list[Imu]) -> Imu | None:
+    """Return the one of three or more IMUs that differs from all others, which agree with each other."""
+    if len(units) < 3:
+        return None
+    limits = PAIR_LIMITS[kind]
+    differs: dict[tuple[int, int], bool] = {}
+    for (j, a), (k, b) in combinations(enumerate(units), 2):
+        if not (every := _imu_differences(case, kind, a, b)):
+            return None
+        differs[j, k] = any(d.size > max(limits.ok, SIGMAS * d.unsure) for d in every)
+    for k, unit in enumerate(units):
+        if all(apart is (k in pair) for pair, apart in differs.items()):
+            return unit
+    return None
+
+
+def _shaken_unit(case: HealthCase, a: Imu, b: Imu) -> tuple[Imu, str] | None:
+    """Return the one of two accelerometers that scatters much more in flight, and the evidence."""
+    found = [stream_blocks(imu.acc, flight_spans(case.segments)) for imu in (a, b)]
+    sizes = [float(np.sqrt(np.sum(one.spread**2))) for one in found if one is not None]
+    k = _larger_index(sizes, MIN_SHAKEN_M_S2, SHAKEN_FACTOR)
+    if k is None:
+        return None
+    one, other = (a, b)[k], (a, b)[1 - k]
+    text = f"In flight {one.acc.source} scatters by {sizes[k]:.1f} m/s^2, {other.acc.source} by {sizes[1 - k]:.1f}: "
+    return one, f"{text}vibration at {one.acc.source}."
 
 
 def difference(a: Stream, b: Stream, spans: list[Span]) -> Blocks | None:
@@ -130,8 +170,8 @@ def _imu_differences(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> list[ImuDi
     return [d for d in found if 1.96 * d.unsure <= limits.ok or d.size > SIGMAS * d.unsure]
 
 
-def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
-    """Check the larger difference of two IMUs, at rest or in flight."""
+def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu, odd: Imu | None = None) -> Check | None:
+    """Check the larger difference of two IMUs, at rest or in flight; ``odd``: the one that others contradict."""
     limits, every = PAIR_LIMITS[kind], _imu_differences(case, kind, a, b)
     if not every:
         return None
@@ -140,9 +180,13 @@ def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Check | None:
     wrong, why, remedy = None, "", case.log.remedy("accelerometer" if kind == "acc" else "gyro_bias")
     if worst.size > max(limits.ok, SIGMAS * worst.unsure):
         verdict = "fault" if worst.size - 1.96 * worst.unsure > limits.fault else "warning"
-        if worst.phase == IN_FLIGHT and any(d.size + 1.96 * d.unsure <= limits.ok for d in every):
-            verdict, why = "warning", "On the ground they agree, so vibration parts them."
-            remedy = case.log.remedy("vibration")
+        grounded = any(d.size + 1.96 * d.unsure <= limits.ok for d in every)
+        shaken = _shaken_unit(case, a, b) if kind == "acc" and worst.phase == IN_FLIGHT else None
+        if shaken is not None or (worst.phase == IN_FLIGHT and grounded):
+            verdict, remedy = "warning", case.log.remedy("vibration")
+            wrong, why = shaken or (None, "On the ground they agree, so vibration parts them.")
+        elif odd is a or odd is b:
+            wrong, why = odd, f"{odd.acc.source} is off: the others agree."
         else:
             wrong, why = _faulty_imu(case, kind, a, b, worst.middle)
     text = f"{b.acc.source} and {a.acc.source} differ by {worst.text(limits.unit)} ({axes_text(worst.middle)})."
@@ -170,10 +214,12 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
         spans = still_spans(case.segments)[0]
         rates = [stream_blocks(imu.gyro, spans) for imu in (a, b)]
         sizes = [float(np.degrees(rotation.length(one.middle[None])[0])) for one in rates if one is not None]
-        by = "its rate while standing still"
+        by = "the rate while standing still"
     wrong = _larger_index(sizes, least)
-    if wrong is None and len(sizes) > 1 and min(sizes) >= LARGER_FACTOR * least:
-        return None, f"Both are off by {by}."
+    if wrong is None and len(sizes) > 1 and min(sizes) >= least:
+        return None, f"Both are off by {by} ({sizes[0]:.2f} and {sizes[1]:.2f} {PAIR_LIMITS[kind].unit})."
+    if wrong is None and (known := _offset_found(case, a, b) if kind == "acc" else None) is not None:
+        return known, f"{known.acc.source} is off by its offset in flight."
     if wrong is None:
         bias = smoothed_acc_bias(case) if kind == "acc" else smoothed_gyro_bias(case)
         if bias is not None and bias.sure and a is case.log.replay_imu:
@@ -184,12 +230,19 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
     return (a, b)[wrong], f"{(a, b)[wrong].acc.source} is off by {by}."
 
 
-def _larger_index(sizes: list[float], least: float) -> int | None:
+def _offset_found(case: HealthCase, a: Imu, b: Imu) -> Imu | None:
+    """Return the one of two IMUs whose accelerometer the check of offsets accuses, None for none and for both."""
+    accused = {check.sensor for check in case.found if check.question == "accelerometer_offset" and check.is_trouble}
+    found = [imu for imu in (a, b) if imu.acc.source in accused]
+    return found[0] if len(found) == 1 else None
+
+
+def _larger_index(sizes: list[float], least: float, factor: float = LARGER_FACTOR) -> int | None:
     """Return the index of the clearly larger of two errors, None where neither is."""
     if len(sizes) < 2:
         return None
     k = int(np.argmax(sizes))
-    return k if sizes[k] >= max(least, LARGER_FACTOR * sizes[1 - k]) else None
+    return k if sizes[k] >= max(least, factor * sizes[1 - k]) else None
 
 
 # Gyro bias and size of gravity against temperature, at rest. Block medians are averaged over bins of 1 K, so that each

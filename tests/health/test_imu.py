@@ -314,6 +314,25 @@ def test_units_that_differ_in_flight_only_are_parted_by_vibration_and_slow_ones_
     assert (folded.verdict, folded.seconds < 60.0) == ("ok", True)
 
 
+@pytest.mark.parametrize("odd", [0, 1, 2])
+def test_of_three_units_the_one_that_differs_from_two_that_agree_is_off(odd: int) -> None:
+    """Horizontally, where neither gravity nor a smoother shows which."""
+    units = [unit(k, 50.0, (0.9, 0.0, 0.0) if k == odd else NONE, NONE) for k in range(3)]
+    troubles = [c for c in imu_differences(case(log_of(*units))) if c.is_trouble]
+    assert [(c.sensor, c.verdict) for c in troubles] == [(f"IMU:{odd}", "fault")]
+    assert "others agree" in troubles[0].text
+
+
+def test_an_accelerometer_that_scatters_more_in_flight_vibrates_and_needs_no_calibration() -> None:
+    shaken = unit(1, 50.0, NONE, NONE)
+    air = (shaken.acc.t > REST_S) & (shaken.acc.t < AIR_S)
+    shaken.acc.x[air] += np.array([2.0, -1.0, 0.5]) + np.random.default_rng(3).normal(0.0, 3.0, (int(air.sum()), 3))
+    aloft = Segments([Segment("airborne", REST_S, AIR_S)])
+    check = imu_differences(case(log_of(unit(0, 100.0, NONE, NONE), shaken), segments=aloft))[0]
+    assert (check.sensor, check.verdict, "vibration at IMU:1" in check.text) == ("IMU:1", "warning", True)
+    assert "alibrate" not in check.action
+
+
 def test_one_unit_says_nothing_and_units_without_common_time_that_they_cannot_be_compared() -> None:
     assert imu_differences(case(log_of(unit(0, 100.0, NONE, NONE)))) == []
     late = unit(1, 50.0, NONE, NONE)
