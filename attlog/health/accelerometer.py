@@ -257,6 +257,8 @@ OFFSET_OFF_M_S2, OFFSET_FAR_M_S2 = np.array([0.17, 0.17, 0.3]), np.array([0.5, 0
 OFFSET_SIGMAS, MAX_OFFSET_M_S2 = 4.0, 1.0
 # 3 deg of tilt: smaller differences of two IMUs may come from mounting.
 MOUNTING_M_S2 = 0.5
+# Tolerance for the same offset at rest and in the onboard estimator: ground is level within 1 deg or so.
+CONFIRMED_SHARE = 0.5
 # Tolerance for the vertical offset at rest: 0.1 m/s^2 or this share of it.
 GROUND_M_S2, GROUND_SHARE = 0.1, 0.3
 OFFSET_LIMIT = "ok up to 0.17 m/s^2 horizontally, 0.3 along z, or 4 sigma; fault above 0.5 and 1 m/s^2"
@@ -354,7 +356,18 @@ def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias)
     if known.all():
         check.measure_axes(bias.mean, bias.sigma, 3)
     if off.any():
+        rest, onboard = _confirmations(case, imu, bias)
+        if False in (rest, onboard) and True not in (rest, onboard):
+            why = f"By {bias.by} it is off by {size:+.2f} m/s^2 along {'xyz'[worst]}; "
+            why += f"{'rest' if rest is False else 'the onboard bias'} contradicts."
+            shown = unknown("accelerometer_offset", why, OFFSET_LIMIT, sensor=source, source=OFFSET_SOURCE)
+            shown.evidence, shown.action = check.evidence, TURN_ADVICE
+            return shown
         check.why_no_setting = _refusal(case, imu, bias, own)
+        if not check.why_no_setting and rest is not True:
+            check.why_no_setting = "No reading at rest shows the same offset. Log before arming, on level ground."
+        if not check.why_no_setting and onboard is False:
+            check.why_no_setting = "The onboard estimator subtracts another bias; six positions show which is right."
         if not check.why_no_setting:
             offered = accelerometer_proposal(case.log, imu, np.where(off, bias.mean, 0.0))
             check.settings, check.why_no_setting = offered.settings, offered.refused
@@ -388,6 +401,29 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
     return ""
 
 
+def _confirmations(case: HealthCase, imu: Imu, bias: SensorBias) -> list[bool | None]:
+    """Return whether rest and the onboard estimator show the significant offsets; None where not logged."""
+    off = offset_axes(bias)
+    near = np.maximum(CONFIRMED_SHARE * np.abs(bias.mean), 1.96 * bias.sigma)
+    still = stream_blocks(imu.acc, still_spans(case.segments)[0])
+    rest = None
+    if still is not None:
+        level = bool(np.all(np.abs(still.middle - bias.mean)[:2][off[:2]] <= near[:2][off[:2]]))
+        ground = ground_excess(case, imu, bias) if off[2] else None
+        rest = level and (ground is None or abs(ground[0] - ground[1]) <= float(near[2]))
+    own = onboard_bias(case, imu)
+    return [rest, None if own is None else bool(np.all(np.abs(own - bias.mean)[off] <= near[off]))]
+
+
+def onboard_bias(case: HealthCase, imu: Imu) -> Array | None:
+    """Return the accelerometer bias (3,) m/s^2 that the onboard estimator learned; None if none or of another unit."""
+    learned = case.log.estimator.acc_bias
+    if learned is None or imu is not case.log.replay_imu or not len(learned.x):
+        return None
+    own = np.nanmedian(learned.x[len(learned.x) // 2 :], axis=0)
+    return np.asarray(own) if np.isfinite(own).all() and own.any() else None
+
+
 @cached_per_log
 def ground_excess(case: HealthCase, imu: Imu, bias: SensorBias) -> tuple[float, float] | None:
     """Return force at rest minus gravity in m/s^2, measured and expected from ``bias``."""
@@ -409,9 +445,6 @@ def _evidence(case: HealthCase, imu: Imu, bias: SensorBias) -> list[str]:
         evidence.append(
             f"The force on the ground is {shown:+.2f} m/s^2 off gravity; this offset makes {expected:+.2f}."
         )
-    onboard = case.log.estimator.acc_bias
-    if onboard is not None and imu is case.log.replay_imu and len(onboard.x):
-        own = np.nanmedian(onboard.x, axis=0)
-        if np.isfinite(own).all():
-            evidence.append(f"The onboard estimator subtracts {axes_text(own)} m/s^2.")
+    if (own := onboard_bias(case, imu)) is not None:
+        evidence.append(f"The onboard estimator subtracts {axes_text(own)} m/s^2.")
     return evidence

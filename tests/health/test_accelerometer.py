@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from attlog.flight.model import FlightLog, Imu, TimeLine
+from attlog.flight.model import FlightLog, Imu, Stream, TimeLine
 from attlog.health import accelerometer
 from attlog.health.accelerometer import accelerometer_offsets
 from attlog.health.check import Check, Setting
@@ -72,7 +72,8 @@ def test_without_a_rest_on_the_ground_nothing_is_offered_along_z(asked: Asked) -
 def test_what_is_not_exact_or_shaken_is_told_and_not_offered(
     asked: Asked, quality: dict[str, float | str], checks: list[Check]
 ) -> None:
-    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, NONE, NONE)), quality, checks=checks))
+    x = float(quality["acc_bias_x_m_s2"])
+    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, (x, 0.0, 0.0), NONE)), quality, checks=checks))
     assert found.verdict in ("warning", "fault")
     assert not found.settings
     assert not asked
@@ -80,7 +81,7 @@ def test_what_is_not_exact_or_shaken_is_told_and_not_offered(
 
 
 def test_a_stream_that_follows_the_unit_in_use_has_no_offset_of_its_own_after_a_switch(asked: Asked) -> None:
-    log = log_of(unit(0, 100.0, NONE, NONE))
+    log = log_of(unit(0, 100.0, (0.3, 0.0, 0.0), NONE))
     log.imu_that_flew = TimeLine(np.array([0.0, 50.0]), [0, 1], "made")
     (found,) = accelerometer_offsets(case(log, told((0.3, 0.0, 0.0))))
     assert (found.verdict, asked) == ("warning", [])
@@ -136,7 +137,7 @@ def test_the_ground_confirms_an_offset_to_three_tenths_of_it_or_a_tenth(
 
 @pytest.mark.parametrize(("size", "offered"), [(0.98, True), (-1.02, False)])
 def test_an_offset_is_offered_up_to_a_metre_per_second_squared(asked: Asked, size: float, offered: bool) -> None:
-    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, NONE, NONE)), told((0.0, size, 0.0))))
+    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, (0.0, size, 0.0), NONE)), told((0.0, size, 0.0))))
     assert (bool(asked), "six positions do" in found.why_no_setting) == (offered, not offered)
     assert found.verdict == "fault"
 
@@ -155,9 +156,34 @@ def test_an_offset_is_offered_up_to_a_metre_per_second_squared(asked: Asked, siz
     ],
 )
 def test_limits_of_an_offset_are_wider_along_z(asked: Asked, offset: tuple[float, float, float], verdict: str) -> None:
-    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, NONE, NONE)), told(offset)))
+    (found,) = accelerometer_offsets(case(log_of(unit(0, 100.0, offset, NONE)), told(offset)))
     assert found.verdict == verdict
     assert found.value == pytest.approx(max(offset, key=abs), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("at_rest", "onboard", "verdict", "offered"),
+    [
+        (0.3, None, "warning", True),
+        (0.3, 0.25, "warning", True),
+        (0.3, 0.02, "warning", False),
+        (0.0, 0.25, "warning", False),
+        (0.0, -0.01, "unknown", False),
+        (0.0, None, "unknown", False),
+        (None, None, "warning", False),
+        (None, -0.01, "unknown", False),
+    ],
+)
+def test_a_value_needs_rest_and_the_onboard_bias_and_a_fault_needs_one(
+    asked: Asked, at_rest: float | None, onboard: float | None, verdict: str, offered: bool
+) -> None:
+    log = log_of(unit(0, 100.0, (at_rest or 0.0, 0.0, 0.0), NONE))
+    if onboard is not None:
+        t = np.arange(0.0, 120.0, 0.1)
+        log.estimator.acc_bias = Stream(t, np.tile([onboard, 0.0, 0.0], (len(t), 1)), "m/s^2", "FRD", "XKF2")
+    segments = Segments([Segment("airborne", 30.0, 90.0)]) if at_rest is None else phases()
+    (found,) = accelerometer_offsets(case(log, told((0.3, 0.0, 0.0)), segments=segments))
+    assert (found.verdict, bool(asked)) == (verdict, offered)
 
 
 @pytest.mark.parametrize(("rate", "judged"), [(9.5, 1), (10.5, 2)])
