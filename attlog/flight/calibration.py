@@ -240,12 +240,15 @@ FIRST_COMPASS = "COMPASS_PRIMARY"
 
 
 def compass_switches(values: Values, other: int, used: int) -> dict[str, float]:
-    """Return ArduPilot's parameters that replace the compass ``used`` by ``other``, empty if one is not logged."""
+    """Return ArduPilot's parameters that replace the compass ``used`` by ``other``, empty if none is logged.
+
+    Before 3.3 COMPASS_PRIMARY alone selects one.
+    """
     names = [f"COMPASS_USE{slot_suffix(index + 1)}" for index in (other, used)]
+    first = {FIRST_COMPASS: float(other)} if FIRST_COMPASS in values else {}
     if not all(name in values for name in names):
-        return {}
-    wanted = dict(zip(names, (1.0, 0.0), strict=True))
-    return wanted | {FIRST_COMPASS: float(other)} if FIRST_COMPASS in values else wanted
+        return first
+    return dict(zip(names, (1.0, 0.0), strict=True)) | first
 
 
 def ardupilot_motor_type(values: Values, index: int, power: str) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 from attlog.core import rotation
 from attlog.core.spans import Span, inside
 from attlog.flight import compass
-from attlog.flight.calibration import FIRST_COMPASS, compass_switches
+from attlog.flight.calibration import FIRST_COMPASS, compass_switches, px4_slot_in_use
 from attlog.flight.model import Array, Attitude, FlightLog, Mag
 from attlog.flight.parameters import looks_up_declination
 from attlog.health import settings as parameters
@@ -456,16 +457,42 @@ def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
         check.why_no_setting = f"{name} was never calibrated: calibrate it first."
         check.action = f"Calibrate {name} and use it instead of {flown}."
         return
-    check.other_compass, check.action = name, f"Use {name} instead of {flown}."
+    if why := _switched_already(log, other):
+        check.verdict, check.why_no_setting = "ok", f"{why}: nothing to set."
+        return
+    check.other_compass = name
     wanted = compass_switches(log.settings.values, other.index, used.index)
     check.settings = [Setting(n, log.param(n), value) for n, value in wanted.items() if log.param(n) != value]
+    how = " and ".join(f"{setting.name} {setting.new:.0f}" for setting in check.settings)
     if not check.settings:
-        first = FIRST_COMPASS in log.settings.values
-        how = f"set {FIRST_COMPASS} to {other.index}" if first else "give that one a higher priority"
-        check.why_no_setting = f"The log holds no parameter that switches a compass: {how}."
-        return
-    changes = " and ".join(f"{setting.name} {setting.new:.0f}" for setting in check.settings)
-    check.action = f"Use {name} instead of {flown}: set {changes}."
+        how = _priority_words(log, other, used)
+        check.why_no_setting = "No single parameter of this log switches a compass."
+    check.action = f"Use {name} instead of {flown}: set {how}."
+
+
+# Text of ArduPilot's EKF at a change of its compass.
+SWITCH_TEXT = re.compile(r"switching to compass (\d)", re.IGNORECASE)
+
+
+def _switched_already(log: FlightLog, other: Mag) -> str:
+    """Return how the log itself changes to another compass, or empty."""
+    switched = [(t, int(found[1])) for t, _, text in log.texts if (found := SWITCH_TEXT.search(text))]
+    if switched and switched[-1][1] == other.index:
+        return f"The EKF changed to {other.field.source} at {switched[-1][0]:.0f} s"
+    line = log.parameters.lines.get(FIRST_COMPASS)
+    if line is not None and len(line.value) > 1 and line.value[-1] == other.index:
+        return f"{FIRST_COMPASS} was set to {other.index} at {line.t[-1]:.0f} s"
+    return ""
+
+
+def _priority_words(log: FlightLog, other: Mag, used: Mag) -> str:
+    """Return the parameters that give a compass priority over another, in words where slots are unknown."""
+    slots = [px4_slot_in_use(log.settings.values, mag.device) for mag in (other, used)]
+    if log.firmware.name == "PX4" and None not in slots and slots[0] != slots[1]:
+        return f"CAL_MAG{slots[0]}_PRIO 100 and CAL_MAG{slots[1]}_PRIO 50"
+    if log.firmware.name == "ArduPilot":
+        return "it first in the order of compasses"
+    return "the priority of that compass higher"
 
 
 def compass_checks(case: HealthCase) -> list[Check]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -222,6 +223,8 @@ def horizontal_acceleration(log: FlightLog, motion: MotionAttitude, flown: list[
 HUBER = 2.5
 # Systematic error of compass and model: 3 mG.
 SYSTEMATIC_ERROR_UT = 0.3
+# Parts of a flight whose offsets are compared, their least length and samples.
+PARTS, PART_S, MIN_PART_SAMPLES = 3, 10.0, 10
 # Significance of an offset: 4 total sigma and 15 mG. None of 39 simulated flights without offset exceeds it; with 4
 # sigma of the fit alone 29 do.
 OFFSET_SIGMAS, MIN_OFFSET_UT = 4.0, 1.5
@@ -265,9 +268,21 @@ def fit_offset(samples: FieldSamples, use: Mask) -> OffsetFit | None:
     if found is None:
         return None
     heading = float(np.sqrt(np.mean(samples.sigma_heading[use] ** 2)))
-    sigma = total_sigma(found.sigma, heading, samples.earth)
+    sigma = total_sigma(np.maximum(found.sigma, parts_error(t, error)), heading, samples.earth)
     left = float(np.sqrt(np.mean(np.sum((error - found.x) ** 2, axis=1))))
     return OffsetFit(found.x, sigma, left, len(t), found.blocks)
+
+
+def parts_error(t: Array, error: Array) -> Array:
+    """Return the standard error (3,) of a mean by its scatter over three parts of the flight.
+
+    Errors of heading, motors and place last for longer than blocks of 5 s. Zero for less than three parts of PART_S.
+    """
+    edges = np.linspace(t[0], t[-1], PARTS + 1)
+    found = [error[(t >= a) & (t <= b)] for a, b in pairwise(edges)]
+    if t[-1] - t[0] < PARTS * PART_S or min(map(len, found)) < MIN_PART_SAMPLES:
+        return np.zeros(3)
+    return np.asarray(np.std([np.median(x, axis=0) for x in found], axis=0, ddof=1) / math.sqrt(PARTS))
 
 
 def total_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
@@ -464,7 +479,7 @@ def study_samples(samples: FieldSamples) -> CompassStudy | None:
     by_offset = np.broadcast_to(first.offset, shape), np.broadcast_to(second.offset, shape)
     one, two = (motor_field(samples, part, fit, ground) for part, fit in zip(parts, (first, second), strict=True))
     by_motors = None if one is None or two is None else (one.at(samples), two.at(samples))
-    same = np.maximum(HALVES_SHARE * air.size, HALVES_SIGMAS * air.sigma)
+    same = np.maximum(HALVES_SHARE * air.size, HALVES_SIGMAS * np.minimum(first.sigma, second.sigma))
     return CompassStudy(
         samples,
         air,

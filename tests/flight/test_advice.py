@@ -163,6 +163,7 @@ def test_a_unit_whose_records_are_mostly_refused_is_no_flight(corpus: Path) -> N
     ("values", "wanted"),
     [
         ({"COMPASS_USE": 1.0}, {}),
+        ({"COMPASS_USE": 1.0, "COMPASS_PRIMARY": 0.0}, {"COMPASS_PRIMARY": 1.0}),
         ({"COMPASS_USE": 1.0, "COMPASS_USE2": 0.0}, {"COMPASS_USE2": 1.0, "COMPASS_USE": 0.0}),
         (
             {"COMPASS_USE": 1.0, "COMPASS_USE2": 0.0, "COMPASS_PRIMARY": 0.0},

@@ -36,7 +36,9 @@ def flight(
     force = rotation.rotate_inverse(attitude(t), np.column_stack([acc, np.full(len(t), -G)]))
     log = FlightLog(Path("made"), "made", 0, 0, Firmware(firmware), "quadrotor")
     gyro = np.column_stack([np.zeros((len(t), 2)), 0.4 * np.cos(0.4 * t)])
-    log.imus = [Imu(0, Stream(t, gyro, "rad/s", "FRD", "IMU"), Stream(t, force, "m/s^2", "FRD", "IMU"))]
+    log.imus = [
+        Imu(0, Stream(t, gyro, "rad/s", "FRD", "IMU"), Stream(t, force, "m/s^2", "FRD", "IMU"), filtered="none")
+    ]
     log.imu = 0
     log.gnss = [receiver(late_s, seed)]
     log.parameters.lines = {name: TimeLine(np.zeros(1), [value], "made") for name, value in (params or {}).items()}

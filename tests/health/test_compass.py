@@ -82,7 +82,7 @@ def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
             0.0,
             False,
             False,
-            "The log holds no parameter that switches a compass: give that one a higher priority.",
+            "No single parameter of this log switches a compass.",
         ),
     ],
 )
@@ -94,6 +94,16 @@ def test_a_better_compass_is_not_offered_for_one_reason(
     mag.offsets = replace(mag.field, x=np.zeros_like(mag.field.x)) if zero else None
     (found,) = compass.choice_checks(case, studies)
     assert (found.verdict, found.settings, found.why_no_setting) == ("warning", [], why)
+
+
+def test_a_switch_that_the_log_makes_itself_is_not_advised() -> None:
+    case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    case.log.texts = [(40.0, 4, "EKF3 IMU0 switching to compass 1")]
+    (found,) = compass.choice_checks(case, studies)
+    assert (found.verdict, found.settings, found.action) == ("ok", [], "")
+    case.log.texts.append((50.0, 4, "EKF3 IMU0 switching to compass 0"))
+    (found,) = compass.choice_checks(case, studies)
+    assert (found.verdict, bool(found.settings)) == ("warning", True)
 
 
 def test_without_an_attitude_the_size_of_the_field_decides() -> None:

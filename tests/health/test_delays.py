@@ -228,6 +228,14 @@ def test_a_later_one_is_offered_its_delay_and_a_longer_buffer() -> None:
     assert offered == {"EKF2_GPS_DELAY": (110.0, 250.0), "EKF2_DELAY_MAX": (200.0, 250.0)}
 
 
+def test_the_filter_of_the_logged_imu_widens_the_interval_until_nothing_is_offered() -> None:
+    log = flight(0.16, params={"EKF2_GPS_DELAY": 110.0})
+    assert gnss_delay_of(log).settings
+    log.imus[0].gyro.delay = 0.0113
+    slow = gnss_delay_of(log)
+    assert (slow.verdict, slow.settings, bool(slow.action)) == ("unknown", [], True)
+
+
 def test_estimates_that_disagree_tell_nothing() -> None:
     one = gnss_delay_of(flight(0.2, params={"EKF2_GPS_DELAY": 110.0}), delay_ms=110.0)
     assert (one.verdict, one.settings) == ("unknown", [])
@@ -355,23 +363,23 @@ def parameter(low: float, high: float, most: float = 300.0) -> DelayParameter:
 
 
 @pytest.mark.parametrize(
-    ("late", "sigma", "low", "high", "new"),
+    ("late", "sigma", "low", "high", "verdict", "new"),
     [
-        (79.0, 2.0, 60.0, 60.0, None),
-        (81.0, 2.0, 60.0, 60.0, 80.0),
-        (41.0, 2.0, 60.0, 60.0, None),
-        (38.0, 2.0, 60.0, 60.0, 40.0),
-        (38.0, 2.0, 30.0, 60.0, None),
-        (107.0, 10.0, 60.0, 60.0, None),
-        (108.0, 10.0, 60.0, 60.0, 110.0),
+        (79.0, 2.0, 60.0, 60.0, "ok", None),
+        (99.0, 2.0, 60.0, 60.0, "unknown", None),
+        (101.0, 2.0, 60.0, 60.0, "warning", 100.0),
+        (18.0, 2.0, 60.0, 60.0, "warning", 20.0),
+        (18.0, 2.0, 30.0, 60.0, "ok", None),
+        (107.0, 10.0, 60.0, 60.0, "ok", None),
+        (131.0, 10.0, 60.0, 60.0, "unknown", None),
     ],
 )
-def test_a_delay_is_told_beyond_20_ms_and_three_sigmas_and_rounded_to_five(
-    late: float, sigma: float, low: float, high: float, new: float | None
+def test_a_delay_is_offered_from_40_ms_on_with_an_interval_below_20_ms_rounded_to_five(
+    late: float, sigma: float, low: float, high: float, verdict: str, new: float | None
 ) -> None:
     """One sigma is 1.5 times that of the fit, and the floor of 5 ms beside it."""
     one = delays.delay_check(delays.COMPASS, "MAG:0", late, float(np.hypot(1.5 * sigma, 5.0)), parameter(low, high))
-    assert (one.verdict, [s.new for s in one.settings]) == ("ok" if new is None else "warning", [new] if new else [])
+    assert (one.verdict, [s.new for s in one.settings]) == (verdict, [new] if new else [])
     assert one.value == late
     half = 1.96 * np.hypot(1.5 * sigma, 5.0)
     assert one.ci95 == pytest.approx((late - half, late + half), abs=0.06)
