@@ -317,6 +317,8 @@ def remedy(settings: VehicleSettings, fault: str, compass: int, device: str | No
 
     Only logged parameters are named. ``compass``, ``device``: index and device id of the compass in use.
     """
+    if fault == "gaps" and settings.kind == "telemetry":
+        return _SD_CARD.format(name=settings.name)
     text, values = GENERAL_REMEDIES.get(fault, ""), settings.values
     slot: object = slot_suffix(compass + 1) if settings.kind == "ArduPilot" else px4_slot_in_use(values, device)
     for known, template, words, only in FIRMWARE_REMEDIES.get(settings.kind, ()):

@@ -27,6 +27,9 @@ FULL_HZ = 95.0
 RATE_LIMIT = "ok from 95, replay from 10"
 # Minimum pause of the logger; minimum pause where arming is not logged; margin to flight.
 PAUSE_S, LONG_PAUSE_S, FLIGHT_MARGIN_S = 2.0, 5.0, 1.0
+# Minimum pause where arming is not logged and LOG_DISARMED 0 stops the logger.
+UNLOGGED_PAUSE_S = 1.0
+LINK_CAUSE = "The radio link lost packets."
 # Maximum delay of a pause after disarming, and maximum armed share within it.
 ARMED_MARGIN_S, ARMED_SHARE = 1.0, 0.1
 # Limits: number and share of time of gaps for verdict ok, share for a fault.
@@ -97,6 +100,8 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
     if others:
         check.evidence.append(f"{log.onboard} goes on in {others} of them.")
         check.cause = "The IMU, its driver or the rate of its messages: others go on in the gaps."
+    elif log.settings.kind == "telemetry":
+        check.cause = LINK_CAUSE
     elif float(lost.max()) > LONG_PAUSE_S:
         check.about = "stopped"
     return check
@@ -108,7 +113,7 @@ def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
     A long gap without flight at either end also counts, because the record of disarming is often lost.
     """
     if log.state.armed is None or not log.state.armed.value:
-        return t1 - t0 > LONG_PAUSE_S
+        return t1 - t0 > (UNLOGGED_PAUSE_S if log.param("LOG_DISARMED") == 0 else LONG_PAUSE_S)
     flown = any(a < t1 + FLIGHT_MARGIN_S and t0 - FLIGHT_MARGIN_S < b for a, b in segments.spans("airborne"))
     if t1 - t0 > LONG_PAUSE_S and "airborne" not in segments.unknown and not flown:
         return True

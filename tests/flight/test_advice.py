@@ -210,3 +210,9 @@ def test_advice_and_remedies_are_as_reviewed() -> None:
         own = " ".join(f"{name} {value:g}" for name, value in values.items())
         lines.append(f"{kind}, {fault}, compass {compass}, device {device}, {own}: {said}")
     check_golden(Path(__file__).parent / "golden" / "advice.txt", lines)
+
+
+def test_gaps_of_telemetry_need_the_vehicles_own_log_and_no_faster_card() -> None:
+    said = remedy(VehicleSettings("telemetry", name=".bin"), "gaps", 0, None)
+    assert "instead of telemetry" in said
+    assert "faster" not in said

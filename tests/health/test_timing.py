@@ -31,6 +31,13 @@ def test_a_gap_of_seconds_is_a_pause_unless_more_than_a_second_and_a_tenth_of_it
     assert not pauses(10.0, 11.9, log, Segments()), "shorter gaps are lost records"
 
 
+@pytest.mark.parametrize(("log_disarmed", "is_pause"), [(0.0, True), (1.0, False), (None, False)])
+def test_without_arming_a_logger_that_stops_while_disarmed_paused(log_disarmed: float | None, is_pause: bool) -> None:
+    """Motor tests arm without a record."""
+    log: Any = SimpleNamespace(state=SimpleNamespace(armed=None), param=lambda _: log_disarmed)
+    assert pauses(10.0, 12.0, log, Segments()) is is_pause
+
+
 def test_a_logger_that_keeps_every_tenth_sample_is_not_called_uneven_too() -> None:
     log = deepcopy(good("px4_steps.ulg"))
     assert "jitter" in [c.question for c in timing_checks(HealthCase(log, Segments()))]
