@@ -30,6 +30,7 @@ from attlog.segments.heights import (
     LIKELY_HEIGHT_M,
     HeightLevel,
     averaged_height,
+    has_jumps,
     height_levels,
     height_stream,
     long_runs,
@@ -202,7 +203,7 @@ def _slow_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, allowed:
     levels = height_levels(log, grid, off | ~allowed)
     own = log.estimator.height
     if own is not None and len(own.t) > 1 and all(level.sensor != "estimator" for level in levels):
-        levels = [HeightLevel("estimator", own.source, averaged_height(t, own)), *levels]
+        levels = [HeightLevel("estimator", own.source, averaged_height(t, own), has_jumps(own)), *levels]
     levels = [count_from_arming(t, level, armed or []) for level in levels]
     sensed = [level for level in levels if level.sensor != "estimator"] or levels
     hint, sure, _ = _height_signs(log.kind, grid, sensed)

@@ -35,15 +35,21 @@ MIN_REPORTED_HEIGHT_M = 0.3
 OUT_OF_RANGE_RATIO, OUT_OF_RANGE_M = 1.5, 5.0
 # A height sample further than SPIKE_M from the median over SPIKE_S is a spike: 10 m/s^2 of climb gives 5 m only.
 SPIKE_M, SPIKE_S = 15.0, 4.0
+# Step of an estimated height that is a reset: minimum, and minimum vertical speed.
+JUMP_M, JUMP_M_S = 10.0, 60.0
 
 
 @dataclass(frozen=True, slots=True)
 class HeightLevel:
-    """Height (n,) m above the ground, NaN where unknown, by a ``sensor`` of LIKELY_HEIGHT_M."""
+    """Height (n,) m above the ground, NaN where unknown, by a ``sensor`` of LIKELY_HEIGHT_M.
+
+    ``jumps``: it is reset by metres in the air, so that its top means nothing.
+    """
 
     sensor: str
     source: str
     above: Array
+    jumps: bool = False
 
     @property
     def hint(self) -> Mask:
@@ -76,7 +82,8 @@ def height_levels(log: FlightLog, grid: Grid, stands: Mask) -> list[HeightLevel]
         level_ground = stands & (np.abs(np.nan_to_num(climb, nan=9.0)) < MAX_GROUND_CLIMB_M_S)
         ground = long_runs(level_ground, round(MIN_STAND_S / STEP_S)) & np.isfinite(level)
         if ground.any():
-            found.append(HeightLevel(sensor, stream.source, level - np.interp(grid.t, grid.t[ground], level[ground])))
+            above = level - np.interp(grid.t, grid.t[ground], level[ground])
+            found.append(HeightLevel(sensor, stream.source, above, sensor == "estimator" and has_jumps(stream)))
             break
     return found
 
@@ -87,7 +94,8 @@ def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel,
     ``flying`` (n,): mask. None without a reportable height. A rangefinder in range for 95 % of the time is preferred,
     unless the barometer shows that the vehicle left its range. Barometer height changes with wind; GNSS height lags.
     """
-    tops = [(level, float(np.nanmax(level.above[flying], initial=-np.inf))) for level in levels]
+    steady = [level for level in levels if not level.jumps]
+    tops = [(level, float(np.nanmax(level.above[flying], initial=-np.inf))) for level in steady]
     others = max((top for level, top in tops if level.sensor != "range"), default=-np.inf)
 
     def rank(candidate: tuple[HeightLevel, float]) -> int:
@@ -123,6 +131,12 @@ def _height_streams(log: FlightLog) -> list[tuple[str, Stream]]:
     if not found and height is not None and len(height.t) > 10:
         found.append(("estimator", height))
     return found
+
+
+def has_jumps(stream: Stream) -> bool:
+    """Return whether a height steps as no vehicle moves."""
+    step = np.abs(np.diff(stream.x[:, 0]))
+    return bool(np.any((step > JUMP_M) & (step > JUMP_M_S * np.diff(stream.t))))
 
 
 def averaged_height(t: Array, stream: Stream) -> Array:

@@ -7,6 +7,7 @@ for some seconds is not off. Thresholds are from docs/story.md.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +153,7 @@ def count_from_arming(t: Array, level: HeightLevel, armed: list[Span]) -> Height
         around = around[np.isfinite(around)]
         if len(around) and np.median(around) < FIRST_HEARD_M:
             above[(t >= a - COUNT_BEFORE_S) & (t < end)] -= np.median(around)
-    return HeightLevel(level.sensor, level.source, above)
+    return replace(level, above=above)
 
 
 def tilts_as_in_air(grid: Grid, within: Mask) -> bool | None:

@@ -11,6 +11,7 @@ import attlog
 from attlog import segments
 from attlog.core import rotation, spans
 from attlog.flight.model import Attitude, Gnss, Stream, TimeLine
+from attlog.segments import heights
 from attlog.segments import sparse_flights as sparse
 from attlog.segments.heights import HeightLevel
 from tests.segments.flights import imu_log
@@ -241,3 +242,14 @@ def test_a_barometer_that_propellers_raise_is_no_flight_in_slow_telemetry() -> N
         log.baro[0].x = 300.0 + 1.5 * (log.baro[0].x - 300.0) / 8.0
         log.estimator.height = None
         assert len(segments.build(log).spans("airborne")) == flights
+
+
+def test_the_top_of_an_estimated_height_that_is_reset_in_the_air_is_unknown() -> None:
+    """Cores 54 m apart: the height says where it flew, and not how high."""
+    high = np.interp(T, [10.0, 15.0, 30.0, 35.0], [0.0, 40.0, 40.0, 0.0])
+    for step, jumps in ((54.0, True), (3.0, False)):
+        stream = Stream(T, (high + step * ((T > 20.0) & (T < 24.0)))[:, None], "m", "", "vehicle_local_position")
+        assert heights.has_jumps(stream) is jumps
+        level = HeightLevel("estimator", stream.source, stream.x[:, 0], jumps)
+        found = heights.highest_level([level], np.ones(len(T), bool))
+        assert (found is None) is jumps
