@@ -12,9 +12,9 @@ A wrong compass tilts the onboard attitude by up to 12 deg, so a second attitude
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -23,27 +23,15 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.earth import MagneticField
 from attlog.core.log_cache import cached_per_log
-from attlog.core.spans import Span, inside, intersect
 from attlog.flight import recalibration
 from attlog.flight.calibration import MOUNTING_EULER_DEG, mounting_matrix
-from attlog.flight.compass import motor_drive, power_at
-from attlog.flight.model import Array, FlightLog, Imu, Mag
+from attlog.flight.model import Array, FlightLog, Mag
 from attlog.reference import alignment
-from attlog.segments import Segments, model
-from attlog.segments.increments import gyro_increments
+from attlog.reference.compass_windows import MIN_SAMPLES, SAMPLE_HZ, TILTS, Window
+from attlog.segments import Segments
 
-# Rate of samples: attitude errors are correlated over longer times.
-SAMPLE_HZ = 8.0
-# Length of a window with one heading, drift and offset, and its least number of samples.
-WINDOW_S, MIN_WINDOW_SAMPLES = 60.0, 40
-# Longer steps between samples end a window.
-MAX_STEP_S = 1.0
-# Time cut from both ends of a flight (ground contact). Shorter flights use the whole log.
-EDGE_S, MIN_FLIGHT_S = 1.0, 15.0
 # Searched drift of the heading, its step, and the most that it turns within a window from one step to the next.
 MAX_DRIFT_DPS, DRIFT_STEP_DPS, DRIFT_STEP_DEG = 1.5, 0.25, 15.0
-# Time constant of the force's low-pass, run forward and backward: turns and gusts average out.
-FORCE_S = 5.0
 # Huber threshold in standard deviations of an axis.
 HUBER_SIGMAS = 3.0
 # Effective independent samples: errors are correlated over a second.
@@ -52,8 +40,8 @@ CORRELATED_SAMPLES = SAMPLE_HZ * 1.0
 # get a wrong name.
 MOUNTINGS = 38
 
-# Least data: samples, seconds, range of the heading.
-MIN_SAMPLES, MIN_SECONDS, MIN_HEADING_DEG = 60, 15.0, 5.0
+# Least data: seconds and range of the heading.
+MIN_SECONDS, MIN_HEADING_DEG = 15.0, 5.0
 # Largest residual of the best mounting, and largest error of the field's components, as shares of the earth's field.
 MAX_LEFT_SHARE, MAX_FIELD_SIGMA_SHARE = 0.08, 0.08
 # Largest mean drift of the heading.
@@ -70,27 +58,6 @@ MIN_MIRROR_RATIO = 1.5
 
 Verdict = Literal["ok", "fault", "unknown"]
 Reason = Literal["", "data", "iron", "tilt", "drift", "world", "next", "askew", "attitudes"]
-
-
-@dataclass(frozen=True)
-class Window:
-    """Samples of a window: time from its middle (n,) s, body-to-earth matrices (n, 3, 3), field (n, 3) uT, power (n,).
-
-    ``power`` is None where it is unknown or constant.
-    """
-
-    t: Array
-    earth: Array
-    field: Array
-    power: Array | None
-    middle: float = 0.0
-    """Time of the middle, s."""
-
-    @cached_property
-    def nuisance(self) -> Array:
-        """Return columns (n, k) of offset and power."""
-        one = np.ones((len(self.t), 1))
-        return one if self.power is None else np.column_stack([one, self.power])
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,120 +175,6 @@ def compass_orientation(log: FlightLog, segments: Segments, mag: Mag) -> Orienta
     if any(np.abs(other.turn - named.turn).max() > 1e-6 for other in made):
         return Orientation("unknown", "attitudes", "Tilt by the onboard attitude and by gravity name different axes.")
     return named
-
-
-# Samples.
-
-
-def _use_spans(log: FlightLog, segments: Segments) -> list[Span]:
-    """Return the flight without its ends, the whole log where it is short; before the first crash."""
-    end = min((s.t0 for k in ("impact", "loss_of_control", "wreck") for s in segments.of(k)), default=log.seconds)
-    flown = [(a + EDGE_S, b - EDGE_S) for a, b in segments.spans("airborne") if b - a > 2.0 * EDGE_S]
-    flown = intersect(flown, [(-np.inf, end)])
-    return flown if sum(b - a for a, b in flown) >= MIN_FLIGHT_S else [(-np.inf, end)]
-
-
-def _field_samples(log: FlightLog, segments: Segments, mag: Mag) -> tuple[Array, Array]:
-    """Return times (n,) s and fields (n, 3) uT at 8 Hz at most, without repeats."""
-    t, x = model.select_rising(mag.field.t_best, 1e6 * mag.field.x)
-    use = inside(t, _use_spans(log, segments)) & np.any(np.diff(x, axis=0, prepend=np.nan) != 0.0, axis=1)
-    t, x = t[use], x[use]
-    number = np.floor(t * SAMPLE_HZ).astype(np.int64)
-    first = np.diff(number, prepend=-1) != 0
-    return t[first], x[first]
-
-
-def _cut(log: FlightLog, t: Array, x: Array, earth: Array, joined: NDArray[np.bool_]) -> list[Window]:
-    """Return windows of samples that are ``joined`` (n,) to the one before; not upside down."""
-    upright = earth[:, 2, 2] > 0.0
-    run = np.cumsum(~joined)
-    t, x, earth, run = t[upright], x[upright], earth[upright], run[upright]
-    power = power_at(motor_drive(log)[1], t)
-    windows = []
-    for number in np.unique(run):
-        k = np.flatnonzero(run == number)
-        for part in np.array_split(k, max(1, math.ceil((t[k[-1]] - t[k[0]]) / WINDOW_S))):
-            if len(part) < MIN_WINDOW_SAMPLES:
-                continue
-            p = power[part]
-            middle = 0.5 * (t[part[0]] + t[part[-1]])
-            varies = np.isfinite(p).all() and np.ptp(p) > 1e-3 * max(float(np.abs(p).max()), 1e-9)
-            windows.append(Window(t[part] - middle, earth[part], x[part], p if varies else None, middle))
-    return windows
-
-
-def _by_onboard(log: FlightLog, segments: Segments, imu: Imu, mag: Mag) -> list[Window]:
-    """Return windows with the onboard tilt; its heading turns with the gyro."""
-    attitude = log.onboard_attitude
-    if attitude is None or len(attitude.t) < MIN_SAMPLES:
-        return []
-    t, x = _field_samples(log, segments, mag)
-    own = attitude.t if attitude.t_sample is None else attitude.t_sample
-    q, _ = rotation.slerp_in_segments(own, attitude.q, model.number_segments(own), t)
-    known = rotation.finite_rows(q)
-    t, x, q = t[known], x[known], q[known]
-    if len(t) < MIN_WINDOW_SAMPLES:
-        return []
-    turning = gyro_increments(imu)
-    turned = rotation.from_rotvec(turning.between(t[:-1], t[1:]))
-    slip = rotation.multiply(q[1:], rotation.conjugate(rotation.multiply(q[:-1], turned)))
-    drift = np.concatenate([[0.0], np.cumsum(2.0 * np.arctan2(slip[:, 3], slip[:, 0]))])
-    matrices = rotation.to_matrix(rotation.turn_about_down(q, -drift))
-    return _cut(log, t, x, matrices, _joined(t, turning.known(t[:-1], t[1:])))
-
-
-def _by_force(log: FlightLog, segments: Segments, imu: Imu, mag: Mag) -> list[Window]:
-    """Return windows with the tilt by gyro and mean force alone."""
-    t, x = _field_samples(log, segments, mag)
-    if len(t) < MIN_WINDOW_SAMPLES:
-        return []
-    turning = gyro_increments(imu)
-    joined = _joined(t, turning.known(t[:-1], t[1:]))
-    steps = rotation.from_rotvec(turning.between(t[:-1], t[1:]))
-    q = np.empty((len(t), 4))
-    q[0] = 1.0, 0.0, 0.0, 0.0
-    for k, step in enumerate(steps):
-        q[k + 1] = rotation.multiply(q[k], step)
-    at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
-    if len(at) < MIN_SAMPLES:
-        return []
-    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(np.diff(at)[:, None] * force[1:], axis=0)])
-    half = 0.5 / SAMPLE_HZ
-    mean = np.column_stack([np.interp(t + half, at, s) - np.interp(t - half, at, s) for s in sums.T])
-    down = -rotation.rotate(rotation.normalize(q), mean)
-    matrices = np.empty((len(t), 3, 3))
-    run = np.cumsum(~joined)
-    for number in np.unique(run):
-        own = run == number
-        level = _smooth(t[own], _smooth(t[own], down[own])[::-1], reverse=True)[::-1]
-        size = np.maximum(rotation.length(level), 1e-9)[:, None]
-        matrices[own] = _least_turns(level / size) @ rotation.to_matrix(q[own])
-    return _cut(log, t, x, matrices, joined)
-
-
-def _smooth(t: Array, x: Array, reverse: bool = False) -> Array:
-    """Low-pass vectors (n, 3) with FORCE_S, in their order."""
-    steps = np.abs(np.diff(t[::-1] if reverse else t))
-    out = np.empty_like(x)
-    out[0] = x[: int(SAMPLE_HZ * FORCE_S)].mean(axis=0)
-    for k, share in enumerate(1.0 - np.exp(-steps / FORCE_S)):
-        out[k + 1] = out[k] + share * (x[k + 1] - out[k])
-    return out
-
-
-def _least_turns(down: Array) -> Array:
-    """Return the least rotations (n, 3, 3) that take unit vectors (n, 3) to (0, 0, 1)."""
-    axis = np.column_stack([down[:, 1], -down[:, 0], np.zeros(len(down))])  # down x (0, 0, 1)
-    q = np.column_stack([1.0 + down[:, 2], axis])
-    return rotation.to_matrix(rotation.normalize(q))
-
-
-def _joined(t: Array, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mark samples (n,) that gyro and field join to the one before."""
-    return np.concatenate([[False], known & (np.diff(t) < MAX_STEP_S)])
-
-
-TILTS: tuple[Callable[[FlightLog, Segments, Imu, Mag], list[Window]], ...] = (_by_onboard, _by_force)
 
 
 # Fits.
