@@ -805,12 +805,13 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
 def _lead_rank(sign: Finding) -> tuple[bool, int, float]:
     """Return the sort key of a sign: a first cause, then severity, then size of impacts and test ratios.
 
-    Poor GNSS quality comes last.
+    A step of the gyro's bias goes before its mean, poor GNSS quality comes last.
     """
     by_size = sign.kind == "hard_landing" or (sign.kind == "estimator" and sign.about == "innovations")
     poor = sign.about == "gnss_quality" and sign.unit != "s"
     first = sign.about != FIRST_CAUSE
-    return first, SEVERITY_ORDER.index(sign.severity), -(sign.value or 0.0) if by_size else float(poor)
+    place = float(poor) - float(sign.about == "gyro_bias_step")
+    return first, SEVERITY_ORDER.index(sign.severity), -(sign.value or 0.0) if by_size else place
 
 
 def choose_actions(found: Sequence[Finding], checks: Sequence[Check], log: FlightLog) -> list[Finding]:

@@ -228,6 +228,8 @@ TOLD_FIRST = (
     "parameter_changed",
     "sensor_fault",
 )
+# Kinds that go before an earlier alignment of the yaw, which metal near the ground causes at many a take-off.
+BEFORE_REALIGNED = ("clipping", "failsafe", "battery", "gnss_lost", "parameter_changed", "sensor_fault")
 # Margin after the first lift-off and before the last landing for an angle wrong throughout.
 THROUGHOUT_S = 10.0
 
@@ -304,6 +306,8 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
     if not found:
         return [""]
     first = next((e for e in found if e.kind == "clipping"), None) if found[0].kind == "vibration" else None
+    if found[0].kind == "realigned":
+        first = next((e for e in found if e.kind in BEFORE_REALIGNED), None)
     first = first or found[0]
     since = f"{first.t:.0f} s" if first.t_end else f"{first.t:.1f} s"
     shaken = next((e for e in found if e.kind == "vibration" and e.value), None)
