@@ -28,6 +28,10 @@ MIN_FIXES = 20
 # Share of a difference from which one of two sensors explains it, and up to which the other one is sound: a height
 # against the integrated GNSS velocity, a rest against one on ground that did not move.
 ERRS_SHARE, SOUND_SHARE = 0.6, 0.4
+# Change of a height from fix to fix, in the running median of five, that no vehicle climbs.
+MAX_CLIMB_M_S = 30.0
+BARO_STEPS = "The barometer errs: its height steps, and that of GNSS does not."
+UNKNOWN_HEIGHT = "GNSS or the barometer errs; the log does not show which."
 HEIGHT_LIMIT = "ok up to 10 m (or v²/2g) and three times the accuracy of GNSS"
 HEIGHT_SOURCE = "60 real flights"
 
@@ -72,6 +76,7 @@ def _height_check(baro: Stream, receiver: Gnss, flight: Span) -> Check | None:
     beyond = np.flatnonzero(away > min(allowed, 0.5 * float(away.max())))
     check.verdict, check.t, check.t_end = "warning", round(float(t[beyond[0]]), 1), round(float(t[beyond[-1]]), 1)
     check.about, check.cause = _wrong_height(t, v[:, 2], high, flat, change)
+    check.kind = "barometer" if check.about == "barometer" else ""
     what = {"GNSS height": "GNSS height errs", "barometer": "The barometer errs"}.get(check.about, "")
     other = {"GNSS height": " against the barometer", "barometer": " against GNSS"}.get(check.about, "")
     what = what or "Heights of GNSS and barometer part"
@@ -86,16 +91,22 @@ def _without_spikes(x: Array) -> Array:
 
 
 def _wrong_height(t: Array, down: Array, high: Array, flat: Array, change: float) -> tuple[str, str]:
-    """Return which height errs by the integrated GNSS velocity, which is measured apart (Doppler), and the cause."""
+    """Return which height errs, and the cause.
+
+    A height that steps errs; else the one that leaves the integrated GNSS velocity, which is measured apart (Doppler).
+    """
+    gnss_steps, baro_steps = (float(np.max(np.abs(np.diff(x)) / np.diff(t))) > MAX_CLIMB_M_S for x in (high, flat))
+    if gnss_steps != baro_steps:
+        return ("barometer", BARO_STEPS) if baro_steps else ("GNSS height", "The GNSS height steps.")
     if not np.isfinite(down).all() or not np.any(down):
-        return "", ""
+        return "", UNKNOWN_HEIGHT
     climbed = np.concatenate([[0.0], np.cumsum(-0.5 * (down[1:] + down[:-1]) * np.diff(t))])
     gnss, baro = (float(np.ptp(x - climbed)) / change for x in (high, flat))
     if gnss >= ERRS_SHARE and baro <= SOUND_SHARE:
         return "GNSS height", "The GNSS position errs: its own vertical speed agrees with the barometer."
     if baro >= ERRS_SHARE and gnss <= SOUND_SHARE:
         return "barometer", "The barometer errs: height and vertical speed of GNSS agree."
-    return "", ""
+    return "", UNKNOWN_HEIGHT
 
 
 # --- gravity at rest ---------------------------------------------------------------------------------------------

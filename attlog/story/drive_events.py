@@ -56,12 +56,17 @@ def crash_cause(events: Sequence[Event]) -> Event | None:
 
 
 def drive_phrase(events: Sequence[Event]) -> str:
-    """Return the cause of a crash, else the first broken part, as a sentence for the headline; empty for none."""
-    found = crash_cause(events) or next((e for e in events if e.kind in BROKEN), None)
+    """Return the broken part behind a crash, else the first one, as a sentence for the headline; empty for none."""
+    found = _broken(events)
     return "" if found is None else f"{found.text.partition(': ')[0].rstrip('.')}."
+
+
+def _broken(events: Sequence[Event]) -> Event | None:
+    cause = crash_cause(events)
+    return cause if cause is not None and cause.kind in BROKEN else next((e for e in events if e.kind in BROKEN), None)
 
 
 def fails_before_crash(events: Sequence[Event]) -> bool:
     """Return whether the part of :func:`drive_phrase` failed before the first crash, or nothing crashed."""
-    found = crash_cause(events) or next((e for e in events if e.kind in BROKEN), None)
+    found = _broken(events)
     return found is None or found.t <= next((e.t for e in events if e.is_crash), found.t)

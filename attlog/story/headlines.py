@@ -213,6 +213,7 @@ HIGH_M = 5.0
 NAMES = {"Copter": "ArduCopter", "Plane": "ArduPlane", "Rover": "ArduRover", "Sub": "ArduSub"}
 # Event kinds that may explain a crash.
 TOLD_FIRST = (
+    *drive_events.LASTING,
     "clipping",
     "vibration",
     "failsafe",
@@ -325,6 +326,7 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
         "device_error": first.quote,
         "parameter_changed": _changed_parameters(first),
         "sensor_fault": first.text.rstrip("."),
+        **dict.fromkeys(drive_events.LASTING, first.text.partition(": ")[0].rstrip(".")),
         "gnss_jump": first.text.partition(",")[0].rstrip("."),
     }[first.kind]
     more = f" (vibration {format_significant(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
@@ -385,7 +387,8 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         blow = next((e for e in crashes[0] if e.kind == "impact"), crashes[0][0])
         full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, blow))
         if len(crashes) == 1:
-            return list(dict.fromkeys((f"{full}.", f"{short}.", f"{short.partition(', then ')[0]}.")))
+            bare = re.sub(r"^Took .*?, hit", "Hit", short.partition(", then ")[0])
+            return list(dict.fromkeys((f"{full}.", f"{short}.", f"{bare}.")))
         again = f"; crashed again at {crashes[1][0].t:.1f} s"
         sizes = f"{again}{_size(crashes[1])}"
         bare = short.partition(" (")[0]  # drop the first crash's size rather than the second crash

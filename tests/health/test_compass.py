@@ -77,13 +77,7 @@ def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
     [
         (12.0, 0.0, True, True, "MAG.1 was never calibrated: calibrate it first."),
         (30.0, 9.0, True, False, "MAG.1 is better, but errs too: calibrate both."),
-        (
-            12.0,
-            0.0,
-            False,
-            False,
-            "No single parameter of this log switches a compass.",
-        ),
+        (12.0, 0.0, False, False, "No single parameter of this log switches a compass."),
     ],
 )
 def test_a_better_compass_is_not_offered_for_one_reason(

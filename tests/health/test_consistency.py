@@ -57,6 +57,15 @@ def test_a_height_that_parts_from_the_other_is_told_by_the_vertical_speed(
     assert found.t == pytest.approx(42.0, abs=1.0)
 
 
+def test_a_height_that_steps_errs_also_without_a_vertical_speed() -> None:
+    log = flight()
+    t = np.arange(0.0, 100.0, 0.1)
+    log.gnss[0].vel_ned[:, 2] = np.nan
+    log.baro = [Stream(t, 60.0 * ((t > 50.0) & (t < 54.0))[:, None], "m", "", "BARO")]
+    (found,) = consistency.height_checks(case(log))
+    assert (found.verdict, found.about, found.kind) == ("warning", "barometer", "barometer")
+
+
 @pytest.mark.parametrize(
     ("planted", "verdict"),
     [({"gnss_m": 12.0}, "ok"), ({"gnss_m": 20.0}, "warning"), ({"gnss_m": 20.0, "accuracy_m": 5.0}, "ok")],
