@@ -48,6 +48,9 @@ BLOCK_S, FINE_BLOCK_S, FINE_BELOW_S = 1.0, 0.5, 20.0
 # Length of a group, and limits of their number.
 GROUP_S, MIN_GROUPS, MAX_GROUPS = 10.0, 4, 12
 MIN_BLOCKS = 3  # a slope of fewer has no residual
+# A saw-tooth: the net change deviates from the groups' slopes by so many sigmas of its ends, and is less than this
+# share of them. A curved drift, whose groups continue each other, has equal ones.
+TOOTH_SIGMAS, TOOTH_SHARE = 4.0, 0.5
 # Resolution: 1 deg/s, the bias of an uncalibrated gyro.
 RESOLUTION = Resolution(60.0, "60 deg/min", "seconds")
 
@@ -74,8 +77,9 @@ class HeadingBlocks:
 class Drift:
     """Mean drift of a record in deg/min, from slopes of groups.
 
-    ``slopes`` of the groups in the times ``spans`` (s). ``value`` is None if the record is too short. For pooled
-    records, ``range``: smallest and largest value; ``agree``: one drift explains all.
+    ``slopes`` of the groups in the times ``spans`` (s). ``value`` is None if the record is too short. ``sawtooth``: the
+    heading is pulled back as it drifts, so that the value is the slope of the whole record. For pooled records,
+    ``range``: smallest and largest value; ``agree``: one drift explains all.
     """
 
     value: float | None
@@ -85,6 +89,7 @@ class Drift:
     seconds: float
     range: tuple[float, float] | None = None
     agree: bool = True
+    sawtooth: bool = False
     records: list[SpanAnswer] = field(default_factory=list)
 
 
@@ -123,11 +128,13 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
 
     The t interval over slopes of Ibragimov & Mueller 2010. One group for each 10 s of the record, 4 to 12. Each segment
     is cut into max(1, round(segment / (record / groups))) equal ones, each with its own offset; groups under 3 blocks
-    are left out. No value for fewer than 4 groups or less than ``shortest_s``.
+    are left out. No value for fewer than 4 groups or less than ``shortest_s``. A saw-tooth, whose groups rise again and
+    again without the record rising, has the slope of the record as value; the interval holds the largest tooth.
     """
     record = blocks.seconds
     target = record / min(max(round(record / GROUP_S), MIN_GROUPS), MAX_GROUPS)
     slopes, spans = [], []
+    rest = blocks.e.copy()
     for own in _segments(blocks):
         length = own.stop - own.start
         for part in statistics.equal_groups(length, max(1, round(length * blocks.block_s / target))):
@@ -135,22 +142,58 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
             if len(t) >= MIN_BLOCKS:
                 slopes.append(60.0 * _line(t, e))
                 spans.append((float(t[0]), float(t[-1])))
+                rest[own][part] = e - e.mean() - _line(t, e) * (t - t.mean())
     found = Drift(None, None, np.array(slopes), spans, record)
     if len(slopes) < MIN_GROUPS or record < shortest_s - DRIFT_SLACK_S:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = statistics.mean_interval(slopes)
+    _tell_net_change(found, blocks, rest)
     return found
+
+
+def _tell_net_change(found: Drift, blocks: HeadingBlocks, rest: Array) -> None:
+    """Replace the drift of a saw-tooth by the slope of the record; ``rest`` (n,) deg about the groups' lines."""
+    assert found.value is not None
+    assert found.ci95 is not None
+    change, seconds, reach = 0.0, 0.0, 0.0
+    for own in _segments(blocks):
+        t, e = blocks.t[own], blocks.e[own]
+        if len(t) >= 2 * MIN_BLOCKS:
+            ends = [slice(None, MIN_BLOCKS), slice(-MIN_BLOCKS, None)]
+            (t0, t1), (e0, e1) = ([float(np.mean(x[end])) for end in ends] for x in (t, e))
+            change, seconds = change + e1 - e0, seconds + t1 - t0
+            reach = max(reach, float(np.ptp(e - e0 - (e1 - e0) / (t1 - t0) * (t - t0))))
+    if seconds == 0.0:
+        return
+    net, noise = 60.0 * change / seconds, 60.0 * float(np.std(rest)) / seconds
+    inside = found.ci95[0] <= net <= found.ci95[1]
+    if inside or abs(net - found.value) < TOOTH_SIGMAS * noise or abs(net) > TOOTH_SHARE * abs(found.value):
+        return
+    value, half = 60.0 * _slope(blocks), 60.0 * reach / seconds  # the line averages over the teeth
+    found.value, found.ci95, found.sawtooth = value, (value - half, value + half), True
 
 
 def drift_line(blocks: HeadingBlocks) -> Array:
     """Return the least-squares line (n,), for figures."""
+    u, v = _about_means(blocks)
+    return blocks.e - v + _slope(blocks) * u
+
+
+def _slope(blocks: HeadingBlocks) -> float:
+    """Return the least-squares slope in deg/s with an offset for each segment; 0 for one block each."""
+    u, v = _about_means(blocks)
+    spread = float(u @ u)
+    return float(u @ v) / spread if spread > 0 else 0.0
+
+
+def _about_means(blocks: HeadingBlocks) -> tuple[Array, Array]:
+    """Return times and errors (n,) about the means of their segments."""
     u, v = blocks.t.copy(), blocks.e.copy()
     for own in _segments(blocks):
         u[own] -= np.mean(u[own])
         v[own] -= np.mean(v[own])
-    spread = float(u @ u)
-    return blocks.e - v + (float(u @ v) / spread if spread > 0 else 0.0) * u
+    return u, v
 
 
 def pool_drifts(records: list[Drift]) -> Drift:
@@ -186,6 +229,7 @@ def pool_drifts(records: list[Drift]) -> Drift:
         sum(r.seconds for r in usable),
         range=(float(values.min()), float(values.max())),
         agree=bool(agree),
+        sawtooth=any(r.sawtooth for r in usable),
     )
 
 
@@ -206,6 +250,8 @@ def drift_answer(found: Drift, window: str, against: str) -> Answer:
     reason = None
     if found.range is not None and not found.agree:
         reason = f"the rests of this log disagree: {found.range[0]:+.2f} to {found.range[1]:+.2f} deg/min"
+    elif found.sawtooth:
+        reason = "the heading drifts and is pulled back in turn: slope of the whole record"
     method = f"mean slope of {len(found.slopes)} groups of block means against {against}, t interval over the groups"
     return Answer(
         found.value,
@@ -226,7 +272,7 @@ def drift_answer(found: Drift, window: str, against: str) -> Answer:
 def _units(found: Drift) -> UnitValues | None:
     """Return slopes of groups, paired between rows by the groups' start times."""
     ids = make_ids([start for start, _ in found.spans])
-    if found.value is None or len(set(ids.tolist())) < len(ids):
+    if found.value is None or found.sawtooth or len(set(ids.tolist())) < len(ids):
         return None
     whole = Summary(found.value, found.ci95)
     return UnitValues("slope_group", ids, found.slopes, functools.partial(drift_on_groups, ids, found.slopes, whole))
@@ -246,10 +292,11 @@ _TEXT = paragraph(
     """Mean slope of the row's own heading while the vehicle stands still: the heading itself should be constant.
     Nothing within 20 s of the filter's start or restart and within 5 s of the motors' stop counts; 8 s of the rest
     must remain. Block means over 1 s (0.5 s where less than 20 s remain), cut at gaps and resets; one group for
-    each 10 s, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them. The
-    drift is significant where the interval excludes zero, else bounded by its larger end. Rests that agree are
-    pooled, others are a range; a row that lacks one of the rests that are long enough has no drift at rest. It is
-    the mean drift of this record, not a property of the filter for ever. The earth's own turn (up to 0.25 deg/min)
+    each 10 s, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them; the slope
+    of the whole record where the heading is pulled back again and again. The drift is significant where the interval
+    excludes zero, else bounded by its larger end. Rests that agree are pooled, others are a range; a row
+    that lacks one of the rests that are long enough has no drift at rest. It is the mean drift of this record, not a
+    property of the filter for ever. The earth's own turn (up to 0.25 deg/min)
     is part of it for filters that follow the gyro."""
 )
 REST_DRIFT_METRICS: tuple[Metric, ...] = (
@@ -408,7 +455,8 @@ AIR_DRIFT_METRICS: tuple[Metric, ...] = tuple(
             f"""Mean slope of the row's heading error against {words}, airborne, after the scoring start, from 20 s on:
             1 s block means, cut at gaps and at resets of the heading reference; one group for each 10 s of the
             record, 4 to 12, each with its own offset; value = mean of the group slopes, interval = t over them (and
-            2 sigma of a smoother over the record). The drift is significant where the interval excludes zero, else
+            2 sigma of a smoother over the record); the slope of the whole record where the heading is pulled back
+            again and again. The drift is significant where the interval excludes zero, else
             bounded by its larger end: how the row drifts away from this heading reference, whose own drift counts
             too."""
         ),

@@ -32,6 +32,26 @@ def test_half_a_degree_per_minute_is_found_under_noise_and_two_resets():
     assert found.ci95[1] - found.ci95[0] < 0.5
 
 
+@pytest.mark.parametrize("net", [0.0, 3.0])
+def test_a_heading_that_is_pulled_back_again_and_again_drifts_by_its_net_change(net):
+    """It rises by 9 deg and falls back within 1 s, ten times: 54 deg/min for most of each 10 s, 0 or 3 in all."""
+    t = np.arange(0.0, 100.0, 0.05)
+    tooth = np.interp(t % 10.0, [0.0, 9.5, 10.0], [0.0, 9.0, 0.0])
+    e = tooth + net / 60.0 * t + 0.1 * np.random.default_rng(2).standard_normal(len(t))
+    found = slope_of(t, e)
+    assert found.sawtooth
+    assert found.value == pytest.approx(net, abs=1.0)
+    assert found.ci95[0] < net < found.ci95[1] < net + 10.0
+
+
+def test_a_curved_drift_is_no_saw_tooth():
+    t = np.arange(0.0, 200.0, 0.05)
+    e = 1e-3 * t**2 + 0.1 * np.random.default_rng(2).standard_normal(len(t))
+    found = slope_of(t, e)
+    assert not found.sawtooth
+    assert found.value == pytest.approx(12.0, rel=0.05)
+
+
 def heading_noise(kind, n, step, rng):
     """White, first-order with a time constant in s, or a random walk."""
     white = rng.standard_normal(n)

@@ -216,3 +216,22 @@ def test_neighbours_are_taken_for_alike_by_their_correlation_without_its_bias() 
     middle, half = 0.5 * (low + high), 0.5 * (high - low) * wider
     assert statistics.neighbour_interval(x) == pytest.approx((middle - half, middle + half))
     assert statistics.neighbour_interval([1.0, 2.0]) == pytest.approx(statistics.mean_interval([1.0, 2.0]))
+
+
+def slow_errors(tau_s: float, blocks: int, runs: int, seed: int = 3) -> np.ndarray:
+    """Mean squares (runs, blocks) over 5 s of first-order errors."""
+    rng, step = np.random.default_rng(seed), 0.5
+    a = np.exp(-step / tau_s)
+    white = rng.standard_normal((runs, 10 * blocks))
+    white[:, 0] /= np.sqrt(1.0 - a * a)
+    error = lfilter([np.sqrt(1.0 - a * a)], [1.0, -a], white, axis=1)
+    return np.mean(error.reshape(runs, blocks, 10) ** 2, axis=2)
+
+
+def test_slow_errors_are_no_independent_blocks() -> None:
+    """Equal rows with errors of 100 s; what is twice as large in every block stays told apart."""
+    one, other = slow_errors(100.0, 60, 300), slow_errors(100.0, 60, 300, seed=4)
+    assert np.mean(statistics.p_values("mean_square", one, other) < 0.05) < 0.25
+    fast, same = slow_errors(1.0, 60, 300), slow_errors(1.0, 60, 300, seed=4)
+    assert np.mean(statistics.p_values("mean_square", fast, same) < 0.05) < 0.1
+    assert np.mean(statistics.p_values("mean_square", fast, 2.0 * same) < 0.05) > 0.95
