@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -242,7 +242,9 @@ def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
 # Logged values are converted to raw values by the flown parameters, and corrected again by those of the file. Onboard
 # results, such as the attitude, stay as logged.
 
-COMPASS_PARAMETERS = re.compile(r"COMPASS_(OFS|DIA|ODI|SCALE|MOT).*|CAL_MAG\d_.(OFF|SCALE|ODIAG|COMP)|CAL_MAG_COMP_TYP")
+COMPASS_PARAMETERS = re.compile(
+    r"COMPASS_(ORIENT|OFS|DIA|ODI|SCALE|MOT).*|CAL_MAG\d_(.(OFF|SCALE|ODIAG|COMP)|ROT)|CAL_MAG_COMP_TYP"
+)
 # Parameters of accelerometer calibration.
 ACCELEROMETER_PARAMETERS = re.compile(r"INS\d?_ACC\d?(OFFS|SCAL)_.|CAL_ACC\d_.(OFF|SCALE)")
 # Most parameters of a sensor that a message names.
@@ -256,7 +258,8 @@ Bias = Callable[[Calibration], Array]
 class Recorrection:
     """Change of a sensor's calibration by the parameters ``changed``.
 
-    ``bias`` (3,): learned beside the old parameters, and removed with them.
+    ``bias`` (3,): learned beside the old parameters, and removed with them. ``turn`` (3, 3): rotates raw values where
+    the mounting changes.
     """
 
     log: FlightLog
@@ -264,6 +267,7 @@ class Recorrection:
     new: Calibration
     bias: Array
     changed: list[str]
+    turn: Array = field(default_factory=lambda: np.eye(3))
 
     def corrected(self, t: Array, x: Array) -> Array:
         """Return logged values ``x`` (n, 3) at ``t`` s as the new parameters correct them."""
@@ -271,7 +275,8 @@ class Recorrection:
             motor_power(self.log, each.motor_power, t) if each.correction.motor.any() else 0.0
             for each in (self.old, self.new)
         )
-        return self.new.correction.body(self.old.correction.raw(x - self.bias, before), after)
+        raw = self.old.correction.raw(x - self.bias, before)
+        return self.new.correction.body(raw @ self.turn.T, after)
 
 
 def changed_parameters(log: FlightLog, given: Mapping[str, float]) -> dict[str, float]:
@@ -281,8 +286,18 @@ def changed_parameters(log: FlightLog, given: Mapping[str, float]) -> dict[str, 
 
 
 def compass_recorrection(log: FlightLog, mag: Mag, differ: Mapping[str, float]) -> Recorrection | None:
-    """Return the change of a compass's calibration, None where ``differ`` leaves it."""
-    return _recorrection(log, differ, partial(flown_compass, log, mag), partial(learned_compass_bias, log, mag))
+    """Return the change of a compass's calibration and mounting, None where ``differ`` leaves it."""
+    known, bias = partial(flown_compass, log, mag), partial(learned_compass_bias, log, mag)
+    others = {name: value for name, value in differ.items() if not name.startswith("COMPASS_ORIENT")}
+    found, mounting = _recorrection(log, others, known, bias), flown_mounting(log, mag)
+    if mounting.parameter not in differ or mounting.parameter in others:
+        return found
+    old, new = (calibration.mounting_matrix(number) for number in (mounting.number, differ[mounting.parameter]))
+    if old is None or new is None:
+        raise CalibrationUnknownError(f"{mounting.parameter} is one of custom angles.")
+    if found is None:
+        found = Recorrection(log, known(None), known(None), np.zeros(3), [])
+    return replace(found, turn=new @ old.T, changed=[mounting.parameter, *found.changed])
 
 
 def accelerometer_recorrection(log: FlightLog, imu: Imu, differ: Mapping[str, float]) -> Recorrection | None:

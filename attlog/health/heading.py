@@ -66,7 +66,9 @@ def _wrong_heading_check(case: HealthCase, wrong: WrongHeading) -> Check:
     check = Check(
         HEADING_BY_GNSS, verdict, text, size, "deg", GNSS_HEADING_LIMIT, t=first, t_end=last, evidence=evidence
     )
-    left = None if case.trouble("compass_orientation") else compass_left(log, segments, wrong)
+    # A compass that is set wrongly, or corrected by a file, is not the one that flew.
+    other = case.trouble("compass_orientation") or any(p.code == "calibration_applied" for p in log.problems)
+    left = None if other else compass_left(log, segments, wrong)
     if left is None:
         check.action = log.remedy("compass")
     else:

@@ -177,6 +177,20 @@ def test_a_compass_is_corrected_as_the_firmware_would_have() -> None:
     assert "of new.param" in notes(log)["calibration_applied"]
 
 
+@pytest.mark.parametrize("given", [{"COMPASS_ORIENT": 6.0}, NEW | {"COMPASS_ORIENT": 6.0, "COMPASS_ORIENT2": 4.0}])
+def test_another_mounting_turns_what_was_measured_before_its_offsets(given: dict[str, float]) -> None:
+    flew = OLD | {"COMPASS_ORIENT": 0.0, "COMPASS_ORIENT2": 0.0, "COMPASS_EXTERNAL": 1.0}
+    log = ardupilot(flew)
+    assert recorrect(log, "new.param", given) >= {"COMPASS_ORIENT"}
+    x, y, z = raw_field().T  # the firmware turns by yaw 270: what points right is forward
+    expected = ardupilot_field(np.column_stack([y, -x, z]), flew | given, power=amperes())
+    np.testing.assert_allclose(log.mags[0].field.x, expected, atol=1e-12)
+    inside = ardupilot(flew | {"COMPASS_EXTERNAL": 0.0})
+    before = inside.mags[0].field.x.copy()
+    recorrect(inside, "new.param", {"COMPASS_ORIENT": 6.0})
+    np.testing.assert_array_equal(inside.mags[0].field.x, before)
+
+
 def test_the_motor_values_that_flew_are_taken_off_first() -> None:
     flew = OLD | {"COMPASS_MOTCT": 2.0, "COMPASS_MOT_X": -3.0}
     log = ardupilot(flew)
