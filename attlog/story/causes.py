@@ -113,7 +113,7 @@ def lost_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         reported = [e.t for _, e in during if POSITION_WORDS.search(_words(e))]
         for n, event in during:
             if any(abs(event.t - t) <= AFTER_LOSS_S for t in reported):
-                yield k, n, f"GNSS had been lost for {event.t - lost.t:.1f} s"
+                yield k, n, f"GNSS had been missing for {event.t - lost.t:.1f} s"
 
 
 # Time from a jump of GNSS to its effect, and the smallest jump that explains one: default gate of ArduPilot's EKF
@@ -328,6 +328,25 @@ def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         since = crash.t_end or crash.t
 
 
+# Volts at a loss of thrust that show a weak battery, as share of those within RESTED_S of arming; longest time from the
+# battery's report to the loss.
+SAGGED_SHARE, RESTED_S, REPORTED_S = 0.9, 5.0, 120.0
+
+
+def weak_battery(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join a reported low battery to a loss of thrust, where its volts have fallen by a tenth since arming."""
+    battery = log.power.battery
+    for n, fault in _of(events, "no_thrust_left"):
+        for k, low in _of(events, "battery"):
+            if battery is None or not 0.0 <= fault.t - low.t <= REPORTED_S:
+                continue
+            armed = max((e.t for _, e in _of(events, "armed") if e.t <= low.t), default=0.0)
+            now = battery.x[between(battery.t, fault.t, fault.t_end or fault.t), 0]
+            before = battery.x[between(battery.t, max(armed, 0.0) - RESTED_S, max(armed, 0.0) + RESTED_S), 0]
+            if len(now) and len(before) and np.median(now) < SAGGED_SHARE * np.median(before):
+                yield k, n, f"{np.median(now):.1f} V, {np.median(before):.1f} V at arming"
+
+
 def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
     """Join an event of a crash to the next one, and a crash to reports just after it."""
     crashes = [(k, e) for k, e in _of(events, *CRASHES) if e.severity == "serious"]
@@ -344,6 +363,7 @@ def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
 
 RULES: tuple[Rule, ...] = (
     broken_drive,
+    weak_battery,
     stopped_motors,
     lost_control,
     lost_position,

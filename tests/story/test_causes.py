@@ -179,6 +179,16 @@ def test_each_of_two_crashes_has_its_own_fault() -> None:
     assert [e.cause and e.cause.kind for e in found if e.is_crash] == [None, "no_thrust_left"]
 
 
+@pytest.mark.parametrize(("volts", "linked"), [(13.0, True), (15.5, False)])
+def test_a_low_battery_explains_the_loss_of_thrust_where_its_volts_fell(volts: float, linked: bool) -> None:
+    t = np.arange(0.0, 200.0, 1.0)
+    battery = Stream(t, np.column_stack([np.where(t < 100.0, 16.4, volts), np.full(len(t), 30.0)]), "V, A", "", "BAT")
+    low, thrust = event("battery", 110.0, "Battery failsafe at 110.0 s."), event("no_thrust_left", 150.0, t_end=156.0)
+    crash = event("impact", 156.0, severity="serious")
+    found = joined(event("armed", 2.0, severity="info"), low, thrust, crash, battery=battery)
+    assert found == {"impact": "no_thrust_left"} | ({"no_thrust_left": "battery"} if linked else {})
+
+
 @pytest.mark.parametrize(("metres", "linked"), [(44.0, True), (11.0, False), (1.0, False), (None, False)])
 def test_a_jump_of_gnss_explains_its_rejection_only_where_it_is_beyond_any_gate(
     metres: float | None, linked: bool
