@@ -300,6 +300,8 @@ def _fall_seconds(log: FlightLog, t0: float, t1: float) -> float:
 
 # --- crashes ----------------------------------------------------------------------------------------------------
 
+# Shortest time from an overturn to the blow that it causes: within it the blow may have come first, as tilt is slower.
+MIN_FALL_S = 0.3
 # Time after a crash in which the estimator's reports are its effects.
 STRUCK_S = 2.0
 
@@ -326,6 +328,10 @@ def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
                 yield near[0][0], n, f"{crash.t - near[0][1].t:.1f} s before it"
                 break
         since = crash.t_end or crash.t
+    for k, fault in _of(events, "no_thrust_left"):
+        for n, landing in _of(events, "hard_landing"):
+            if fault.t < landing.t <= (fault.t_end or fault.t) + LANDED_S:
+                yield k, n, f"it sank from {fault.t:.1f} s until then"
 
 
 # Volts at a loss of thrust that show a weak battery, as share of those within RESTED_S of arming; longest time from the
@@ -352,7 +358,9 @@ def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
     crashes = [(k, e) for k, e in _of(events, *CRASHES) if e.severity == "serious"]
     for k, crash in crashes:
         for n, blow in crashes:
-            if k < n and crash.kind != blow.kind and 0.0 < blow.t - (crash.t_end or crash.t) <= STRUCK_S:
+            fall = MIN_FALL_S if blow.kind == "impact" else 0.0
+            soon = crash.t + fall < blow.t <= (crash.t_end or crash.t) + CAUSE_S
+            if k < n and crash.kind != blow.kind and soon and "in the air" not in crash.text:
                 yield k, n, f"{blow.t - crash.t:.1f} s after it"
     for n, event in _of(events, "lane_switch", "sensor_switch", "reset", "failsafe", "compass_switch", "gnss_jump"):
         before = [(k, e) for k, e in crashes if 0.0 <= event.t - e.t <= STRUCK_S]

@@ -157,7 +157,7 @@ def test_a_crash_check_that_disarms_a_tumbling_vehicle_is_not_its_cause() -> Non
 
 @pytest.mark.parametrize(("t", "linked"), [(95.5, True), (94.0, False), (101.0, False)])
 def test_a_broken_motor_explains_the_loss_of_control_within_five_seconds(t: float, linked: bool) -> None:
-    fault, over = event("motor_no_thrust", t), event("overturn", 100.0, severity="serious")
+    fault, over = event("motor_no_thrust", t), event("overturn", 100.0, t_end=102.0, severity="serious")
     blow = event("impact", 101.0, severity="serious")
     assert joined(fault, over, blow) == {"impact": "overturn"} | ({"overturn": "motor_no_thrust"} if linked else {})
 
@@ -170,6 +170,12 @@ def test_the_earliest_fault_is_the_cause_and_an_oscillation_only_without_one() -
     assert joined(shakes, over) == {"overturn": "oscillation"}
     assert joined(event("oscillation", 50.0, t_end=60.0), over) == {}
     assert joined(event("oscillation", 50.0, t_end=100.0), over) == {}
+
+
+@pytest.mark.parametrize(("t", "linked"), [(156.2, True), (160.0, False)])
+def test_missing_thrust_explains_the_hard_landing_that_ends_it(t: float, linked: bool) -> None:
+    thrust = event("no_thrust_left", 140.0, t_end=156.0)
+    assert joined(thrust, event("hard_landing", t)) == ({"hard_landing": "no_thrust_left"} if linked else {})
 
 
 def test_each_of_two_crashes_has_its_own_fault() -> None:
