@@ -257,6 +257,9 @@ def headline(
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
     flew, end = flight_phrases(log, segments, events), _ending_phrases(log, segments, events, sound)
     broken = drive_events.drive_phrase(events)
+    if broken:
+        # The size of a blow goes before the part that broke.
+        end = [*end, *(re.sub(r" \([^()]*\)", "", text) for text in end)]
     fault = failsafe_events.failsafe_phrases(_first_fault(segments, events), log, segments, events)
     first = _with_angle(fault, wrong, segments, broken)
     for a, c, b in _wordings(flew, first, end, bool(broken)):
