@@ -760,6 +760,12 @@ RULES: tuple[Rule, ...] = (
     ),
     # These compass checks depend on the onboard attitude.
     Change(lambda s: s.kind == "compass" and s.about in FIELD_BY_ATTITUDE, _is_wrong_attitude),
+    # An attitude that integrates a gyro with a wrong scale turns away from a sound compass.
+    Change(
+        lambda s: s.kind == "compass" and s.about in FIELD_BY_ATTITUDE,
+        lambda s: s.kind == "gyro_scale" and s.severity == "serious",
+        {"kind": "gyro_scale", "cause": "", "action": ""},
+    ),
     gather_heading,
     Change(
         lambda s: s.kind == "reset" and s.value is not None and s.value < SMALL_JUMP_DEG, fields={"severity": "note"}

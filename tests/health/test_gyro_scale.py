@@ -102,6 +102,14 @@ def test_one_sign_replaces_no_unit_and_two_do() -> None:
     assert "replace" in checked(made_log(1.05, compasses=2))["gyro_scale"].action
 
 
+def test_a_field_that_leaves_an_attitude_of_a_wrong_gyro_calibrates_no_compass() -> None:
+    log = made_log(1.05)
+    leaves = Check("field_against_attitude", "warning", "The field's north varies by 6 deg.", sensor="MAG:0")
+    found = findings(log, [checked(log)["gyro_scale"], leaves])
+    assert [f.kind for f in found if f.is_trouble] == ["gyro_scale"]
+    assert [f.kind for f in findings(made_log(), [leaves])] == ["compass"]
+
+
 # Rules, on made evidence.
 
 GYRO = Imu(
