@@ -422,9 +422,8 @@ def thrust_runs_out(
         sinks = _sinking_part(t[a:b], motion)
         drop = np.nan if sinks is None else motion.height_at(sinks[0]) - motion.height_at(sinks[1])
         if sinks is not None and sinks[1] - sinks[0] >= MIN_FULL_S and drop >= MIN_DROP_M:
-            found.append(
-                _thrust_fault(outputs, *np.searchsorted(t, [sinks[0], sinks[1] + 1e-6]).tolist(), *sinks, drop)
-            )
+            first, last = np.searchsorted(t, [sinks[0], sinks[1] + 1e-6]).tolist()
+            found.append(_thrust_fault(outputs, first, last, sinks[0], sinks[1], drop))
     return found
 
 

@@ -65,21 +65,29 @@ class Fall:
             rate[k], angle[k], outputs[k] = now, tilt, x
         over = np.flatnonzero(np.hypot(*angle.T) > 90.0)
         end = float(t[over[0]]) if len(over) else float(t[-1])
-        return self._log(t, rate, angle, outputs), segments(end, bool(len(over)))
+        return flight_log(t, rate, angle, outputs, round(STEP_HZ / self.hz)), segments(end, bool(len(over)))
 
-    def _log(self, t: Array, rate: Array, angle: Array, outputs: Array) -> FlightLog:
-        every = round(STEP_HZ / self.hz)
-        log = FlightLog(Path("made"), "made", 0, 0, Firmware("made"), "quadrotor")
-        gyro = Stream(t, np.radians(rate), "rad/s", "FRD", "gyro")
-        log.imus, log.imu = [Imu(0, gyro, Stream(t, np.zeros_like(rate), "m/s^2", "FRD", "acc"))], 0
-        q = rotation.from_euler(*np.radians(angle).T, 0.0 * t)
-        log.attitudes, log.onboard = {"ATT": Attitude(t, q, "ATT")}, "ATT"
-        log.baro = [Stream(t[::40], 10.0 + 0.0 * t[::40, None], "m", "", "BARO")]
-        names = ["C1", "C2", "C3", "C4"]
-        log.power.outputs = MotorOutputs(
-            t[::every], outputs[::every], "RCOU", names, geometry=frame_of(QUAD_X, "FRAME_TYPE 1")
-        )
-        return log
+
+def flight_log(t: Array, rate: Array, angle: Array, outputs: Array, every: int) -> FlightLog:
+    """The log of a quadrotor X by rates (n, 3) deg/s, roll and pitch (n, 2) deg and outputs, every so many logged."""
+    log = FlightLog(Path("made"), "made", 0, 0, Firmware("made"), "quadrotor")
+    gyro = Stream(t, np.radians(rate), "rad/s", "FRD", "gyro")
+    log.imus, log.imu = [Imu(0, gyro, Stream(t, np.zeros_like(rate), "m/s^2", "FRD", "acc"))], 0
+    q = rotation.from_euler(*np.radians(angle).T, 0.0 * t)
+    log.attitudes, log.onboard = {"ATT": Attitude(t, q, "ATT")}, "ATT"
+    log.baro = [Stream(t[::40], 10.0 + 0.0 * t[::40, None], "m", "", "BARO")]
+    names = ["C1", "C2", "C3", "C4"]
+    log.power.outputs = MotorOutputs(
+        t[::every], outputs[::every], "RCOU", names, geometry=frame_of(QUAD_X, "FRAME_TYPE 1")
+    )
+    return log
+
+
+def level_log(seconds: float, outputs: Array) -> FlightLog:
+    """A quadrotor X that stays level at constant outputs (4,)."""
+    t = np.arange(0.0, seconds, 0.02)
+    none = np.zeros((len(t), 3))
+    return flight_log(t, none, none[:, :2], np.tile(outputs, (len(t), 1)), 5)
 
 
 def segments(end: float, crashed: bool = False, blow: float | None = None) -> Segments:

@@ -14,7 +14,7 @@ from attlog.health.check import HealthCase
 from attlog.health.drive import motor_checks
 from attlog.segments.model import Segments
 from attlog.story.motor_faults import DriveFault, study_motors
-from tests.story.falling import Fall, segments
+from tests.story.falling import Fall, level_log, segments
 
 PLACES = ("front right", "rear left", "front left", "rear right")
 
@@ -152,7 +152,7 @@ def sinking(
     *, levels: tuple[float, ...] = (1.02, 0.9, 0.9, 0.95), climb_end: float = -1.5
 ) -> tuple[FlightLog, Segments]:
     """A flight at full throttle from 20 to 24 s, which sinks at 1.5 m/s and ends at ``climb_end``."""
-    log, _ = Fall(lost=0.0, seconds=30.0).flown()
+    log = level_log(30.0, np.zeros(4))
     outputs = log.power.outputs
     assert outputs is not None
     outputs.x[:] = 0.7 + np.random.default_rng(2).normal(0.0, 0.01, outputs.x.shape)
