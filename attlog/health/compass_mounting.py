@@ -36,7 +36,8 @@ SOURCE = "least squares over all mountings, tilt and gyro alone"
 # Largest standard error of an offset to set beside a mounting: 30 mG.
 MAX_OFFSET_SIGMA_UT = 3.0
 # Checks of a compass that a wrong mounting explains.
-EXPLAINED = ("compass_offset", "compass_turn", "compass_motors", "soft_iron", "field_against_attitude", "declination")
+BY_ATTITUDE = ("field_against_attitude", "declination")
+EXPLAINED = ("compass_offset", "compass_turn", "compass_motors", "soft_iron", "field", *BY_ATTITUDE)
 
 
 def orientation_checks(case: HealthCase) -> list[Check]:
@@ -47,18 +48,21 @@ def orientation_checks(case: HealthCase) -> list[Check]:
 
 
 def without_explained(case: HealthCase, checks: Sequence[Check]) -> list[Check]:
-    """Drop checks that a wrong mounting explains.
+    """Drop checks that a wrong mounting or a wrong onboard attitude explains.
 
     A better compass is not offered where the one in use is only set wrongly, or was left by the estimator.
     """
     used = case.log.mags[case.log.mag].field.source if case.log.mag is not None else ""
     wrong = {check.sensor for check in case.found if check.question == QUESTION and check.verdict == "fault"}
-    return [
-        check
-        for check in checks
-        if not (check.question in EXPLAINED and (check.sensor or used) in wrong)
-        and not (check.question == "compass_choice" and (used in wrong or left_by_estimator(case.found)))
-    ]
+    left = left_by_estimator(case.found)
+
+    def is_explained(check: Check) -> bool:
+        if check.question == "compass_choice":
+            return used in wrong or left
+        mounted = check.question in EXPLAINED and (check.sensor or used) in wrong
+        return mounted or (left and check.question in BY_ATTITUDE)
+
+    return [check for check in checks if not is_explained(check)]
 
 
 def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:

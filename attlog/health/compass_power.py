@@ -10,7 +10,7 @@ from attlog.core.spans import inside
 from attlog.flight.compass import MotorPower, motor_drives
 from attlog.flight.model import FlightLog, Mag, Stream
 from attlog.health.check import Check, Verdict, unknown
-from attlog.health.flown import samples_in_use
+from attlog.health.flown import EDGE_S, flight_before_crash, samples_in_use
 from attlog.segments.model import Segments
 
 MOVE_ADVICE = "Move the compass away from power wires, or calibrate it against the motors."
@@ -25,6 +25,8 @@ LIMIT = f"ok up to {INTERFERENCE_PCT[0]:.0f} % or r below {MIN_CORRELATION}, fau
 MIN_RANGES: dict[MotorPower, float] = {"throttle": 0.1, "current": 2.0}
 # Minimum time and samples against correlation by chance.
 MIN_FIELD_S, MIN_FIELD_SAMPLES = 10.0, 50
+# Time before take-off, and samples, for the field on the ground.
+GROUND_S, MIN_GROUND_SAMPLES = 20.0, 10
 # Offsets explain the variation if a sphere fit halves it, with a minimum turn for the fit.
 STEADIER_SHARE, MIN_SPHERE_TURN_DEG = 0.5, 15.0
 
@@ -51,6 +53,8 @@ def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:
             best = Check("compass_motors", verdict, text, round(change, 1), "%", LIMIT, sensor=field.source)
             best.about = "field_size"
     if best is None:
+        best = ground_against_air(segments, mag)
+    if best is None:
         why = "The log holds no throttle or current that changes while armed."
         return unknown("compass_motors", why, LIMIT, sensor=field.source)
     best.source = "correlation in flight; ardupilot.org, Magnetic Interference"
@@ -58,6 +62,32 @@ def interference_check(log: FlightLog, segments: Segments, mag: Mag) -> Check:
         best.why_no_setting = "Without a heading by motion no value is known. Fly with GNSS, turning and braking."
         best.action = log.remedy("interference") or MOVE_ADVICE
     return best
+
+
+def ground_against_air(segments: Segments, mag: Mag) -> Check | None:
+    """Check field strength in flight against that on the ground before; None with too few samples or no change.
+
+    For logs without throttle and current. In flight the field must leave its value on the ground at every heading, as
+    offsets change it with the heading.
+    """
+    flights, t = flight_before_crash(segments), mag.field.t_best
+    if not flights:
+        return None
+    size = 1e6 * np.sqrt(np.sum(mag.field.x**2, axis=1))
+    begin = flights[0][0] - EDGE_S
+    parts = [size[inside(t, spans) & (size > 0)] for spans in ([(begin - GROUND_S, begin - EDGE_S)], flights)]
+    if len(parts[0]) < MIN_GROUND_SAMPLES or len(parts[1]) < MIN_FIELD_SAMPLES:
+        return None
+    ground, air = (float(np.median(part)) for part in parts)
+    change = 100.0 * abs(air - ground) / max(min(air, ground), MIN_FIELD_UT)
+    low, high = np.quantile(parts[1], [0.01, 0.99])
+    if change <= INTERFERENCE_PCT[0] or low <= ground <= high:
+        return None
+    text = f"The field goes from {ground:.1f} uT on the ground to {air:.1f} uT in flight: motors or the place bend it."
+    verdict: Verdict = "fault" if change > INTERFERENCE_PCT[1] else "warning"
+    return Check(
+        "compass_motors", verdict, text, round(change, 1), "%", LIMIT, sensor=mag.field.source, about="field_size"
+    )
 
 
 def follow_drive(

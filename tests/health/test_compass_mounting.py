@@ -83,8 +83,8 @@ def test_a_named_mounting_silences_what_follows_from_it(flown) -> None:
     log = flown(".bin")
     case = HealthCase(log, segments.build(log))
     beside = [
-        Check(question, "warning", "") for question in ("compass_offset", "declination", "compass_choice", "field")
+        Check(question, "warning", "") for question in ("compass_offset", "field", "compass_choice", "compass_dead")
     ]
     assert compass_mounting.without_explained(case, beside) == beside
     case.found = [checked(log)]
-    assert [check.question for check in compass_mounting.without_explained(case, beside)] == ["field"]
+    assert [check.question for check in compass_mounting.without_explained(case, beside)] == ["compass_dead"]

@@ -237,6 +237,22 @@ def test_a_field_that_goes_with_the_throttle_by_an_eighth_or_a_third_is_bent(slo
     assert check.value == pytest.approx(100.0 * abs(high - low) / min(low, high), abs=0.7)
 
 
+@pytest.mark.parametrize(
+    ("air", "swing", "verdict"),
+    [(36.0, 0.5, "unknown"), (27.0, 0.5, "warning"), (20.0, 0.5, "fault"), (27.0, 9.0, "unknown")],
+)
+def test_without_a_drive_the_field_in_flight_is_compared_with_the_ground(
+    air: float, swing: float, verdict: str
+) -> None:
+    """33 uT on the ground; a size that swings with the heading past that value is an offset."""
+    one = log(compass(np.where(T < 10.0, 33.0, air + swing * np.sin(T))))
+    flown = Segments([Segment("armed", 8, 60), Segment("airborne", 10, 58)])
+    check = compass_power.interference_check(one, flown, one.mags[one.mag])
+    assert check.verdict == verdict
+    if verdict != "unknown":
+        assert check.value == pytest.approx(100.0 * (33.0 - air) / air, abs=1.0)
+
+
 def test_offsets_explain_a_size_that_changes_with_the_direction_alone() -> None:
     """The vehicle turns with the throttle: an offset of 9 uT makes the size follow, a current of its own does not."""
     angle = 2.0 * (THROTTLE - 0.5) / 0.3
