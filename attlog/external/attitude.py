@@ -156,6 +156,8 @@ def align_truth(log: FlightLog, trajectory: Trajectory, request: TruthRequest, o
         math.degrees(math.sqrt(heading + world.sigma_heading**2)),
         world.north,
         found.reading or "body to earth",
+        math.degrees(float(np.sqrt(np.sum(noise[:2] ** 2)))),
+        math.degrees(float(noise[2])),
     )
     return Attitude(t, q, trajectory.name, fit=fit, normal=True)
 

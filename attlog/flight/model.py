@@ -173,6 +173,7 @@ class TruthFit:
     north-east-down. ``correlation`` (0 to 1) and ``residual_dps`` (rms difference) compare its angular rates with the
     gyro's, over ``n`` samples in ``seconds``. ``sigma_tilt_deg`` and ``sigma_heading_deg``: own noise and open part of
     the fit, one sigma. ``north``: origin of its heading. ``reading``: conventions of its numbers ("scalar last").
+    ``noise_tilt_deg`` and ``noise_heading_deg``: its white noise alone, which RMS errors lose.
     """
 
     name: str
@@ -190,6 +191,8 @@ class TruthFit:
     sigma_heading_deg: float
     north: Literal["file", "gnss", "none"] = "none"
     reading: str = ""
+    noise_tilt_deg: float = 0.0
+    noise_heading_deg: float = 0.0
 
 
 @dataclass(slots=True)

@@ -42,7 +42,7 @@ MIN_BLOCKS = {"tilt": 4, "heading": 3, "total": 3}
 BLOCK_FILLED = 0.8  # share of a block that must be scored
 _EVIDENCE = """Interval: what the next flight of that length would show, from the changes between halves and quarters
     (errors wander on every scale: more seconds do not average them out). Against a smoother it holds 2 sigma of the
-    smoother's own error."""
+    smoother's own error. The white noise of a truth by --truth is taken out of RMS errors."""
 _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s (at least 4). Rows that gravity does
     not correct are not ranked: their error grows with the flight."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
@@ -83,7 +83,7 @@ def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str,
         return group.without("not_covered", reason, window)
     duration = covered_seconds(errors.t, model.segment_slices(good, _segments(case, row)))
     own = own_sigma(case, angle, window)
-    size = ErrorSize(np.abs(getattr(errors, angle)[good]), duration, own)
+    size = ErrorSize(np.abs(getattr(errors, angle)[good]), duration, own, white_noise(case, angle))
     units = block_units(case, row, window, angle)
     answers: dict[str, Answer] = {}
     for metric in group.metrics:
@@ -127,6 +127,15 @@ def own_sigma(case: Case, angle: str, window: str) -> float:
     return float(np.nan_to_num(sigma_deg(reference, angle, inside)))
 
 
+def white_noise(case: Case, angle: str) -> float:
+    """Return the white noise of an external truth, deg; 0 of any other reference."""
+    fit = case.reference.fit
+    if fit is None:
+        return 0.0
+    heading = fit.noise_heading_deg if case.reference.heading.by in ("own", "relative") else 0.0
+    return {"tilt": fit.noise_tilt_deg, "heading": heading, "total": math.hypot(fit.noise_tilt_deg, heading)}[angle]
+
+
 @per_object
 def in_window(case: Case, t: Array, window: str) -> NDArray[np.bool_]:
     """Return which times (n,) of errors lie in a window."""
@@ -164,7 +173,7 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
         begin, first, last = _error_blocks(case, errors.t, window, length)
         total, count = (statistics.group_sums(x, first, last) for x in _block_squares(case, row, angle))
         full = count >= max(needed, 2)
-        begin, values = begin[full], total[full] / count[full]
+        begin, values = begin[full], np.maximum(total[full] / count[full] - white_noise(case, angle) ** 2, 0.0)
     chosen = make_ids(begin)
     sigma = own_sigma(case, angle, window)
     return UnitValues(

@@ -533,11 +533,12 @@ def root_mean_square(angle: Array, groups: list[slice]) -> tuple[float, Interval
 class ErrorSize:
     """Size of an unsigned error angle (n,) in deg over ``duration`` s.
 
-    ``sigma``: the reference's own error (one sigma, RMS over the record, deg).
+    ``sigma``: the reference's own error (one sigma, RMS over the record, deg). ``noise``: its white noise in deg, which
+    is independent of the row and taken out of the RMSE.
     """
 
-    def __init__(self, angle: Array, duration: float, sigma: float = 0.0) -> None:
-        self._angle, self._sigma = angle, sigma
+    def __init__(self, angle: Array, duration: float, sigma: float = 0.0, noise: float = 0.0) -> None:
+        self._angle, self._sigma, self._noise = angle, sigma, noise
         self.pieces = PIECES if duration >= SHORTEST_S and len(angle) >= MIN_SAMPLES else 0
         self._squares: Array | None = None
 
@@ -561,7 +562,7 @@ class ErrorSize:
             if self._squares is None:
                 self._squares = self._angle**2
             square = group_means(self._squares, [slice(0, len(self._angle)), *halves, *quarters])
-            return [float(x) for x in np.sqrt(square)]
+            return [float(x) for x in np.sqrt(np.maximum(square - self._noise**2, 0.0))]
         parts = [self._angle, *(self._angle[piece] for piece in (*halves, *quarters))]
         return [quantile(_ordered_at(part, P95), P95) for part in parts]
 

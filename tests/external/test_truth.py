@@ -179,6 +179,8 @@ def test_noise_is_told(log: FlightLog, tmp_path: Path) -> None:
     quiet, loud = (brought(log, tum(tmp_path, made(noise_deg=x), f"{x}.txt")).fit for x in (0.02, 0.3))
     assert loud.sigma_heading_deg == pytest.approx(0.3, rel=0.25)
     assert quiet.sigma_heading_deg < 0.2
+    assert loud.noise_heading_deg == pytest.approx(0.3, rel=0.1)
+    assert loud.noise_tilt_deg == pytest.approx(0.3 * np.sqrt(2.0), rel=0.1)
 
 
 def test_a_delay_that_is_known_of_the_gyro_is_not_the_clock_s(tmp_path: Path) -> None:

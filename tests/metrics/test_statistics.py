@@ -235,3 +235,14 @@ def test_slow_errors_are_no_independent_blocks() -> None:
     fast, same = slow_errors(1.0, 60, 300), slow_errors(1.0, 60, 300, seed=4)
     assert np.mean(statistics.p_values("mean_square", fast, same) < 0.05) < 0.1
     assert np.mean(statistics.p_values("mean_square", fast, 2.0 * same) < 0.05) > 0.95
+
+
+def test_the_white_noise_of_a_truth_is_no_error_of_a_row() -> None:
+    """An error of 0.4 deg against a truth with 0.3 deg of noise looks like 0.5; without error none is left."""
+    noise = 0.3 * np.random.default_rng(1).standard_normal(20_000)
+    error = np.hypot(0.4 * np.sqrt(2.0) * np.sin(np.linspace(0.0, 90.0, len(noise))), noise)
+    value, ci95 = statistics.ErrorSize(error, 200.0, 0.1, noise=0.3).of("rmse")
+    assert value == pytest.approx(0.4, rel=0.02)
+    assert ci95 is not None
+    assert ci95[0] < 0.4 < ci95[1]
+    assert statistics.ErrorSize(np.abs(noise), 200.0, 0.1, noise=0.3).of("rmse")[0] < 0.06
