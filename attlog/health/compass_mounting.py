@@ -81,7 +81,9 @@ def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:
     check.unit = "deg"
     check.measure(found.angle_deg, found.sigma_deg, 1, least=0.0)
     if found.verdict == "ok":
-        check.text = f"{source} is mounted as set, to {found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg."
+        check.text = (
+            f"{source} is mounted as set; it deviates by {found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg."
+        )
         return check
     size = f"{found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg"
     check.text = f"{source} is mounted turned by {size} against its setting."
