@@ -288,7 +288,8 @@ def tracking_fault(one: Tracking) -> DriveFault:
     """Convert poor tracking of an axis to a fault."""
     text = f"{AXES[one.axis]} rate {one.verb} its set-point: {one.text}."
     part, value = "control", round(one.correlation, 2)
-    return DriveFault("rate_tracking", part, one.t, one.t_end, text, value, "", cause=GAINS_CAUSE)
+    evidence = ["gyro against the rate set-point"]
+    return DriveFault("rate_tracking", part, one.t, one.t_end, text, value, "", cause=GAINS_CAUSE, evidence=evidence)
 
 
 def oscillation_fault(one: Oscillation, rate_hz: float) -> DriveFault:
@@ -297,5 +298,5 @@ def oscillation_fault(one: Oscillation, rate_hz: float) -> DriveFault:
     text = f"{AXES[one.axis]} oscillated at {one.hz:.1f} Hz from {one.t:.1f} s: by {one.dps:.0f}°/s, "
     text += f"in {100.0 * one.share:.0f} % of the flight."
     cause = f"Gains too high, a filter too slow, or a part that swings.{alias}"
-    value = round(one.dps, 1)
-    return DriveFault("oscillation", "control", one.t, one.t_end, text, value, "°/s", cause=cause)
+    value, evidence = round(one.dps, 1), [f"gyro at {rate_hz:.0f} Hz"]
+    return DriveFault("oscillation", "control", one.t, one.t_end, text, value, "°/s", cause=cause, evidence=evidence)

@@ -395,7 +395,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         again = f"; crashed again at {crashes[1][0].t:.1f} s"
         sizes = f"{again}{_size(crashes[1])}"
         bare = short.partition(" (")[0]  # drop the first crash's size rather than the second crash
-        return list(dict.fromkeys((f"{full}{sizes}.", f"{short}{sizes}.", f"{bare}{again}.", f"{short}.")))
+        return list(dict.fromkeys((f"{full}{sizes}.", f"{short}{sizes}.", f"{bare}{again}.")))
     warned = any(e.severity in ("warning", "serious") for e in events if e.kind != "hard_landing")
     hard = [e for e in segments.crash_events if e.kind == "hard_landing"]
     if hard:
