@@ -9,6 +9,7 @@ or reversed; -b is the offset. Only horizontal axes are fitted, because f_z is m
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,8 +109,13 @@ def accelerometer_checks(case: HealthCase) -> list[Check]:
         return [unknown("force_axes", why, AXES_LIMIT), *offsets]
     axes = _force_axes_check(log, fitted, reference)
     coarse = _force_offset_check(log, fitted, reference)
-    if axes.verdict == "fault" or coarse.verdict == "unknown" or (offsets and offsets[0].verdict != "unknown"):
+    finer = bool(offsets) and (offsets[0].verdict != "unknown" or offsets[0].about == CONTRADICTED)
+    if axes.verdict == "fault" or coarse.verdict == "unknown" or finer:
         return [axes, *offsets]
+    offset, sigma = _fitted_offset(fitted)
+    bias = SensorBias(offset, sigma, (True, True, False), len(fitted.t), fitted.seconds, "GNSS and the attitude")
+    if coarse.is_trouble and _is_contradicted(_confirmations(case, log.replay_imu, bias)):
+        return [axes, _contradicted_offset(log.replay_imu, bias), *offsets[1:]]
     return [axes, coarse, *offsets[1:]]
 
 
@@ -132,8 +138,7 @@ def _force_axes_check(log: FlightLog, found: ForceFit, reference: Reference) -> 
 
 def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -> Check:
     source = log.imus[log.imu or 0].acc.source
-    offset = -found.solution.x[4:6]
-    sigma = np.hypot(STANDARD_ERRORS * found.solution.sigma[4:6], FORCE_FLOOR_M_S2)
+    offset, sigma = (x[:2] for x in _fitted_offset(found))
     worst = int(np.argmax(np.abs(offset) - FORCE_SIGMAS * sigma))
     size, unsure = float(offset[worst]), float(sigma[worst])
     if unsure * FORCE_SIGMAS > FORCE_FAR_M_S2:
@@ -143,6 +148,12 @@ def _force_offset_check(log: FlightLog, found: ForceFit, reference: Reference) -
     text = f"{source} reads {size:+.2f} m/s^2 too much in {'xy'[worst]} ({interval_text(size, unsure, 2)}, 95 %) by "
     text += f"{len(found.t)} changes of the GNSS velocity in {found.seconds:.0f} s, turned by {reference.source}."
     return Check("accelerometer_offset", verdict, text, round(size, 3), "m/s^2", FORCE_LIMIT, sensor=source)
+
+
+def _fitted_offset(found: ForceFit) -> tuple[Array, Array]:
+    """Return offset (3,) and sigma (3,) in m/s^2 of a fit; z is unknown."""
+    sigma = np.hypot(STANDARD_ERRORS * found.solution.sigma[4:6], FORCE_FLOOR_M_S2)
+    return np.append(-found.solution.x[4:6], 0.0), np.append(sigma, np.inf)
 
 
 @cached_per_log
@@ -357,12 +368,8 @@ def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias)
         check.measure_axes(bias.mean, bias.sigma, 3)
     if off.any():
         rest, onboard = _confirmations(case, imu, bias)
-        if False in (rest, onboard) and True not in (rest, onboard):
-            why = f"By {bias.by} it is off by {size:+.2f} m/s^2 along {'xyz'[worst]}; "
-            why += f"{'rest' if rest is False else 'the onboard bias'} contradicts."
-            shown = unknown("accelerometer_offset", why, OFFSET_LIMIT, sensor=source, source=OFFSET_SOURCE)
-            shown.evidence, shown.action = check.evidence, TURN_ADVICE
-            return shown
+        if _is_contradicted((rest, onboard)):
+            return replace(_contradicted_offset(imu, bias), evidence=check.evidence)
         check.why_no_setting = _refusal(case, imu, bias, own)
         if not check.why_no_setting and rest is not True:
             check.why_no_setting = "No reading at rest shows the same offset. Log before arming, on level ground."
@@ -399,6 +406,26 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
                 f"The force on the ground is {shown:+.2f} m/s^2 off gravity, not {foreseen:+.2f}: no constant offset."
             )
     return ""
+
+
+# Mark of an offset by the flight that rest or the onboard estimator contradicts.
+CONTRADICTED = "contradicted"
+
+
+def _is_contradicted(shown: Iterable[bool | None]) -> bool:
+    """Return whether at least one of rest and onboard estimator contradicts an offset, and none confirms it."""
+    answers = list(shown)
+    return False in answers and True not in answers
+
+
+def _contradicted_offset(imu: Imu, bias: SensorBias) -> Check:
+    """Return the unknown check of an offset that only the flight shows."""
+    worst = int(np.argmax(np.where(offset_axes(bias), np.abs(bias.mean), -1.0)))
+    why = f"By {bias.by} it is off by {bias.mean[worst]:+.2f} m/s^2 along {'xyz'[worst]}; "
+    why += "rest and the onboard bias do not show it."
+    check = unknown("accelerometer_offset", why, OFFSET_LIMIT, sensor=imu.acc.source, source=OFFSET_SOURCE)
+    check.about, check.action = CONTRADICTED, TURN_ADVICE
+    return check
 
 
 def _confirmations(case: HealthCase, imu: Imu, bias: SensorBias) -> list[bool | None]:
