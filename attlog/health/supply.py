@@ -13,6 +13,8 @@ from attlog.segments.model import Segments
 MIN_VOLTS, MIN_MOVED_V = 3.0, 0.05
 # Rest voltage per cell below which lithium polymer is nearly empty; the time before lift-off that does not count.
 EMPTY_CELL_V, BEFORE_LIFT_S = 3.66, 1.0
+# Median current below which the sensor has an offset: nothing charges a battery for so long.
+NEGATIVE_A = -1.0
 # Resistance: mean over a block less the mean over 10 s; least movement of current and least correlation.
 BLOCK_S, TREND_S, MIN_SPREAD_A, MIN_CORRELATION, MIN_BLOCKS = 0.5, 10.0, 0.3, 0.8, 40
 # Share of the rest voltage that is lost at the median current; unproven on a weak battery.
@@ -61,7 +63,15 @@ def cells(log: FlightLog) -> int | None:
 def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     """Check the charge at lift-off and the resistance."""
     measured, flights = battery_volts(log), segments.spans("airborne")
-    if log.power.battery is None or not flights:
+    if log.power.battery is None:
+        return []
+    amperes = log.power.battery.x[np.isfinite(log.power.battery.x[:, 1]), 1]
+    if len(amperes) and np.median(amperes) <= NEGATIVE_A:
+        text = f"The battery's current reads {np.median(amperes):.1f} A: the current sensor's offset is wrong."
+        check = _check("battery", True, text, float(np.median(amperes)), "A")
+        check.action = "Calibrate the current sensor with the motors off (BATT_AMP_OFFSET, BAT_V_OFFS_CURR)."
+        return [check]
+    if not flights:
         return []
     if measured is None:
         return [unknown("battery", "The battery's voltage was not measured.", LIMITS["battery"], source=SOURCE)]

@@ -398,6 +398,8 @@ NOISE, MIN_FULL_SHARE, SHARE_S = 0.03, 0.4, 2.0
 MAX_FULL_TILT_DEG, MIN_FULL_S, MIN_DROP_M = 40.0, 1.5, 2.0
 # A fall that is being arrested gains climb rate; a last part up to this share of the run may, as in ground contact.
 MAX_GAINED_M_S, MAX_ARRESTED_SHARE = 0.3, 0.2
+# Seconds of hover, and the multiple of their demand above which full throttle had thrust to spare: then the air sinks.
+HOVER_CLIMB_M_S, HOVER_TILT_DEG, MIN_HOVER_S, MAX_SPARE = 1.0, 12.0, 5, 3.0
 # A motor at its ceiling for this share of the run is named, with others lower by this as the weak one.
 MIN_LIMIT_SHARE, MIN_ONE_SIDED = 0.6, 0.15
 WEAK_CAUSE = "A weak motor or propeller there, or a load off centre."
@@ -410,6 +412,9 @@ def thrust_runs_out(
     """Return spans at full throttle in which the vehicle sinks all the same."""
     t = outputs.t if outputs is not None else demand.t if demand is not None else np.zeros(0)
     if not len(t) or not len(motion.heights[0]):
+        return []
+    hover = _hover_demand(demand, motion, spans)
+    if hover is not None and hover * MAX_SPARE < FULL_DEMAND:
         return []
     near, full = (_at_limit(t, outputs, demand, noise) for noise in (NOISE, 0.0))
     total = np.concatenate([[0.0], np.cumsum(full)])
@@ -425,6 +430,18 @@ def thrust_runs_out(
             first, last = np.searchsorted(t, [sinks[0], sinks[1] + 1e-6]).tolist()
             found.append(_thrust_fault(outputs, first, last, sinks[0], sinks[1], drop))
     return found
+
+
+def _hover_demand(demand: Stream | None, motion: Motion, spans: Sequence[Span]) -> float | None:
+    """Return the median demand in level seconds without climb, None for too few."""
+    if demand is None or len(demand.t) < 2:
+        return None
+    middle = np.concatenate([np.zeros(0), *(np.arange(a + 0.5, b, 1.0) for a, b in spans)])
+    climb = np.array([motion.climb_at(float(x)) for x in middle])
+    level = (np.abs(climb) < HOVER_CLIMB_M_S) & (motion.tilt_at(middle) < HOVER_TILT_DEG)
+    if np.count_nonzero(level) < MIN_HOVER_S:
+        return None
+    return float(np.median(np.interp(middle[level], demand.t, np.nan_to_num(demand.x[:, 0]))))
 
 
 def _sinking_part(t: Array, motion: Motion) -> Span | None:

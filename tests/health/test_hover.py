@@ -92,6 +92,13 @@ def test_cells_come_from_parameters_only(count: float | None, verdict: str) -> N
     assert found(battery(count=count))["battery"].verdict == verdict
 
 
+def test_a_negative_current_is_an_offset_of_its_sensor() -> None:
+    log = battery()
+    assert log.power.battery is not None
+    log.power.battery.x[:, 1] -= 30.0
+    assert "offset" in found(log)["battery"].text
+
+
 def test_a_constant_voltage_is_no_measurement() -> None:
     log = battery()
     assert log.power.battery is not None

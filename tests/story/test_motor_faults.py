@@ -207,3 +207,11 @@ def test_five_records_at_the_top_are_the_ceiling() -> None:
     assert MotorOutputs(t, x, "RCOU", []).ceiling == pytest.approx(0.92)
     x[4, 2] = 0.93
     assert MotorOutputs(t, x, "RCOU", []).ceiling == 1.0
+
+
+@pytest.mark.parametrize(("hover", "count"), [(0.2, 0), (0.5, 1)])
+def test_a_vehicle_with_thrust_to_spare_sinks_with_the_air(hover: float, count: int) -> None:
+    log, spans = sinking()
+    t = np.arange(0.0, 30.0, 0.1)
+    log.power.throttle = Stream(t, np.where((t >= 20.0) & (t <= 24.0), 1.0, hover)[:, None], "1", "", "CTUN.ThO")
+    assert len(faults((log, spans))) == count
