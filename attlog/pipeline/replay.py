@@ -64,8 +64,9 @@ def smoother(
 ) -> Estimate:
     """Run the whole-log smoother on the IMU that flew.
 
-    Segments between gaps and impacts run separately; segments that fail their own checks are left out. The lag of the
-    IMU's filters is corrected. ``compass`` False ignores the compass. UsageError for a log too long, without
+    Segments between gaps and impacts run separately; segments that fail their own checks are left out. Where an aid
+    contradicts the others for long, the barometer is left out, else the GNSS position. The lag of the IMU's filters is
+    corrected. ``compass`` False ignores the compass. UsageError for a log too long, without
     accelerometer, or with too little left.
     """
     imu = log.replay_imu
@@ -83,7 +84,7 @@ def smoother(
     t = imu.gyro.t_best
     mag = None if log.mag is None or not compass else log.mags[log.mag]
 
-    def smoothed(span: Span) -> Estimate:
+    def smoothed(span: Span, aids: estimators.Aids) -> Estimate:
         use = np.flatnonzero((t >= span[0]) & (t <= span[1]))
         return estimators.estimate(
             reference.SMOOTHER,
@@ -97,7 +98,17 @@ def smoother(
             log=facts,
         )
 
-    return reference.join_segments([smoothed(span) for span in spans], whatever=asked)
+    found = [smoothed(span, aids) for span in spans]
+    try:
+        return reference.join_segments(found, whatever=asked)
+    except UsageError:
+        if aids.baro is None or aids.position is None or not reference.aid_contradicted(found):
+            raise
+        # of two heights that contradict each other one is wrong
+        for fewer in (replace(aids, baro=None), replace(aids, position=None)):
+            with suppress(UsageError):
+                return reference.join_segments([smoothed(span, fewer) for span in spans])
+        raise
 
 
 def replays(

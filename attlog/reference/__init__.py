@@ -15,6 +15,7 @@ from attlog.reference.model import (
 from attlog.reference.reference_checks import ReferenceCheck
 from attlog.reference.scoring import onboard_rows, replayed, withhold
 from attlog.reference.smoother import (
+    aid_contradicted,
     caveat,
     expected_reference,
     join_segments,
@@ -34,6 +35,7 @@ __all__ = [
     "ReferenceCheck",
     "ReferenceOptions",
     "Track",
+    "aid_contradicted",
     "caveat",
     "choose",
     "expected_reference",

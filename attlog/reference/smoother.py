@@ -119,6 +119,13 @@ def reason_unusable(estimate: Estimate) -> str:
     return ""
 
 
+def aid_contradicted(found: Sequence[Estimate]) -> bool:
+    """Return whether a single aid may be what makes a smoother fail its own checks."""
+    return any(
+        _number(one, "openings") > MAX_REOPENINGS or _number(one, "worst_ratio") > MAX_ERROR_RATIO for one in found
+    )
+
+
 def join_segments(found: Sequence[Estimate], *, whatever: bool = False) -> Estimate:
     """Join the estimates of consecutive segments that pass their own checks.
 

@@ -11,10 +11,14 @@ import pytest
 import attlog
 from attlog import segments
 from attlog.core import earth
+from attlog.core.errors import UsageError
+from attlog.estimators import Aids, Estimate, Measurements
 from attlog.flight.model import Firmware, FlightLog, Gnss, Imu, Stream, TimeLine
-from attlog.pipeline import inputs
+from attlog.pipeline import inputs, replay
+from attlog.reference import ReferenceOptions
 from attlog.segments.model import Segment, Segments
 from tests.flight.made_log import with_fields
+from tests.reference.flights import flight as flown_log
 
 SAMPLES = Path(__file__).parents[2] / "sample_logs"
 REST = Segments([Segment("rest.long", 0.0, 30.0), Segment("rest.short", 40.0, 45.0)])
@@ -195,3 +199,31 @@ def test_an_impact_is_told_to_whole_runs() -> None:
     crashed = Segments([*REST.segments, Segment("impact", 33.0, 60.0)])
     assert inputs.aids_of(flight(), crashed).impact == 33.0
     assert inputs.aids_of(flight(), REST).impact is None
+
+
+@pytest.mark.parametrize("wrong", ["baro", "position", "velocity"])
+def test_an_aid_that_contradicts_the_others_is_left_out_and_not_the_smoother(
+    monkeypatch: pytest.MonkeyPatch, wrong: str
+) -> None:
+    """The smoother gives way seven times where the wrong aid is used; without GNSS velocity it cannot do."""
+    t = np.arange(0.0, 60.0, 0.2)
+    one, three = Measurements(t, np.zeros(len(t)), None), Measurements(t, np.zeros((len(t), 3)), None)
+    given = Aids(baro=one, position=three, velocity=three)
+    monkeypatch.setattr(replay.inputs, "aids_of", lambda *_: given)
+    monkeypatch.setattr(replay.inputs, "facts_of", lambda *_: None)
+
+    def smooth(name: str, at: np.ndarray, *_: object, aids: Aids, **__: object) -> Estimate:
+        used = " ".join(x for x in ("baro", "position", "velocity") if getattr(aids, x) is not None)
+        sigma = np.full(len(at), 1e-3)
+        quality: dict[str, float | str] = {"aided_by": used, "openings": 7.0 if wrong in used.split() else 0.0}
+        aux = {"sigma_tilt": sigma, "sigma_heading": sigma}
+        return Estimate(at, np.tile([1.0, 0.0, 0.0, 0.0], (len(at), 1)), aux=aux, quality=quality)
+
+    monkeypatch.setattr(replay.estimators, "estimate", smooth)
+    log = flown_log(60.0)
+    if wrong == "velocity":
+        with pytest.raises(UsageError, match="gave way 7 times"):
+            replay.smoother(log, segments.build(log), ReferenceOptions())
+    else:
+        found = replay.smoother(log, segments.build(log), ReferenceOptions())
+        assert wrong not in str(found.quality["aided_by"]).split()
