@@ -90,7 +90,12 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
     text = f"{name} turns as the gyro does by {shown} (1 is equal)."
     if onboard.rate < MIN_ATTITUDE_HZ and verdict == "fault":
         verdict, text = "warning", text + f" At {onboard.rate:.0f} Hz the attitude smears fast motion."
-    return made(verdict, text, value=round(float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))]), 4))
+    check = made(verdict, text, value=round(float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))]), 4))
+    if verdict == "warning":
+        # The onboard attitude is made of this gyro, filtered and logged slower: no judge of scale or mounting.
+        check.cause = "Low rates, filters or a delay of the attitude; no gyro is judged by it."
+        check.action = "Turn by 360 deg and back at 30 deg/s: the compass then shows the gyro's scale."
+    return check
 
 
 def trim_check(log: FlightLog, onboard: Attitude) -> list[Check]:
