@@ -268,7 +268,10 @@ def find_crashes(log: FlightLog, air: InAir, armed: list[Span] | None, end: floa
     context = CrashContext(
         log, air, armed if armed is not None else [(float(air.grid.t[0]), end)], end, onboard_tilt(log)
     )
-    found = [*find_impacts(context), *find_overturns(context), *find_tumbles(context)]
+    overturns = find_overturns(context)
+    # What flips over at take-off never flew, and strikes the ground as it does.
+    impacts = [] if overturns and not air.spans else find_impacts(context)
+    found = [*impacts, *overturns, *find_tumbles(context)]
     found += find_tipped(context, [e for e in found if e.is_crash])
     crashes = [e for e in found if e.is_crash]
     found += [e for e in find_falls(context) if not any(abs(c.t - e.t) < UPRIGHT_BEFORE_S for c in crashes)]

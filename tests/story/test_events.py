@@ -179,6 +179,8 @@ TRUE = {
 }
 """How the simulator calls it."""
 WITHIN_S = 0.1
+LEANING_S = 0.2
+"""With a weak motor one leg leaves the ground after the others."""
 COUNTED_S = {("clipping", ".tlog"): 1.0}
 """A link sends the counter of clipped samples once a second."""
 SUFFIXES = (".ulg", ".bin", ".tlog")
@@ -201,8 +203,9 @@ def true_times(flight: Flight, kind: str) -> list[float]:
     return [t for t, what in flight.events if what.startswith(TRUE[kind])]
 
 
-# What it strikes the ground with is told by tests/story/test_known_parts.py.
-OTHERS = {"no-thrust-left"}
+# What it strikes the ground with is told by tests/story/test_known_parts.py; the other scrapes along the ground for
+# 1.5 s at 3 g before the blow that counts.
+OTHERS = {"no-thrust-left", "compass-turned"}
 
 
 @pytest.mark.slow
@@ -215,7 +218,7 @@ def test_what_happens_in_a_scenario_is_told_at_its_time_and_nothing_else(name: s
     assert [e.kind for e in physical] == list(HAPPENS.get(name, WHOLE)), headline
     for event in physical:
         truth = [t + start for t in true_times(flown(name), event.kind)]
-        within = COUNTED_S.get((event.kind, suffix), WITHIN_S)
+        within = COUNTED_S.get((event.kind, suffix), LEANING_S if name == "weak-motor" else WITHIN_S)
         # In the air it wobbles beyond 90 deg for less than an overturn lasts.
         nearest = min(truth, key=lambda t, told=event.t: abs(t - told))
         assert event.t == pytest.approx(nearest, abs=within), event.kind
