@@ -64,7 +64,8 @@ def fault_checks(study: DriveStudy, question: str) -> list[Check]:
 def fault_check(question: str, faults: list[DriveFault]) -> Check:
     """Convert the faults of a question to a check of the first, with the others as evidence."""
     first, *others = faults
-    check = Check(question, "fault", first.text, first.value, first.unit, LIMITS[question], first.t, len(faults))
+    count = 1 if question in CONTROL else len(faults)  # the axes of one controller are no repeats
+    check = Check(question, "fault", first.text, first.value, first.unit, LIMITS[question], first.t, count)
     weak = first.kind == "no_thrust_left" and first.motor is not None
     check.t_end, check.cause, check.source = first.t_end, first.cause, SOURCE
     check.action = WEAK_MOTOR_ACTION if weak else ACTIONS[first.kind]
