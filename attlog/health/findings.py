@@ -714,7 +714,8 @@ def note_minor_records(signs: Signs, context: Context) -> Signs:
     def noted(sign: Finding) -> Finding:
         if sign.kind == "rate":
             return replace(sign, severity="warning" if sign.severity == "serious" else "note")
-        few = sign.kind == "values_out_of_range" and (refused or sign.count < FEW_VALUES)
+        left_out = sign.kind in ("values_out_of_range", "false_times")
+        few = left_out and (refused or sign.count < FEW_VALUES)
         return replace(sign, severity="note") if sign.kind in MINOR_KINDS or few else sign
 
     return [noted(sign) if sign.is_trouble else sign for sign in signs]

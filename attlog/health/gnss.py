@@ -203,7 +203,7 @@ def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
     check.source = "GNSS position against GNSS velocity"
     if jumps:
         at = float(t[1:][int(np.argmax(size))])
-        check.t = round(at, 1)
+        check.t = round(float(steps[0]), 1)
         times = "once" if jumps == 1 else "twice" if jumps == 2 else f"{jumps} times"
         check.text = f"The GNSS position jumps {times} in flight, by up to {check.value:.0f} m at {at:.0f} s."
         check.evidence = [f"Usually it is {usual:.2f} m beside its velocity from fix to fix."]
