@@ -73,17 +73,11 @@ def statements(result: Result) -> list[str]:
     return [line for line in lines if line and not line.startswith("“simulated")]
 
 
-# Not said yet.
-OPEN = {"gyro-scale"}
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("name", PARTS)
 def test_the_part_that_broke_is_named_and_no_other(
-    name: str, suffix: str, tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest
+    name: str, suffix: str, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    if name in OPEN:
-        request.applymarker(pytest.mark.xfail(strict=False))
     result, part = analysed(name, suffix, tmp_path_factory.getbasetemp()), PARTS[name]
     lines = statements(result)
     missing = [x for x in part.said if not any(re.search(x, line) for line in lines)]
