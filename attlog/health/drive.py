@@ -12,32 +12,32 @@ LIMITS = {
     "motor_outputs": "fault: off for 0.3 s or unmoved for 0.8 s in flight while others drive",
     "thrust_reserve": "fault: sinks 2 m and more at full throttle",
     "yaw_response": "fault: turns against the yaw torque by 15 deg/s for 3 s",
-    "rate_tracking": "fault: correlation below 0.65, slope outside 0.4 to 1.6, or 0.2 s late",
+    "rate_tracking": "fault: correlation below 0.65, gain outside 0.4 to 1.6, or lag from 0.2 s",
     "oscillation": "fault: one frequency from 4.5 to 20 Hz above 8 deg/s for 10 s",
 }
 SOUND = {
-    "motor_thrust": "No motor failed to answer at its ceiling.",
+    "motor_thrust": "No motor at its ceiling lacked thrust.",
     "motor_outputs": "No motor output was off or frozen in flight.",
     "thrust_reserve": "It never sank at full throttle.",
     "yaw_response": "Yaw followed the motors.",
     "oscillation": "No axis oscillated between 4.5 and 20 Hz.",
 }
 ACTIONS = {
-    "motor_no_thrust": "Check this motor, its propeller, ESC and plugs before the next flight.",
+    "motor_no_thrust": "Check this motor, its propeller, ESC and connectors before the next flight.",
     "motor_off": "Check the output's function and the ESC's protocol.",
     "motor_frozen": "Check the output's function and the ESC's protocol.",
-    "motors_off": "After a false landing keep the minimum thrust (MPC_THR_MIN) well below hover.",
+    "motors_off": "Find what stopped the motors. After a false landing, set PX4’s MPC_THR_MIN well below hover thrust.",
     "no_thrust_left": "Fly lighter, or with stronger motors, propellers and battery.",
     "rate_tracking": "Tune the rate controller; check propellers, control surfaces and filters.",
-    "oscillation": "Lower the rate gains of this axis; check for play and filters that are too slow.",
-    "yaw_backwards": "Check propellers, spin and order of the motors against the frame type.",
+    "oscillation": "Lower the rate gains of this axis; check for loose parts and slow filters.",
+    "yaw_backwards": "Check propellers, spin directions and motor order against the frame type.",
 }
 WEAK_MOTOR_ACTION = "Check this motor and its propeller, and the balance of the load."
 SOURCE = "attlog, tried on logs with known faults"
 
 
 def motor_checks(case: HealthCase) -> list[Check]:
-    """Check thrust of each motor, outputs, thrust left and answer to yaw; nothing without a flight."""
+    """Check thrust of each motor, outputs, thrust reserve and yaw response; nothing without a flight."""
     study = study_motors(case.log, case.segments)
     return [check for question in QUESTIONS for check in fault_checks(study, question)]
 

@@ -1,4 +1,4 @@
-"""Checks of the motors of a multirotor in hover: thrust left, balance of turn and of load.
+"""Checks of the motors of a multirotor in hover: thrust reserve, balance of yaw and of load.
 
 All of them are notes. They show how hard the motors work and never name a broken part: before a motor failed, another
 one had worked hardest.
@@ -94,20 +94,20 @@ def hover_checks(case: HealthCase) -> list[Check]:
         return []
     outputs, motion = log.power.outputs, Motion(log)
     if outputs is None or not outputs.scaled:
-        why = NO_OUTPUTS if outputs is None else "The log holds no limits of the outputs."
+        why = NO_OUTPUTS if outputs is None else "The log holds no output limits."
         return [_unknown(question, why) for question in LIMITS]
     if not len(motion.heights[0]) or not len(motion.rates[0]) or not len(motion.tilts[0]):
         return [_unknown(question, "Hover needs attitude, gyro and height.") for question in LIMITS]
     hover = hover_seconds(outputs, motion, spans)
     if len(hover.t) < MIN_SECONDS:
         return [
-            _unknown(question, f"It hovered for {len(hover.t)} s; {MIN_SECONDS} s are needed.") for question in LIMITS
+            _unknown(question, f"It hovered for {len(hover.t)} s; {MIN_SECONDS} s is needed.") for question in LIMITS
         ]
     found = [_thrust_check(outputs, hover, spans)]
     load = _load_check(outputs, hover) if outputs.motors == 4 else None
     spin = None if outputs.geometry is None else outputs.geometry.spin
     if spin is None:
-        found.append(_unknown("yaw_bias", "The position of the motors is unknown."))
+        found.append(_unknown("yaw_bias", "The positions of the motors are unknown."))
     elif (spin > 0).any() and (spin < 0).any():
         found.append(_yaw_check(hover, spin, load is not None and load.is_trouble))
     return found if load is None else [*found, load]
@@ -130,10 +130,10 @@ def _thrust_check(outputs: MotorOutputs, hover: Hover, spans: Sequence[Span]) ->
     apart = float(np.median(hover.t[-count:]) - np.median(hover.t[:count]))
     if last >= HIGH_LEVEL and last - first >= RISE and apart >= APART_S:
         text = (
-            f"Hover took {100.0 * last:.0f} % of thrust at the end, {100.0 * first:.0f} % at the start: little is left."
+            f"Hover took {100.0 * last:.0f} % of thrust at the end, {100.0 * first:.0f} % at the start: little reserve."
         )
         check = _check("hover_thrust", True, text, last, hover)
-        check.cause, check.action = "A battery that empties, or warm and weak motors.", "Land earlier or fly lighter."
+        check.cause, check.action = "A discharging battery, or hot or weak motors.", "Land earlier or fly lighter."
         return check
     flown = outputs.x[inside(outputs.t, spans)]
     floor = np.mean(flown <= AT_FLOOR, axis=0)
@@ -141,9 +141,9 @@ def _thrust_check(outputs: MotorOutputs, hover: Hover, spans: Sequence[Span]) ->
     if hover.level <= LOW_LEVEL or floor[motor] >= FLOOR_SHARE:
         text = f"Hover takes {100.0 * hover.level:.0f} % of thrust"
         often = f", {outputs.title(motor)} at its floor in {100.0 * floor[motor]:.0f} % of the flight"
-        text += (often if floor[motor] >= FLOOR_SHARE else "") + ": overpowered, control has little room below."
+        text += (often if floor[motor] >= FLOOR_SHARE else "") + ": overpowered, little control at low thrust."
         check = _check("hover_thrust", True, text, hover.level, hover)
-        check.action = "Lower MOT_SPIN_MIN with care, or fly heavier or with smaller propellers."
+        check.action = "Lower the minimum motor output with care (MOT_SPIN_MIN), add weight or fit smaller propellers."
         return check
     return _check("hover_thrust", False, f"Hover takes {100.0 * hover.level:.0f} % of thrust.", hover.level, hover)
 
@@ -153,10 +153,10 @@ def _yaw_check(hover: Hover, spin: Array, uneven: bool) -> Check:
     bias = float(np.mean(hover.work[spin > 0]) - np.mean(hover.work[spin < 0]))
     noted = abs(bias) >= MIN_YAW_BIAS and not uneven
     which = ("Counter-clockwise", "clockwise") if bias > 0 else ("Clockwise", "counter-clockwise")
-    text = f"{which[0]} motors hover {100.0 * abs(bias):.0f} % of thrust above {which[1]} ones"
-    check = _check("yaw_bias", noted, f"{text}{': the frame turns by itself.' if noted else '.'}", bias, hover)
+    text = f"{which[0]} motors work {100.0 * abs(bias):.0f} % of thrust harder than {which[1]} ones"
+    check = _check("yaw_bias", noted, f"{text}{': a constant yaw torque.' if noted else '.'}", bias, hover)
     if noted:
-        check.cause, check.action = "A tilted motor or unlike propellers.", "Check that motors and arms stand straight."
+        check.cause, check.action = "A tilted motor or unequal propellers.", "Check motors and arms for tilt and twist."
     return check
 
 
@@ -167,11 +167,10 @@ def _load_check(outputs: MotorOutputs, hover: Hover) -> Check:
     more = float(hover.work[most] - rest[-1])
     noted = more >= max(MIN_UNEVEN, float(np.ptp(rest)))
     name = outputs.title(most)
-    text = (
-        f"{name.capitalize()} hovers at {100.0 * hover.work[most]:.0f} %, the others at {100.0 * np.mean(rest):.0f} %."
-    )
+    text = f"{name.capitalize()} works at {100.0 * hover.work[most]:.0f} % in hover, "
+    text += f"the others at {100.0 * np.mean(rest):.0f} %."
     check = _check("uneven_motors", noted, text, more, hover)
     if noted:
-        check.cause = "A worn propeller, a weak motor, or weight there."
+        check.cause = "A worn propeller or weak motor, or a load off centre."
         check.action = "Check its propeller and motor, and the balance of the load."
     return check

@@ -78,13 +78,13 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     t, x = measured
     rest = x[t <= flights[0][0] - BEFORE_LIFT_S, 0]
     volts, flown = float(np.median(rest)) if len(rest) else None, x[inside(t, flights), 0]
-    before = "" if volts is None else f"{volts:.1f} V before lift-off, "
-    text = f"The battery had {before}{float(flown.min()):.1f} V at least in flight." if len(flown) else ""
+    before = "" if volts is None else f"{volts:.1f} V before lift-off and "
+    text = f"The battery had {before}at least {float(flown.min()):.1f} V in flight." if len(flown) else ""
     if not text:
         return []
     count = cells(log)
     if volts is not None and count is not None and volts / count <= EMPTY_CELL_V:
-        text = f"It took off nearly empty: {volts / count:.2f} V in each of {count} cells."
+        text = f"It took off with a nearly empty battery: {volts / count:.2f} V per cell ({count} cells)."
         check = _check("battery", True, text, volts / count, "V")
         check.action = "Charge the battery before the flight."
         return [check]
@@ -98,7 +98,7 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
         ]
         if lost >= WEAK_SHARE:
             check.verdict, check.cause = "warning", "A weak, cold or small battery, or a bad connection."
-            check.action = "Measure the battery's resistance, and check plugs."
+            check.action = "Measure the battery's resistance, and check connectors."
     return [check]
 
 
@@ -142,12 +142,12 @@ def _board_check(log: FlightLog, segments: Segments) -> list[Check]:
     elif (least < DIP_V and middle >= SOUND_BOARD_V) or most - least >= MAX_RANGE_V:
         what = "dips"
     text = f"The board's supply {what or 'is steady'}: {middle:.2f} V, {least:.2f} to {most:.2f} V"
-    text += "; a supply reported overcurrent." if on else "."
+    text += "; overcurrent was reported." if on else "."
     check = _check("board_supply", bool(what) or on, text, middle, "V")
     check.sensor = stream.source
     if what or on:
         check.cause = "A weak power module or a load on the 5 V rail."
-        check.action = "Power servos and other loads from a supply of their own."
+        check.action = "Power servos and other loads from a separate supply."
     return [check]
 
 
@@ -182,5 +182,5 @@ def _brownout_check(log: FlightLog, segments: Segments) -> list[Check]:
     if not texts:
         return []
     check = _check("brownout", True, f"The log ends in the air as {' and '.join(texts)}: the supply failed.")
-    check.t, check.action = round(end, 1), "Check battery, power module and plugs."
+    check.t, check.action = round(end, 1), "Check battery, power module and connectors."
     return [check]

@@ -26,7 +26,7 @@ AXES = ("Roll", "Pitch", "Yaw")
 KINDS = (VehicleKind.MULTIROTOR, VehicleKind.PLANE, VehicleKind.VTOL)
 # Length of a window, least rate of the gyro in Hz, and time before a crash that does not count.
 WINDOW_S, MIN_GYRO_HZ, CLEAR_S = 4.0, 20.0, 2.0
-GAINS_CAUSE = "Gains of the rate controller, a slow filter, or a weak or loose actuator."
+GAINS_CAUSE = "Wrong rate-controller gains, a slow filter, or a weak or loose actuator."
 
 # --- following the rate set-point --------------------------------------------------------------------------------
 
@@ -69,8 +69,8 @@ class Tracking:
     @property
     def text(self) -> str:
         """The numbers as a clause."""
-        numbers = f"{100.0 * self.slope:.0f} % of it, {1000.0 * self.lag:.0f} ms late"
-        return f"{numbers}, correlation {self.correlation:.2f} in {self.windows} windows of 4 s"
+        numbers = f"gain {100.0 * self.slope:.0f} %, lag {1000.0 * self.lag:.0f} ms"
+        return f"{numbers}, correlation {self.correlation:.2f} ({self.windows} windows of 4 s)"
 
 
 def rate_tracking(motion: Motion, setpoint: Stream, spans: Sequence[Span]) -> list[Tracking]:
@@ -271,13 +271,13 @@ def study_control(log: FlightLog, segments: Segments) -> DriveStudy:
     study.faults["oscillation"] = [oscillation_fault(one, motion.rate_hz) for one in found]
     setpoint = log.setpoints.rates
     if any(problem.code == "imu_decimated" for problem in log.problems):
-        study.missing["rate_tracking"] = "The logger left out samples of the gyro, so that its delay is unknown."
+        study.missing["rate_tracking"] = "The logger left out gyro samples, so the delay of the gyro is unknown."
     elif setpoint is None or np.count_nonzero(inside(setpoint.t, spans)) < MIN_SETPOINT_HZ * WINDOW_S:
         study.missing["rate_tracking"] = NO_SETPOINT
     else:
         followed = rate_tracking(motion, setpoint, spans)
         if not followed:
-            study.missing["rate_tracking"] = f"{LITTLE_MOVED} Fly quick steps of roll and pitch."
+            study.missing["rate_tracking"] = f"{LITTLE_MOVED} Fly quick roll and pitch steps."
         else:
             study.faults["rate_tracking"] = [tracking_fault(one) for one in followed if one.is_poor]
             study.numbers["rate_tracking"] = "; ".join(f"{AXES[one.axis]}: {one.text}" for one in followed) + "."
@@ -295,8 +295,8 @@ def tracking_fault(one: Tracking) -> DriveFault:
 def oscillation_fault(one: Oscillation, rate_hz: float) -> DriveFault:
     """Convert an oscillation to a fault."""
     alias = f" The gyro is logged at {rate_hz:.0f} Hz, so this may be an alias." if rate_hz < ALIAS_HZ else ""
-    text = f"{AXES[one.axis]} oscillated at {one.hz:.1f} Hz from {one.t:.1f} s: by {one.dps:.0f}°/s, "
-    text += f"in {100.0 * one.share:.0f} % of the flight."
-    cause = f"Gains too high, a filter too slow, or a part that swings.{alias}"
+    text = f"{AXES[one.axis]} oscillated at {one.hz:.1f} Hz from {one.t:.1f} s: amplitude {one.dps:.0f}°/s, "
+    text += f"{100.0 * one.share:.0f} % of the flight."
+    cause = f"Gains too high, a filter too slow, or a loose part.{alias}"
     value, evidence = round(one.dps, 1), [f"gyro at {rate_hz:.0f} Hz"]
     return DriveFault("oscillation", "control", one.t, one.t_end, text, value, "°/s", cause=cause, evidence=evidence)

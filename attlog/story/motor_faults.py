@@ -197,7 +197,7 @@ MIN_FALL_DPS, WORSE_DPS = 100.0, -100.0
 DEAF_S, DEAF_SHARE, DEAF_DPS, DEAF_LEAST_DPS, DEAF_RISE_DPS2 = 0.5, 0.95, 10.0, -60.0, 150.0
 # Means of the side motors of a quadrotor: at the floor it is a command, both at the ceiling it is lift.
 SIDE_MIN, SIDE_BELOW_CEILING = 0.15, 0.03
-NO_THRUST_CAUSE = "The motor, its propeller, its ESC or a plug."
+NO_THRUST_CAUSE = "A failed motor, propeller, ESC or connector."
 
 
 def motor_without_thrust(
@@ -264,8 +264,8 @@ def _no_thrust_fault(
     name = outputs.title(i)
     level, other = (100.0 * float(np.mean(outputs.x[a:b, k])) for k in (i, j))
     text = (
-        f"{name.capitalize()} gave no thrust from {t0:.1f} s: driven at {level:.0f} %, motor {j + 1} opposite at "
-        f"{max(other, 0.0):.0f} %, it tipped towards motor {i + 1} at {-worst:.0f}°/s."
+        f"{name.capitalize()} gave no thrust from {t0:.1f} s: output {level:.0f} %, opposite motor {j + 1} "
+        f"{max(other, 0.0):.0f} %. It tipped towards motor {i + 1} at {-worst:.0f}°/s."
     )
     evidence = [
         f"{outputs.source}: motor {i + 1} {level:.0f} %, motor {j + 1} {max(other, 0.0):.0f} % ({t0:.1f} to {t1:.1f} s)"
@@ -273,9 +273,9 @@ def _no_thrust_fault(
     turned = motion.yaw_rate(t1 - 0.1, t1 + 0.1) - motion.yaw_rate(t0 - 0.3, t0)
     ran_away = np.isfinite(turned) and turned * geometry.spin[i] > 0
     if ran_away:
-        evidence.append(f"Yaw turned by {turned:+.0f}°/s, as if motor {j + 1} ran away instead")
+        evidence.append(f"Yaw turned by {turned:+.0f}°/s, as if motor {j + 1} ran at full speed instead")
     evidence += [f"text at {r.t:.1f} s: {r.text}" for r in outputs.reports if abs(r.t - t0) <= CAUSE_S][:2]
-    cause = NO_THRUST_CAUSE + (f" Or motor {j + 1} ran away." if ran_away else "")
+    cause = NO_THRUST_CAUSE + (f" Or motor {j + 1} ran at full speed uncommanded." if ran_away else "")
     where = outputs.position(i)
     return DriveFault("motor_no_thrust", "motor", t0, t1, text, round(-worst), "°/s", i + 1, where, cause, evidence)
 
@@ -329,7 +329,8 @@ def _frozen_runs(outputs: MotorOutputs, mask: Mask, row: NDArray[np.int64], i: i
 def _output_fault(outputs: MotorOutputs, word: str, i: int, t0: float, t1: float, level: float) -> DriveFault:
     name = outputs.title(i)
     held = "" if word == "off" else f" at {100.0 * level:.0f} %"
-    text = f"Output of {name} {word}{held} from {t0:.1f} s: in flight for {t1 - t0:.1f} s, while others moved."
+    others = "drove" if word == "off" else "moved"
+    text = f"Output of {name} {word}{held} from {t0:.1f} s: {t1 - t0:.1f} s in flight, while others {others}."
     evidence = [f"{outputs.source}.{outputs.names[i]}"]
     evidence += [
         sentence for t, sentence in outputs.changes if abs(t - t0) <= CAUSE_S and f"motor {i + 1} " in sentence
@@ -348,7 +349,7 @@ PX4_STOPPED = 0.005
 FALL_M_S2 = 5.0
 # Time from a detected landing, or from a kill switch or disarming, to the stop of the motors.
 STOPPED_S = 1.0
-ALL_OFF_CAUSE = "The land detector took low thrust for the ground: the vehicle is overpowered."
+ALL_OFF_CAUSE = "The land detector took low thrust for a landing: the vehicle is overpowered."
 
 
 def all_off(log: FlightLog, outputs: MotorOutputs, spans: Sequence[Span], loss: float) -> list[DriveFault]:
@@ -480,10 +481,10 @@ def _thrust_fault(outputs: MotorOutputs | None, a: int, b: int, t0: float, t1: f
         rest = float(np.mean(np.delete(level, k)))
         if share[k] >= MIN_LIMIT_SHARE and level[k] - rest >= 100.0 * MIN_ONE_SIDED:
             motor, cause = k + 1, WEAK_CAUSE
-            first, then = f", {outputs.title(k)} at its limit", f", the others at {rest:.0f} %"
+            first, then = f", {outputs.title(k)} at its limit", f" The others were at {rest:.0f} %."
         else:
-            then = f", all motors at {np.mean(level):.0f} % of their limit"
-    text = f"No thrust left from {t0:.1f} s{first}: it sank {drop:.1f} m in {t1 - t0:.1f} s at full throttle{then}."
+            then = f" All motors were at {np.mean(level):.0f} % of their limit."
+    text = f"No thrust reserve from {t0:.1f} s{first}: it sank {drop:.1f} m in {t1 - t0:.1f} s at full throttle.{then}"
     where = "" if outputs is None or motor is None else outputs.position(motor - 1)
     return DriveFault("no_thrust_left", "thrust", t0, t1, text, round(drop, 1), "m", motor, where, cause, evidence)
 
@@ -491,7 +492,7 @@ def _thrust_fault(outputs: MotorOutputs | None, a: int, b: int, t0: float, t1: f
 # --- yaw answers backwards ---------------------------------------------------------------------------------------
 
 MIN_YAW_DEMAND, MIN_YAW_S, MAX_YAW_TILT_DEG, MIN_AGAINST_DPS = 0.4, 3.0, 45.0, 15.0
-YAW_CAUSE = "Propellers or motor order do not fit the frame type."
+YAW_CAUSE = "Propellers or motor order do not match the frame type."
 
 
 def yaw_backwards(outputs: MotorOutputs, geometry: Geometry, motion: Motion, spans: Sequence[Span]) -> list[DriveFault]:
@@ -511,8 +512,8 @@ def yaw_backwards(outputs: MotorOutputs, geometry: Geometry, motion: Motion, spa
             turned = motion.yaw_rate(t0, t1)
             if -sign * turned >= MIN_AGAINST_DPS:
                 to, from_ = ("right", "left") if sign > 0 else ("left", "right")
-                how = f"motors push {to}, it turned {from_} at {abs(turned):.0f}°/s"
-                text = f"Yaw answered backwards from {t0:.1f} s: {how}."
+                how = f"motors pushed {to}, it turned {from_} at {abs(turned):.0f}°/s"
+                text = f"Yaw response was reversed from {t0:.1f} s: {how}."
                 evidence = [f"{outputs.source}: mean of + less - spins {float(np.mean(torque[a:b])):+.2f}"]
                 size = round(abs(turned), 1)
                 fault = DriveFault("yaw_backwards", "propellers", t0, t1, text, size, "°/s")
@@ -524,7 +525,7 @@ def yaw_backwards(outputs: MotorOutputs, geometry: Geometry, motion: Motion, spa
 
 QUESTIONS = ("motor_thrust", "motor_outputs", "thrust_reserve", "yaw_response")
 NO_OUTPUTS = "No motor outputs are logged (ArduPilot RCOU, PX4 actuator_motors or actuator_outputs)."
-NO_GEOMETRY = "The position of the motors is unknown: the log holds no frame parameters in the table of frames."
+NO_GEOMETRY = "The positions of the motors are unknown: the log holds no parameters of a known frame."
 
 
 @cached_per_log
@@ -543,8 +544,8 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
         study.missing.update({q: NO_OUTPUTS for q in QUESTIONS if q != "thrust_reserve"})
         return study
     slow = 1.0 / outputs.period < MIN_OUTPUT_HZ
-    hz = f"Motor outputs are logged at {1.0 / outputs.period:.1f} Hz; 5 Hz are needed."
-    unscaled = "The log holds no limits of the outputs (MOT_PWM_MIN and MAX, or RC3_MIN and MAX)."
+    hz = f"Motor outputs are logged at {1.0 / outputs.period:.1f} Hz; 5 Hz is needed."
+    unscaled = "The log holds no output limits: MOT_PWM_MIN and MOT_PWM_MAX, or RC3_MIN and RC3_MAX."
     if not outputs.scaled:
         study.missing.update({q: unscaled for q in QUESTIONS if q != "thrust_reserve"})
     else:

@@ -53,9 +53,9 @@ def test_hover_is_noted_by_its_level_rise_and_balance(levels: tuple[float, ...],
 
 
 def test_the_sense_that_works_harder_and_the_motor_are_named() -> None:
-    assert found(hovering((0.44, 0.44, 0.57, 0.57)))["yaw_bias"].text.startswith("Clockwise motors hover 13 %")
+    assert found(hovering((0.44, 0.44, 0.57, 0.57)))["yaw_bias"].text.startswith("Clockwise motors work 13 %")
     assert found(hovering((0.4, 0.4, 0.55, 0.4)))["uneven_motors"].text.startswith(
-        "Motor 3 (front left) hovers at 55 %"
+        "Motor 3 (front left) works at 55 % in hover"
     )
 
 

@@ -63,7 +63,7 @@ def test_a_rate_that_does_not_follow_is_told(made: dict[str, float], verb: str |
 
 def test_gain_and_lag_are_measured() -> None:
     text = study_control(*flown(gain=0.9, lag=0.08)).numbers["rate_tracking"]
-    assert text.startswith("Roll: 90 % of it, 80 ms late")
+    assert text.startswith("Roll: gain 90 %, lag 80 ms")
 
 
 def test_a_calm_set_point_or_a_decimated_gyro_answer_nothing() -> None:

@@ -28,7 +28,7 @@ def test_a_motor_that_stops_is_named_with_place_and_time(motor: int) -> None:
     (found,) = faults(Fall(motor).flown())
     assert (found.kind, found.motor, found.position) == ("motor_no_thrust", motor + 1, PLACES[motor])
     assert 10.0 <= found.t < 10.5
-    assert "ran away" not in found.cause
+    assert "full speed" not in found.cause
 
 
 def test_the_event_leads_the_headline_and_carries_the_part() -> None:
@@ -59,7 +59,7 @@ def test_an_opposite_motor_that_runs_away_turns_the_vehicle_the_other_way() -> N
     log, spans = Fall(1).flown()
     log.imus[0].gyro.x[:, 2] *= -1.0
     (found,) = faults((log, spans))
-    assert found.cause.endswith("Or motor 1 ran away.")
+    assert found.cause.endswith("Or motor 1 ran at full speed uncommanded.")
 
 
 def test_the_firmwares_report_is_quoted_beside_the_motor() -> None:
