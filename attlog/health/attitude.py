@@ -228,7 +228,7 @@ def wrong_angle(checks: Iterable[Check]) -> WrongAngle | None:
 def _heading_cause(checks: Sequence[Check]) -> str:
     """Return what made the heading wrong as a phrase: the estimator, or the mounting of the compass in use."""
     if left_by_estimator(checks):
-        return "the estimator left its compass"
+        return "the estimator diverged from its compass"
     turned = any(c.question == "compass_orientation" and c.verdict == "fault" and c.in_use for c in checks)
     return "wrong compass orientation" if turned else ""
 

@@ -75,8 +75,8 @@ def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:
     fits = f"dip {found.dip_deg[1]:.0f} deg, residual {found.left_ut[1]:.1f} uT"
     check.evidence = [f"As set: dip {found.dip_deg[0]:.0f} deg, residual {found.left_ut[0]:.1f} uT; as named: {fits}."]
     if found.mirrored:
-        check.text = f"{source} has mirrored axes: its field turns with the gyro with {mirrored_axes(found.turn)}."
-        check.action = "No mounting does that: check the driver of this compass."
+        check.text = f"{source} has mirrored axes: its field follows the gyro with {mirrored_axes(found.turn)}."
+        check.action = "No mounting mirrors axes: check the driver of this compass."
         return check
     check.unit = "deg"
     check.measure(found.angle_deg, found.sigma_deg, 1, least=0.0)
@@ -86,7 +86,7 @@ def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:
         )
         return check
     size = f"{found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg"
-    check.text = f"{source} is mounted turned by {size} against its setting."
+    check.text = f"{source} is mounted rotated by {size} from its setting."
     check.evidence.append(f"The next best mounting leaves {found.next_ratio:.1f} times the residual.")
     _offer(log, mag, found, mounting, check)
     return check
@@ -98,16 +98,18 @@ def _offer(log: FlightLog, mag: Mag, found: Orientation, mounting: Mounting, che
     if not mounting.parameter:
         board = log.param("AHRS_ORIENTATION" if log.firmware.name == "ArduPilot" else "SENS_BOARD_ROT") or 0.0
         number = mounting_number(found.turn, board)
-        check.why_no_setting = f"{source} is set as internal: it turns with the board."
-        external = "" if number is None else f" If it is external, set it so, with orientation {_named(number)}."
+        check.why_no_setting = f"{source} is set as internal: its orientation is that of the board."
+        external = (
+            "" if number is None else f" If it is external, set it as external with orientation {_named(number)}."
+        )
         check.action = f"Check the orientation of the board.{external}"
         return
     number = mounting_number(found.turn, mounting.number)
     if number is None:
-        check.why_no_setting = f"No number of {mounting.parameter} has this mounting."
-        check.action = "Mount the compass as its orientation says, then calibrate it."
+        check.why_no_setting = f"No value of {mounting.parameter} describes this mounting."
+        check.action = "Mount the compass as its orientation is set, then calibrate it."
         return
-    check.text = f"{source} is mounted turned by {found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg: "
+    check.text = f"{source} is mounted rotated by {found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg: "
     check.text += f"{mounting.parameter} should be {_named(number)}."
     offer = settings.mounting_proposal(log, mag, mounting.parameter, number, found.turn, residual_offset(log, found))
     check.settings, check.why_no_setting = offer.settings, offer.refused

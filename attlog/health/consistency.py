@@ -30,8 +30,8 @@ MIN_FIXES = 20
 ERRS_SHARE, SOUND_SHARE = 0.6, 0.4
 # Change of a height from fix to fix, in the running median of five, that no vehicle climbs.
 MAX_CLIMB_M_S = 30.0
-BARO_STEPS = "The barometer errs: its height steps, and that of GNSS does not."
-UNKNOWN_HEIGHT = "GNSS or the barometer errs; the log does not show which."
+BARO_STEPS = "The barometer is wrong: its height steps, that of GNSS does not."
+UNKNOWN_HEIGHT = "GNSS or the barometer is wrong; the log does not show which."
 HEIGHT_LIMIT = "ok up to 10 m (or v²/2g) and three times the accuracy of GNSS"
 HEIGHT_SOURCE = "60 real flights"
 
@@ -77,11 +77,11 @@ def _height_check(baro: Stream, receiver: Gnss, flight: Span) -> Check | None:
     check.verdict, check.t, check.t_end = "warning", round(float(t[beyond[0]]), 1), round(float(t[beyond[-1]]), 1)
     check.about, check.cause = _wrong_height(t, v[:, 2], high, flat, change)
     check.kind = "barometer" if check.about == "barometer" else ""
-    what = {"GNSS height": "GNSS height errs", "barometer": "The barometer errs"}.get(check.about, "")
+    what = {"GNSS height": "GNSS height is wrong", "barometer": "The barometer is wrong"}.get(check.about, "")
     other = {"GNSS height": " against the barometer", "barometer": " against GNSS"}.get(check.about, "")
-    what = what or "Heights of GNSS and barometer part"
+    what = what or "Heights of GNSS and barometer differ"
     check.text = f"{what} by {change:.0f} m{other} in flight, from {check.t:.0f} s."
-    check.action = "Compare both heights with the ground before the next flight in a height mode."
+    check.action = "Compare both heights with a known height before flying an altitude-hold mode."
     return check
 
 
@@ -103,9 +103,9 @@ def _wrong_height(t: Array, down: Array, high: Array, flat: Array, change: float
     climbed = np.concatenate([[0.0], np.cumsum(-0.5 * (down[1:] + down[:-1]) * np.diff(t))])
     gnss, baro = (float(np.ptp(x - climbed)) / change for x in (high, flat))
     if gnss >= ERRS_SHARE and baro <= SOUND_SHARE:
-        return "GNSS height", "The GNSS position errs: its own vertical speed agrees with the barometer."
+        return "GNSS height", "The GNSS position is wrong: its own vertical speed agrees with the barometer."
     if baro >= ERRS_SHARE and gnss <= SOUND_SHARE:
-        return "barometer", "The barometer errs: height and vertical speed of GNSS agree."
+        return "barometer", "The barometer is wrong: height and vertical speed of GNSS agree."
     return "", UNKNOWN_HEIGHT
 
 
@@ -167,7 +167,7 @@ def _gravity_check(imu: Imu, before: Segment, after: Segment) -> Check | None:
     drift = math.degrees(float(np.linalg.norm(bias1 - bias0))) * (t1 - t0) / 2.0
     turned = math.degrees(float(np.linalg.norm(turns, axis=1).sum()))
     allowed = ANGLE_DEG + BIAS_SHARE * drift + TURN_SHARE * turned
-    text = f"Gravity at rest after the flight is within {angle:.1f}° of that before, turned by the gyro."
+    text = f"Gravity at rest after the flight agrees within {angle:.1f}° with that before it, turned by the gyro."
     check = Check("gravity_kept", "ok", text, round(angle, 1), "°", GRAVITY_LIMIT, t=round(before.t1, 1))
     check.t_end, check.sensor, check.source = round(after.t0, 1), imu.acc.source, GRAVITY_SOURCE
     if angle <= allowed:
@@ -178,11 +178,14 @@ def _gravity_check(imu: Imu, before: Segment, after: Segment) -> Check | None:
     axis = int(np.argmax(np.abs(step)))
     check.evidence = [f"{imu.acc.source} changed by {step[axis]:+.2f} m/s^2 along {'xyz'[axis]} against the gyro."]
     if moved > ERRS_SHARE * angle and by_gyro < SOUND_SHARE * angle:
-        check.about, check.cause = "accelerometer", "The accelerometer's offset moved in flight, or its mount gave way."
+        check.about, check.cause = (
+            "accelerometer",
+            "The accelerometer's offset changed in flight, or its mount gave way.",
+        )
         check.action = "Check that the autopilot is fixed, and calibrate the accelerometer in six positions."
     elif by_gyro > ERRS_SHARE * angle and moved < SOUND_SHARE * angle:
         check.about, check.kind = "gyro", "gyro_bias"
-        check.cause = "The gyro's bias in flight is not that at rest, or its scale is off."
+        check.cause = "The gyro's bias in flight differs from that at rest, or its scale is wrong."
         check.action = "Calibrate the gyro, keep it still as it starts, and reduce vibration."
     else:
         check.cause = "The accelerometer's offset or the gyro's bias changed in flight."

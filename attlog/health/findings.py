@@ -286,8 +286,8 @@ MESSAGE_KINDS = (
 )
 EVENT_ACTIONS = {
     "battery": "Charge or change the battery, and land earlier.",
-    "arming_refused": "Remove what the autopilot names, and arm again.",
-    "parameter_changed": "Set parameters on the ground, or check who set them.",
+    "arming_refused": "Mend what the autopilot names, then arm again.",
+    "parameter_changed": "Set parameters on the ground, and find what changed them in flight.",
     "device_error": "Check wiring, power and baud rate of this device.",
     "gnss_interference": "Look for transmitters near the antenna; do not rely on position modes there.",
 }
@@ -324,7 +324,7 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             continue
         if event.kind == "message":
             kind = next((kind for words, kind in MESSAGE_KINDS if words.search(event.text)), "message")
-            pairs.append((event, replace(event_finding(event, kind), text=f"The autopilot said {event.text}")))
+            pairs.append((event, replace(event_finding(event, kind), text=f"The autopilot reported {event.text}")))
         elif event.kind in EVENT_KINDS:
             sign = event_finding(event, EVENT_KINDS[event.kind])
             if is_estimator_jump(event):

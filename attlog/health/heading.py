@@ -58,10 +58,10 @@ def _wrong_heading_check(case: HealthCase, wrong: WrongHeading) -> Check:
     seconds = sum(b - a for a, b in wrong.spans)
     when = f" from {first:.0f} s to {last:.0f} s" + (f", {seconds:.0f} s in all" if len(wrong.spans) > 1 else "")
     text = f"The onboard heading is {size:.0f} deg off by GNSS acceleration (± {wrong.offset.sigma_deg:.0f} deg){when}."
-    evidence = ["At other times it is right."] if wrong.partly else []
+    evidence = ["At other times it is correct."] if wrong.partly else []
     rejected = _rejected_gnss(log, segments, wrong.spans)
     if rejected:
-        evidence.append(f"The EKF rejected {rejected} then: its heading is wrong, not GNSS.")
+        evidence.append(f"The EKF rejected {rejected} meanwhile: its heading is wrong, not GNSS.")
     verdict: Verdict = "fault" if size > SERIOUS_HEADING_DEG else "warning"
     check = Check(
         HEADING_BY_GNSS, verdict, text, size, "deg", GNSS_HEADING_LIMIT, t=first, t_end=last, evidence=evidence
@@ -179,7 +179,7 @@ def _blame_estimator(log: FlightLog, segments: Segments, check: Check, left: Com
     check.text = check.text.replace(f"from {check.t:.0f} s", f"from {left.t:.0f} s", 1)
     check.t = round(left.t, 1)
     check.evidence.append(f"The compass itself is {left.compass_deg:.0f} deg off by the same acceleration.")
-    check.cause = f"The estimator left its own compass, which is {left.compass_deg:.0f} deg off."
+    check.cause = f"The estimator's heading diverged from its own compass, which is {left.compass_deg:.0f} deg off."
     bias = log.estimator.gyro_bias
     ran = 0.0
     if bias is not None:
@@ -188,14 +188,14 @@ def _blame_estimator(log: FlightLog, segments: Segments, check: Check, left: Com
     rejected = [one for one in aid_rejections(log, segments) if one.aid == "compass"]
     seconds = sum(b - a for one in rejected for a, b in intersect(one.spans, [(left.t - BEFORE_S, check.t_end)]))
     if left.jump_deg:
-        check.evidence.append(f"It jumped by {left.jump_deg:.0f} deg at {left.t:.1f} s.")
+        check.evidence.append(f"The onboard heading jumped by {left.jump_deg:.0f} deg at {left.t:.1f} s.")
         sound = "; the compass needs no calibration" if left.compass_deg < LEFT_DEG else ""
         check.action = f"Find what reset the onboard heading at {left.t:.1f} s{sound}."
     elif ran > BIAS_DPS:
-        check.cause = f"Its gyro bias about the vertical ran by {ran:.1f} deg/s, against the compass."
-        check.action = "Reboot before the next flight, and land when the EKF reports variances."
+        check.cause = f"The estimator's gyro bias about the vertical drifted by {ran:.1f} deg/s, against the compass."
+        check.action = "Reboot before the next flight, and land if the EKF reports a variance."
     elif seconds >= MIN_REJECTED_S:
-        check.evidence.append(f"The EKF rejected its compass for {seconds:.0f} s then.")
-        check.action = "Find why the EKF rejected its compass: gates, innovations, a second yaw source."
+        check.evidence.append(f"The EKF rejected its compass for {seconds:.0f} s meanwhile.")
+        check.action = "Find why the EKF rejected its compass: check gates, innovations and other yaw sources."
     else:
-        check.action = "Compare the estimator's yaw source and its alignment before take-off with the compass."
+        check.action = "Check the estimator's yaw source, and its heading before take-off against the compass."

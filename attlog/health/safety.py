@@ -88,8 +88,8 @@ def _battery_guarded(log: FlightLog, t: float) -> bool:
 
 # --- switches ---------------------------------------------------------------------------------------------------
 
-ARMS_ANYWAY = "it arms with any sensor failed"
-NO_ACTION = "a lost radio link starts no action"
+ARMS_ANYWAY = "it arms even with a failed sensor"
+NO_ACTION = "losing the radio link starts no action"
 EMPTY = "an empty battery starts no action"
 NO_WARNING = "no warning and no failsafe before the battery is empty"
 MONITORS_OFF = dict.fromkeys(MONITORS, (0.0,))
@@ -132,7 +132,7 @@ ARDUPILOT = (
 PX4 = (
     Switch("supply check", {"CBRK_SUPPLY_CHK": (894281.0,)}, "it arms without a power module", "CBRK_SUPPLY_CHK 0"),
     Switch("position check", {"CBRK_VELPOSERR": (201607.0,)}, "it flies on with a wrong position", "CBRK_VELPOSERR 0"),
-    Switch("GNSS check", {"CBRK_GPSFAIL": (240024.0,)}, "a lost GNSS starts no action", "CBRK_GPSFAIL 0"),
+    Switch("GNSS check", {"CBRK_GPSFAIL": (240024.0,)}, "losing GNSS starts no action", "CBRK_GPSFAIL 0"),
     Switch("radio failsafe", {"NAV_RCL_ACT": (0.0,), "NAV_DLL_ACT": (0.0,)}, NO_ACTION, "NAV_RCL_ACT 2"),
     Switch(
         "battery failsafe",
@@ -242,9 +242,9 @@ def safety_checks(case: HealthCase) -> list[Check]:
         return [unknown(QUESTION, "The log holds none of the parameters of arming checks, failsafes and battery.")]
     source = TITLES[log.firmware.name]
     if all(switch.by_default for switch in off) and len(names) == len(off):
-        text = f"{_capital(_listed(on))} are on." if on else "Only the battery failsafe is off, as in a new autopilot."
+        text = f"Switched on: {_listed(on)}." if on else "Only the battery failsafe is off, as by default."
         return [Check(QUESTION, "ok", text, evidence=evidence, source=source)]
-    action = f"Set {_listed(remedies, len(remedies))}, unless meant otherwise."
+    action = f"Set {_listed(remedies, len(remedies))}, unless this is intended."
     return [
         Check(QUESTION, "warning", f"Switched off: {_listed(names)}.", evidence=evidence, source=source, action=action)
     ]

@@ -227,7 +227,7 @@ def loop_check(log: FlightLog, imu: Imu, loop: ClockRate, slowed: list[str]) -> 
     ``slowed``: sentences on an onboard attitude that turns as much less than the gyro.
     """
     if abs(loop.rate - 1.0) > MAX_LOOP_OFF:
-        return unknown("main_loop", "IMU records come at no usual interval of the main loop.", LOOP_LIMIT)
+        return unknown("main_loop", "The interval of IMU records fits no usual rate of the main loop.", LOOP_LIMIT)
     off = loop.rate - 1.0
     nominal = log.param("SCHED_LOOP_RATE")
     text = f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms, as they should."
@@ -237,7 +237,7 @@ def loop_check(log: FlightLog, imu: Imu, loop: ClockRate, slowed: list[str]) -> 
         check.text = f"The main loop runs {100 * abs(off):.1f} % slow{at}: "
         check.text += f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms instead of {loop.interval_ms:.0f}."
         check.evidence, check.verdict = slowed, "fault" if slowed else "warning"
-        check.action = "Take load off the processor: log less, or fewer sensors and a lower loop rate."
+        check.action = "Reduce the processor load: log less, use fewer sensors, or lower the loop rate."
     return check
 
 
@@ -276,9 +276,9 @@ def frozen_checks(case: HealthCase) -> list[Check]:
         if spans
     }
     spans = [*acc, *mag, *baro]
-    text = f"{imu.gyro.source}: {_frozen_text('gyro', gyro)}." if gyro else "The gyro never stands still in motion."
+    text = f"{imu.gyro.source}: {_frozen_text('gyro', gyro)}." if gyro else "The gyro never freezes in motion."
     first = Check("frozen_gyro", "fault" if gyro else "ok", text, round(lost, 1), "%", FROZEN_LIMIT)
-    text = f"{'; '.join(others)}." if others else "No other sensor stands still while the vehicle moves."
+    text = f"{'; '.join(others)}." if others else "No other sensor freezes while the vehicle moves."
     verdict: Verdict = "fault" if acc else "warning" if others else "ok"
     longest = max((b - a for a, b in spans), default=0.0)
     second = Check("frozen_sensors", verdict, text, round(longest, 1), "s", FROZEN_LIMIT)
@@ -300,9 +300,7 @@ def _frozen_gyro(log: FlightLog) -> tuple[list[Span], float]:
 def frozen_gyro_reason(log: FlightLog) -> str:
     """Return why a frozen gyro makes a replay invalid; empty where valid."""
     _, lost = _frozen_gyro(log)
-    return (
-        f"the gyro stands still for {lost:.0f} % of the record while the vehicle moves" if lost > UNUSABLE_PCT else ""
-    )
+    return f"the gyro is frozen for {lost:.0f} % of the record while the vehicle moves" if lost > UNUSABLE_PCT else ""
 
 
 def frozen_spans(stream: Stream, least_s: float) -> list[Span]:
@@ -369,8 +367,8 @@ def _spread(stream: Stream, span: Span) -> float:
 
 def _frozen_text(what: str, spans: list[Span]) -> str:
     if len(spans) == 1:
-        return f"the {what} says the same from {spans[0][0]:.1f} s to {spans[0][1]:.1f} s while the vehicle moves"
-    return f"the {what} says the same {len(spans)} times, {seconds(spans):.1f} s in all, while the vehicle moves"
+        return f"the {what} is frozen from {spans[0][0]:.1f} s to {spans[0][1]:.1f} s while the vehicle moves"
+    return f"the {what} is frozen {len(spans)} times, {seconds(spans):.1f} s in all, while the vehicle moves"
 
 
 # Sensor faults found during the choice of the reference.

@@ -254,7 +254,7 @@ def wrong_mounting(log: FlightLog, segments: Segments) -> str:
     found = compass_orientation(log, segments, mag)
     if found.verdict != "fault":
         return ""
-    how = "has mirrored axes" if found.mirrored else f"is mounted turned by {found.angle_deg:.0f} deg"
+    how = "has mirrored axes" if found.mirrored else f"is mounted rotated by {found.angle_deg:.0f} deg"
     return f"{mag.field.source} {how}: its field then turns {found.ratio:.1f} times better with the gyro"
 
 

@@ -129,7 +129,7 @@ def jumped_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         for n, event in _of(events, "failsafe", "aid_rejected"):
             about = "position" in event.text or POSITION_WORDS.search(_words(event))
             if 0.0 <= event.t - jump.t <= MAX_JUMP_S and about and not OTHER_FAILSAFES.search(event.text):
-                yield k, n, f"GNSS and its own velocity disagree by {jump.value:.0f} m"
+                yield k, n, f"GNSS position and velocity disagree by {jump.value:.0f} m"
 
 
 # --- vibration --------------------------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ def stopped_motors(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
             continue  # it was lost before
         for n, blow in _of(events, "impact", "hard_landing", "overturn"):
             if 0.0 < blow.t - stop.t <= KILLED_S and (fall := _fall_seconds(log, stop.t, blow.t)) >= FALL_S:
-                yield k, n, f"it fell freely for {fall:.1f} s between"
+                yield k, n, f"free fall of {fall:.1f} s between them"
 
 
 def _fall_seconds(log: FlightLog, t0: float, t1: float) -> float:

@@ -108,11 +108,11 @@ class Rejection:
     def text(self) -> str:
         """Sentence with duration and largest ratio."""
         first, last = self.spans[0][0], self.spans[-1][1]
-        parts = f" in {len(self.spans)} parts of {MIN_REJECTION_S:.0f} s and more ({self.longest:.0f} s on end)"
+        parts = f" ({len(self.spans)} parts, longest {self.longest:.0f} s)"
         times = parts if len(self.spans) > 1 else ""
         return (
             f"The EKF rejected its {self.aid} for {self.seconds:.0f} s of {self.seconds_flown:.0f}{times}, "
-            f"{first:.1f} to {last:.1f} s, by up to {self.worst:.1f} times its limit ({self.source})."
+            f"{first:.1f} to {last:.1f} s. Largest test ratio {self.worst:.1f} ({self.source})."
         )
 
 
@@ -255,7 +255,7 @@ def _switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> li
     compasses = [x for x in matching_texts(log, COMPASS) if _driven_at(segments, x[0]) and x not in lanes]
     quoted += compasses
     for group in _group_texts(compasses):
-        text = f"The compass was changed at {group[0][0]:.1f} s."
+        text = f"The compass in use changed at {group[0][0]:.1f} s."
         t, evidence = group[0][0], [quote_text(group[0])]
         found.append(Event("compass_switch", t, "warning", text, evidence=evidence, quote=clean_text(group[0][2])))
     return found
@@ -358,7 +358,7 @@ def _gnss_jump_event(
     """Return a GNSS jump, or a divergence of the estimator from a steady GNSS."""
     size = gnss_disagreement_m(log.gnss, t)
     jumped = np.isfinite(size) and size >= MAX_STEADY_M
-    text = f"{'GNSS jumped' if jumped else 'The EKF and GNSS came apart'} at {t:.1f} s{count}."
+    text = f"{'GNSS jumped' if jumped else 'The EKF and GNSS diverged'} at {t:.1f} s{count}."
     quoted = [evidence]
     if np.isfinite(size):
         quoted.append(f"GNSS position and velocity agree to {size:.1f} m around it")

@@ -313,7 +313,7 @@ def _crash_event(ending: CrashEvent, evidence: list[str]) -> Event:
         f"at {ending.t:.1f} s: {format_size(ending)}.",
         "hard_landing": f"Hard landing at {ending.t:.1f} s: {format_size(ending)}, and it stayed upright.",
         "overturn": f"{overturn_word(ending)} at {ending.t:.1f} s, to {format_size(ending)}.",
-        "tumble": f"Tumbled at {ending.t:.1f} s, at up to {format_size(ending)}, which nobody asked for.",
+        "tumble": f"Tumbled at {ending.t:.1f} s, at up to {format_size(ending)}, uncommanded.",
     }
     weight: EventSeverity = "serious" if ending.is_crash else "warning"
     text = words[ending.kind] + (lies if ending.is_crash else "")

@@ -410,7 +410,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         ]
     if has_open_end(events):
         return [next(e.text for e in events if e.kind == "ends_in_air").partition(",")[0] + "."]
-    cannot = "Blows cannot be determined." if segments.spans("airborne") and _too_slow(log) else ""
+    cannot = "Impacts cannot be determined." if segments.spans("airborne") and _too_slow(log) else ""
     if sound and not warned and segments.spans("airborne"):
         return [cannot or "Nothing went wrong."]
     return [cannot, ""] if cannot else [""]

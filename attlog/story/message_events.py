@@ -198,7 +198,8 @@ def _parameter_event(changes: Sequence[tuple[float, str, float, float]]) -> Even
     said = [f"{name} from {before:g} to {after:g} at {t:.1f} s" for t, name, before, after in changes]
     more = f" and {len(said) - MAX_CHANGES} more" if len(said) > MAX_CHANGES else ""
     t, name = changes[0][0], changes[0][1]
-    text = f"Changed in flight: {', '.join(said[:MAX_CHANGES])}{more}."
+    what = "Parameters" if len(said) > 1 else "Parameter"
+    text = f"{what} changed in flight: {', '.join(said[:MAX_CHANGES])}{more}."
     weight: EventSeverity = "note" if OF_SIMULATOR.search(name) else "warning"
     t_end = changes[-1][0] if len(changes) > 1 else None
     return Event("parameter_changed", t, weight, text, t_end, float(len(said)), "parameters", said)

@@ -190,7 +190,7 @@ def test_gnss_acceleration_which_assumes_least_is_taken_before_the_smoother():
     turned = Check("compass_orientation", "fault", "", in_use=True)
     assert wrong_angle([GNSS, turned]).why == "wrong compass orientation"
     assert wrong_angle([GNSS, replace(turned, in_use=False)]).why == ""
-    assert wrong_angle([replace(GNSS, kind="attitude")]).why == "the estimator left its compass"
+    assert wrong_angle([replace(GNSS, kind="attitude")]).why == "the estimator diverged from its compass"
 
 
 # What is said of a crash follows what happened: the first thing first, and what is compared.

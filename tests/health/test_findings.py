@@ -174,7 +174,7 @@ def test_a_failsafe_that_harms_nobody_warns_nobody(log: FlightLog) -> None:
 @pytest.mark.parametrize(("apart_m", "kind", "action"), [(1.2, "estimator", False), (40.0, "gnss", True)])
 def test_gnss_is_blamed_only_where_it_jumped_itself(log: FlightLog, apart_m: float, kind: str, action: bool) -> None:
     report = Problem("gnss_glitch", "warning", "GNSS glitch (ERR 11/2).", t=9.0, remedy="Raise the antenna.")
-    event = Event("gnss_jump", 9.0, "warning", "The EKF and GNSS came apart at 9.0 s.", value=apart_m, unit="m")
+    event = Event("gnss_jump", 9.0, "warning", "The EKF and GNSS diverged at 9.0 s.", value=apart_m, unit="m")
     (one,) = findings(
         log, [check("gnss_quality", "ok")] if not action else [check("gnss_quality")], [report], events=[event]
     )
@@ -218,8 +218,8 @@ def test_a_message_in_flight_speaks_for_what_it_names(log: FlightLog) -> None:
     ]
     found = {f.kind: f.text for f in findings(log, [], events=said)}
     assert found == {
-        "compass": "The autopilot said “Compass needs calibration - Land now!”.",
-        "message": "The autopilot said “Thrust loss”.",
+        "compass": "The autopilot reported “Compass needs calibration - Land now!”.",
+        "message": "The autopilot reported “Thrust loss”.",
     }
 
 

@@ -79,7 +79,7 @@ def test_a_gyro_that_stops_in_motion_is_said_and_nothing_is_judged(attitude: boo
     check = found(log)["frozen_gyro"]
     assert (check.verdict, check.t) == ("fault", pytest.approx(40.0))
     assert check.value == pytest.approx(100 * 10 / 60, abs=0.2)
-    assert "stands still for 17 %" in frozen_gyro_reason(log)
+    assert "is frozen for 17 %" in frozen_gyro_reason(log)
 
 
 def test_a_gyro_that_is_coarse_and_at_rest_is_not_frozen() -> None:

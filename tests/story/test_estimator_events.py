@@ -24,11 +24,11 @@ SPANS = Segments([Segment("continuous", 0, 60), Segment("armed", 5, 30), Segment
 @pytest.mark.parametrize(
     ("size", "words", "value"),
     [
-        (4.94, "The EKF and GNSS came apart", 4.9),
+        (4.94, "The EKF and GNSS diverged", 4.9),
         (5.0, "GNSS jumped", 5.0),
         (5.1, "GNSS jumped", 5.1),
-        (np.inf, "The EKF and GNSS came apart", None),
-        (np.nan, "The EKF and GNSS came apart", None),
+        (np.inf, "The EKF and GNSS diverged", None),
+        (np.nan, "The EKF and GNSS diverged", None),
     ],
 )
 def test_gnss_jumped_where_its_position_left_its_velocity_by_five_metres(
@@ -45,7 +45,7 @@ def test_gnss_jumped_where_its_position_left_its_velocity_by_five_metres(
 def test_reports_of_glitches_are_one_event_with_their_number(count: int, said: str) -> None:
     report = Problem("gnss_glitch", "warning", "GNSS glitch (ERR 11/2).", t=20.0, count=count)
     (found,) = estimator_events._gnss_jumps(log(problems=[report]), SPANS, [])
-    assert found.text == f"The EKF and GNSS came apart at 20.0 s{said}."
+    assert found.text == f"The EKF and GNSS diverged at 20.0 s{said}."
 
 
 def test_a_switch_that_a_text_told_within_a_second_and_a_half_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -191,7 +191,7 @@ def test_rejections_in_flight_are_told_with_seconds_longest_and_size() -> None:
     (one,) = estimator_events.aid_rejections(log, segments.build(log))
     assert one.spans == [pytest.approx((12.0, 15.0)), pytest.approx((20.0, 32.0))]
     assert (one.seconds, one.longest, one.worst) == (pytest.approx(15.0), pytest.approx(12.0), 2.6)
-    assert "for 15 s of 28 in 2 parts of 1 s and more (12 s on end), 12.0 to 32.0 s" in one.text
+    assert "for 15 s of 28 (2 parts, longest 12 s), 12.0 to 32.0 s" in one.text
 
 
 def test_event_and_check_tell_the_same() -> None:
@@ -202,7 +202,7 @@ def test_event_and_check_tell_the_same() -> None:
     assert event.text == check.text
     assert (event.t, event.t_end) == (check.t, check.t_end) == (pytest.approx(12.0), pytest.approx(14.5))
     assert (check.question, check.kind, check.verdict) == ("innovations", "compass", "warning")
-    assert "1.7 times its limit (XKF4:0.SM)" in check.text
+    assert "Largest test ratio 1.7 (XKF4:0.SM)" in check.text
 
 
 def test_ten_seconds_on_end_are_a_fault() -> None:

@@ -61,7 +61,7 @@ CASES = {
     ),
     "copter_heading_28deg_off.BIN": Case(said=(r"COMPASS_ORIENT",), never=(r"[Cc]alibrate the compass outdoors",)),
     "px4_1.14_spoofing_text.ulg": Case(
-        headline=(r"never left the ground",), said=(r"[Ss]poofing",), never=(r"EKF and GNSS came apart",)
+        headline=(r"never left the ground",), said=(r"[Ss]poofing",), never=(r"EKF and GNSS diverged",)
     ),
     "copter_motor_failure_imu3.bin": Case(
         headline=(r"[Mm]otor 2",),

@@ -285,4 +285,4 @@ def test_telemetry_at_four_hertz_tells_the_flight_and_no_blow() -> None:
     events = story.events(log, phases)
     assert {"liftoff", "landing"} <= {e.kind for e in events}
     assert not any(e.is_crash for e in events)
-    assert "Blows cannot be" in story.headline(log, phases, events)
+    assert "Impacts cannot be" in story.headline(log, phases, events)
