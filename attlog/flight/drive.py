@@ -40,8 +40,15 @@ ARDUPILOT_FRAMES: Mapping[tuple[int, int], str] = {
     (3, 1): OCTO_X,
     (4, 1): OCTO_QUAD_X,
 }
+# FRAME_CLASS by the frame in the text of the firmware, which had no such parameter before 3.5.
+ARDUPILOT_CLASSES = {"QUAD": 1, "HEXA": 2, "OCTA": 3, "OCTA_QUAD": 4, "OCTAQUAD": 4}
 # PX4's frames before 1.13 by SYS_AUTOSTART in thousands.
 PX4_FRAMES = {4: QUAD_X, 5: QUAD_PLUS, 6: HEXA_X, 7: HEXA_PLUS, 8: OCTO_X, 12: OCTO_QUAD_X}
+# Airframes with another order or spin than their thousand, or with tilting rotors: Reaper (quad H), S250AQ, tilt
+# quadrotor, Mavrik.
+PX4_OTHER_FRAMES = (4040, 4051, 4100, 12002)
+# Greatest z component (down) of the thrust axis of an upright rotor, CA_ROTORn_AZ.
+MAX_UPRIGHT_AZ = -0.7
 # Cosine of the angle between the arms of opposite motors, at most.
 MAX_OPPOSITE_COSINE = -0.9
 # Bearing in deg up to which a motor is in front of, beside or behind the centre.
@@ -98,13 +105,16 @@ def frame_of(text: str, source: str) -> Geometry:
     return Geometry(bearing, np.array([1.0 if motor.endswith("+") else -1.0 for motor in motors]), source)
 
 
-def ardupilot_geometry(values: Mapping[str, float], motors: int, simulated: bool = False) -> Geometry | None:
-    """Return the geometry by FRAME_CLASS and FRAME_TYPE, or by the older FRAME and the number of ``motors``.
+def ardupilot_geometry(
+    values: Mapping[str, float], motors: int, simulated: bool = False, frame: str = ""
+) -> Geometry | None:
+    """Return the geometry by FRAME_CLASS and FRAME_TYPE, or by the older FRAME and ``frame``, as "OCTA_QUAD".
 
-    None for frames without a table. The simulator flies a plus frame where no parameter is logged.
+    None for frames without a table. Without class and ``frame`` four ``motors`` are a quadrotor; six may be a Y6, and
+    eight an octo quad. The simulator flies a plus frame where no parameter is logged.
     """
     kind = values.get("FRAME_TYPE", values.get("FRAME", 0.0 if simulated else None))
-    group = values.get("FRAME_CLASS") or {4: 1, 6: 2, 8: 3}.get(motors)
+    group = values.get("FRAME_CLASS") or ARDUPILOT_CLASSES.get(frame) or {4: 1}.get(motors)
     row = None if kind is None or group is None else ARDUPILOT_FRAMES.get((int(group), int(kind)))
     if row is None or kind is None or group is None or len(row.split()) != motors:
         return None
@@ -119,11 +129,12 @@ def px4_geometry(values: Mapping[str, float], motors: int) -> Geometry | None:
     if names and all(f"{name}{axis}" in values for name in names for axis in ("PX", "PY")):
         at = np.array([[values[f"{name}PX"], values[f"{name}PY"]] for name in names])
         spin = np.array([np.sign(values.get(f"{name}KM", 0.05)) for name in names])  # 0.05: PX4's default
-        if count != motors or not np.hypot(*at.T).all():
+        upright = all(values.get(f"{name}AZ", -1.0) <= MAX_UPRIGHT_AZ for name in names)
+        if count != motors or not np.hypot(*at.T).all() or not upright:
             return None
         return Geometry(np.degrees(np.arctan2(at[:, 1], at[:, 0])), spin, "CA_ROTOR parameters")
     start = values.get("SYS_AUTOSTART", 0.0)
-    row = PX4_FRAMES.get(int(start // 1000))
+    row = None if start in PX4_OTHER_FRAMES else PX4_FRAMES.get(int(start // 1000))
     return frame_of(row, f"SYS_AUTOSTART {start:g}") if row is not None and len(row.split()) == motors else None
 
 
@@ -188,10 +199,16 @@ class MotorOutputs:
 
     def in_a_row(self) -> NDArray[np.int64]:
         """Return row numbers (n,) of the records: a gap above three periods begins another row."""
-        if not len(self.t):
-            return np.zeros(0, np.int64)
-        broken = np.diff(self.t) >= GAP_PERIODS * self.period + GAP_S
-        return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
+        return row_numbers(self.t)
+
+
+def row_numbers(t: Array) -> NDArray[np.int64]:
+    """Return row numbers (n,) of records at ``t`` s: a gap above three median periods begins another row."""
+    if len(t) < 2:
+        return np.zeros(len(t), np.int64)
+    steps = np.diff(t)
+    broken = steps >= GAP_PERIODS * float(np.median(steps)) + GAP_S
+    return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
 
 
 def own_ceiling(x: Array) -> float:

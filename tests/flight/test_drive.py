@@ -61,10 +61,27 @@ def test_px4s_rotors_give_bearing_and_spin() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "count"), [({"FRAME_CLASS": 5.0, "FRAME_TYPE": 1.0}, 6), (QUAD, 6), ({"FRAME_CLASS": 1.0}, 4), ({}, 4)]
+    ("values", "count"),
+    [({"FRAME_CLASS": 5.0, "FRAME_TYPE": 1.0}, 6), (QUAD, 6), ({"FRAME_CLASS": 1.0}, 4), ({}, 4), ({"FRAME": 1.0}, 6)],
 )
 def test_an_unknown_frame_has_no_geometry(values: dict[str, float], count: int) -> None:
     assert drive.ardupilot_geometry(values, count) is None
+
+
+@pytest.mark.parametrize(
+    ("frame", "count", "row"),
+    [("", 4, drive.QUAD_X), ("HEXA", 6, drive.HEXA_X), ("Y6", 6, ""), ("OCTA_QUAD", 8, drive.OCTO_QUAD_X)],
+)
+def test_before_frame_class_the_firmwares_text_names_the_frame(frame: str, count: int, row: str) -> None:
+    found = drive.ardupilot_geometry({"FRAME": 1.0}, count, frame=frame)
+    assert (found is not None) is bool(row)
+    assert found is None or np.array_equal(found.bearing, frame_of(row, "").bearing)
+
+
+@pytest.mark.parametrize("values", [{"SYS_AUTOSTART": 4040.0}, {"SYS_AUTOSTART": 1001.0}, {}])
+def test_px4s_other_airframes_have_no_geometry(values: dict[str, float]) -> None:
+    assert drive.px4_geometry(values, 4) is None
+    assert drive.px4_geometry({"SYS_AUTOSTART": 4001.0}, 4) is not None
 
 
 def logged(params: dict[str, float], pulses: np.ndarray, prefix: str = "C") -> DataflashBuilder:
@@ -151,6 +168,12 @@ def test_px4s_motor_that_is_off_is_nan() -> None:
         ({}, (0.0, 0.5, 1.0, 0.25), (0.0, 0.5, 1.0, 0.25)),
         ({}, (-1.0, 0.0, 1.0, 0.5), (0.0, 0.5, 1.0, 0.75)),
         ({}, (0.0, 8191.0, 4095.5, 819.1), (0.0, 1.0, 0.5, 0.1)),
+        (
+            {"DSHOT_CONFIG": 600.0, "DSHOT_MIN": 0.0, "PWM_MIN": 1000.0},
+            (0.0, 999.5, 1999.0, 199.9),
+            (0.0, 0.5, 1.0, 0.1),
+        ),
+        ({"UAVCAN_ENABLE": 3.0, "PWM_MIN": 1000.0}, (0.0, 2047.75, 819.1, 0.0), (0.0, 0.25, 0.1, 0.0)),
     ],
 )
 def test_px4s_outputs_are_scaled_by_their_size(
@@ -163,3 +186,15 @@ def test_px4s_outputs_are_scaled_by_their_size(
     assert found is not None
     assert found.source == "actuator_outputs:1"
     assert found.x[0] == pytest.approx(wanted, abs=1e-6)
+
+
+def test_px4s_reversible_motors_are_not_judged() -> None:
+    x = np.tile(np.array([0.1, -0.5, 0.5, 1.0]), (20, 1))
+    params = {"CA_ROTOR_COUNT": 4.0, "CA_R_REV": 2.0}
+    assert px4.motor_outputs(topics("actuator_motors", "control", x, params)) is None
+
+
+def test_outputs_of_an_old_tricopter_are_not_guessed() -> None:
+    builder = logged({"RC3_MIN": 1000.0, "RC3_MAX": 2000.0}, PULSES)
+    builder.log.vehicle = "tricopter"
+    assert ardupilot.motor_outputs(builder) is None

@@ -23,8 +23,11 @@ from attlog.formats.table import Table
 FIRST_FUNCTIONS = {32 + m: m for m in range(1, 9)} | {73 + m: m for m in range(9, 13)}
 # Number of outputs and of motors of the largest frame.
 MAX_OUTPUTS, MAX_MOTORS = 16, 12
-# Number of motors by the vehicle's name.
-MOTOR_COUNT = {"tricopter": 3, "quadrotor": 4, "hexarotor": 6, "octorotor": 8, "dodecarotor": 12}
+# Number of motors by the vehicle's name; of a tricopter output 3 is no motor.
+MOTOR_COUNT = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8, "dodecarotor": 12}
+# FRAME_CLASS of a frame whose motors push both ways (6DoF scripting).
+SIX_AXES_CLASS = 16
+FRAME_TEXT = re.compile(r"frame: (\w+)", re.IGNORECASE)
 # Pulse range in us without parameters, of digital protocols (MOT_PWM_TYPE 4 to 7), and the least plausible range.
 USUAL_PULSE_US, DIGITAL_TYPES, MIN_PULSE_RANGE_US = (1000.0, 2000.0), range(4, 8), 100.0
 # Defaults of MOT_SPIN_MAX, THR_MIN / 1000, and the ceiling of 3.3, which has MOT_THST_EXPO but no MOT_SPIN_MIN.
@@ -42,6 +45,8 @@ def motor_outputs(builder: DataflashBuilder) -> MotorOutputs | None:
     prefix = None if table is None else next((p for p in ("C", "Ch", "Chan") if f"{p}1" in table), None)
     if table is None or prefix is None or log.kind is not VehicleKind.MULTIROTOR:
         return None
+    if values.get("FRAME_CLASS") == SIX_AXES_CLASS:
+        return None
     names = _motor_columns(table, prefix, values, log.vehicle)
     if len(names) < 2:
         return None
@@ -51,7 +56,8 @@ def motor_outputs(builder: DataflashBuilder) -> MotorOutputs | None:
     stream = builder.quiet().stream(builder.stamps(table), x, "1", "RCOU")
     if stream is None:
         return None
-    geometry = ardupilot_geometry(values, len(names), log.simulated)
+    frame = next((match[1].upper() for text in builder.messages.texts if (match := FRAME_TEXT.search(text.text))), "")
+    geometry = ardupilot_geometry(values, len(names), log.simulated, frame)
     found = MotorOutputs(stream.t, stream.x, "RCOU", names, known, geometry)
     found.reports = [
         MotorReport(t, int(match[1]), text) for t, _, text in log.texts if (match := THRUST_LOSS.search(text))
@@ -63,7 +69,8 @@ def motor_outputs(builder: DataflashBuilder) -> MotorOutputs | None:
 def _motor_columns(table: Table, prefix: str, values: Mapping[str, float], vehicle: str) -> list[str]:
     """Return the columns of the motors from number 1 on.
 
-    By SERVOn_FUNCTION, else the first outputs: as many as the frame has, of an unknown frame those that move.
+    By SERVOn_FUNCTION, else the first outputs: as many as the frame has. An unknown frame is a quadrotor where four
+    outputs move; more may drive a gimbal.
     """
     held: dict[int, str] = {}
     for n in range(1, MAX_OUTPUTS + 1):
@@ -80,7 +87,7 @@ def _motor_columns(table: Table, prefix: str, values: Mapping[str, float], vehic
         return have[:count] if len(have) >= count else []
     moved = [float(np.ptp(table.value(name))) >= MIN_MOVED_US if len(table) else False for name in have]
     count = next((k for k, moves in enumerate(moved) if not moves), len(have))
-    return have[:count] if count in MOTOR_COUNT.values() else []
+    return have[:count] if count == MOTOR_COUNT["quadrotor"] else []
 
 
 def pulse_limits(values: Mapping[str, float]) -> tuple[float, float, bool]:

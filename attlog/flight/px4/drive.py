@@ -28,6 +28,10 @@ PULSE_PARAMETERS = (("PWM_MAIN_MIN", "PWM_MAIN_MAX"), ("PWM_MIN", "PWM_MAX"))
 USUAL_PULSE_US = (1000.0, 2000.0)
 # Largest normalised output, and largest pulse in us; CAN numbers reach 8191.
 MAX_SHARE, MAX_PULSE_US, CAN_RANGE = 1.05, 2600.0, (0.0, 8191.0)
+# Shortest pulse in us: with more than this share of lower values above 0 the outputs are DShot or CAN numbers.
+MIN_PULSE_US, MIN_NUMBER_SHARE = 700.0, 0.01
+# Greatest DShot number, default of the share DSHOT_MIN of it, and UAVCAN_ENABLE of CAN motors.
+DSHOT_FULL, DSHOT_MIN, CAN_MOTORS = 1999.0, 0.055, 3.0
 
 
 def motor_outputs(builder: TopicBuilder) -> MotorOutputs | None:
@@ -35,16 +39,18 @@ def motor_outputs(builder: TopicBuilder) -> MotorOutputs | None:
     if builder.log.kind is not VehicleKind.MULTIROTOR:
         return None
     count, table = motor_count(builder.values, builder.log.vehicle), builder.table("actuator_motors")
+    if count < 2 or int(builder.values.get("CA_R_REV", 0.0)) & ((1 << count) - 1):  # a reversed motor is not off
+        return None
     names = [f"control[{k}]" for k in range(count)]
-    if table is not None and names and all(name in table for name in names):
+    if table is not None and all(name in table for name in names):
         return _outputs(builder, table, columns(table, *names), names, "actuator_motors", True)
     found, wanted = None, _output_columns(builder.values, count)
     moved = 0.0
     for instance, each in builder.topics("actuator_outputs").items():
-        if not wanted or not all(name in each for name in wanted):
+        if not all(name in each for name in wanted):
             continue
         x = columns(each, *wanted)
-        varies = float(np.median(np.nanstd(x, axis=0))) if len(x) else 0.0
+        varies = float(np.median(np.std(np.nan_to_num(x), axis=0))) if len(x) else 0.0
         if varies > moved:
             found, moved = (each, x, f"actuator_outputs:{instance}"), varies
     if found is None:
@@ -89,6 +95,11 @@ def output_limits(x: Array, values: Mapping[str, float]) -> tuple[float, float, 
         return (-1.0 if np.nanmin(x, initial=0.0) < 0.0 else 0.0), 1.0, True
     if largest > MAX_PULSE_US:
         return *CAN_RANGE, True
+    positive = x[x > 0.0]
+    if np.mean(positive < MIN_PULSE_US) > MIN_NUMBER_SHARE:
+        if values.get("DSHOT_CONFIG", 0.0) > 0.0:
+            return values.get("DSHOT_MIN", DSHOT_MIN) * DSHOT_FULL, DSHOT_FULL, True
+        return *CAN_RANGE, values.get("UAVCAN_ENABLE") == CAN_MOTORS
     for low, high in PULSE_PARAMETERS:
         if values.get(low, 0.0) > 0.0 and values.get(high, 0.0) > values.get(low, 0.0):
             return values[low], values[high], True
