@@ -57,9 +57,12 @@ def follows(event: Event, earlier: Event) -> bool:
 
 
 def root(event: Event, events: Sequence[Event]) -> Event:
-    """Return the first cause of an event, the event itself without one."""
-    while event.cause is not None:
-        event = next(e for e in events if follows(event, e))
+    """Return the first cause of an event among ``events``, the event itself without one."""
+    for _ in events:
+        earlier = next((e for e in events if follows(event, e)), None)
+        if earlier is None:
+            break
+        event = earlier
     return event
 
 
@@ -112,7 +115,8 @@ def lost_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         ]
         reported = [e.t for _, e in during if POSITION_WORDS.search(_words(e))]
         for n, event in during:
-            if any(abs(event.t - t) <= AFTER_LOSS_S for t in reported):
+            unnamed = event.kind == "failsafe" and any(abs(event.t - t) <= AFTER_LOSS_S for t in reported)
+            if unnamed or POSITION_WORDS.search(_words(event)):
                 yield k, n, f"GNSS had been missing for {event.t - lost.t:.1f} s"
 
 
@@ -222,19 +226,26 @@ def rejected_compass(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
                 yield k, n, f"the EKF had rejected it from {event.t:.1f} s"
 
 
-# Parameters that turn a sensor or choose the source of the heading, and time until the estimator reacts.
-TURNING_PARAMETERS = re.compile(r"ORIENT|_ROT\b|EK[23]_SRC|COMPASS_(USE|ENABLE)|EKF2_MAG_TYPE")
-REACTS_S = 3.0
+# Parameters that turn IMU or compass, or choose the source of the heading; time until the estimator reacts, and
+# rounding of the times of events.
+TURNING_PARAMETERS = re.compile(
+    r"^(AHRS_ORIENTATION|COMPASS_(ORIENT|USE|ENABLE|EXTERN)\w*|EK[23]_(MAG_CAL|SRC\d_YAW)|EKF2_MAG_TYPE|"
+    r"CAL_MAG\d_ROT|SENS_BOARD_ROT)$"
+)
+REACTS_S, ROUNDING_S = 3.0, 0.001
 
 
 def changed_parameters(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
     """Join a parameter that turns a sensor or the heading to what the estimator did at once."""
+    lines = log.parameters.lines.items()
+    turned = [(t, name) for name, line in lines if TURNING_PARAMETERS.search(name) for t in line.t.tolist()[1:]]
     for k, change in _of(events, "parameter_changed"):
-        if not (named := TURNING_PARAMETERS.search(change.text)):
-            continue
+        end = change.t if change.t_end is None else change.t_end
+        mine = [(t, name) for t, name in turned if change.t - ROUNDING_S <= t <= end + ROUNDING_S]
         for n, event in _of(events, "realigned", "reset", "compass_switch", "aid_rejected"):
-            if 0.0 <= event.t - change.t <= REACTS_S and "height" not in event.text:
-                yield k, n, f"the parameter acts on the heading ({named[0]})"
+            names = [name for t, name in mine if -ROUNDING_S <= event.t - t <= REACTS_S]
+            if names and "height" not in event.text:
+                yield k, n, f"{names[0]} acts on the heading"
 
 
 # --- failsafes and landings -------------------------------------------------------------------------------------
@@ -266,7 +277,7 @@ def ended_flight(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         t, why = float(mode.t[last]), str(reason.at(float(mode.t[last])))
         words = REASON_WORDS.get(why, "")
         for k, event in _of(events, "failsafe", "battery"):
-            if words and abs(event.t - t) <= SET_S and re.search(words, event.text, re.I):
+            if words and event.t <= landing.t and abs(event.t - t) <= SET_S and re.search(words, event.text, re.I):
                 yield k, n, f"mode {mode.value[last]} set at {t:.1f} s, reason: {why}"
 
 
@@ -289,13 +300,9 @@ def stopped_motors(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
 
 def _fall_seconds(log: FlightLog, t0: float, t1: float) -> float:
     """Return the time of free fall between two times, by the IMU with most samples."""
-    best = 0.0
-    for imu in log.imus:
-        part = between(imu.acc.t_best, t0, t1)
-        force = np.linalg.norm(imu.acc.x[part], axis=1)
-        if len(force) > 1:
-            best = max(best, float((force < FALL_M_S2).mean()) * (t1 - t0))
-    return best
+    forces = [np.linalg.norm(imu.acc.x[between(imu.acc.t_best, t0, t1)], axis=1) for imu in log.imus]
+    most = max((force[np.isfinite(force)] for force in forces), key=len, default=np.zeros(0))
+    return float((most < FALL_M_S2).mean()) * (t1 - t0) if len(most) > 1 else 0.0
 
 
 # --- crashes ----------------------------------------------------------------------------------------------------

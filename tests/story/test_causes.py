@@ -101,12 +101,14 @@ def test_a_rejected_compass_explains_its_replacement_while_it_is_rejected(change
         ("AHRS_ORIENTATION", 41.0, True),
         ("EK3_SRC1_YAW", 41.0, True),
         ("RTL_ALT", 41.0, False),
+        ("RNGFND1_ORIENT", 41.0, False),
         ("CAL_MAG0_ROT", 49.0, False),
     ],
 )
 def test_a_changed_parameter_explains_a_new_heading_only_if_it_acts_on_it(name: str, t: float, linked: bool) -> None:
-    change = event("parameter_changed", 40.0, f"Parameter changed in flight at 40.0 s: {name} from 0 to 8.")
-    assert joined(change, event("realigned", t)) == ({"realigned": "parameter_changed"} if linked else {})
+    change = event("parameter_changed", 40.0, f"Changed in flight: {name} from 0 to 8 at 40.0 s.")
+    lines = {name: TimeLine(np.array([0.0, 40.0]), [0.0, 8.0], name)}
+    assert joined(change, event("realigned", t), lines=lines) == ({"realigned": "parameter_changed"} if linked else {})
 
 
 LANDING = event("landing", 80.0, severity="info")
