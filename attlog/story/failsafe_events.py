@@ -30,9 +30,9 @@ from attlog.story.flight_events import (
     quote_text,
 )
 
-# Maximum time between a failsafe and the text with its cause.
-CAUSE_S = 2.0
-AGAIN_S = 60.0
+# Maximum time between a failsafe and the text with its cause, and between two reports of one failsafe.
+CAUSE_S, AGAIN_S = 2.0, 60.0
+# A kill switch up to this long after landing is one of the flight.
 KILLED_S = 1.0
 # Battery values in the first second of a log may be unmeasured.
 MEASURED_S = 1.0
@@ -40,6 +40,8 @@ MEASURED_S = 1.0
 # it.
 ENDED_S = 2.0
 AT_ONCE_S = 10.0
+# First word of a failsafe without a name, and the kill switch in events.
+UNNAMED, KILL = "Failsafe", "Kill switch"
 # Maximum time between a failsafe's text and its mode change.
 SET_S = 1.0
 # Name of a failsafe by its text. Rover up to 2.50 reports bits: 1 throttle, 2 ground station (APMrover2, defines.h).
@@ -59,6 +61,7 @@ FIRST_FIX_S = 5.0
 # Failsafe name by problem code (ArduPilot ERR records, PX4 flag).
 FAILSAFE_CODES = {
     "err_5_1": "Radio failsafe",
+    "err_6_1": "Battery failsafe",
     "err_7_1": "GNSS failsafe",
     "err_8_1": "Ground station failsafe",
     "err_23_1": "Terrain failsafe",
@@ -77,31 +80,42 @@ def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
     low = sorted(x for x in log.texts if BATTERY.search(x[2]) and is_warning(x))
     for text in said:
         t = text[0]
-        causes = [x for x in low if abs(x[0] - t) <= CAUSE_S and x != text]
-        battery = bool(causes) or bool(BATTERY.search(text[2]))
-        quoted += [text, *causes]
+        drained = [x for x in low if abs(x[0] - t) <= CAUSE_S and x != text]
+        battery = bool(drained) or bool(BATTERY.search(text[2]))
+        quoted += [text, *drained]
         kind = "battery" if battery else "failsafe"
-        if any(e.kind == kind and (e.t_end or e.t) > t - AGAIN_S for e in found):
-            continue
-        reasons = causes or ([] if battery else _failsafe_reasons(log, t, said))
-        quoted += reasons
-        evidence = [quote_text(x) for x in (text, *reasons[:1])]
         together = [x for x in said if abs(x[0] - t) <= CAUSE_S]
         name = next((name for x in together if (name := _failsafe_name(x, battery)) != "Failsafe"), "Failsafe")
+        if any(e.kind == kind and _is_repeated(name, t, e) for e in found if e.t <= t):
+            continue
+        reasons = drained or ([] if battery else _failsafe_reasons(log, t, said))
+        quoted += reasons
+        evidence = [quote_text(x) for x in (text, *reasons[:1])]
         found.append(_failsafe_event(kind, t, name, evidence, _failsafe_quote(text, reasons)))
     for problem in log.problems:
         at = problem.t
-        if at is None or any(abs(e.t - at) <= AGAIN_S and e.kind in ("failsafe", "battery") for e in found):
+        name = FAILSAFE_CODES.get(problem.code, "")
+        if at is None or not name or any(_is_repeated(name, at, e) for e in found):
             continue
         if problem.code == "err_6_1":
-            found.append(_failsafe_event("battery", at, "Battery failsafe", [problem.text]))
-        elif problem.code in FAILSAFE_CODES:
-            words = f"{FAILSAFE_CODES[problem.code]} {format_time(at)}."
+            found.append(_failsafe_event("battery", at, name, [problem.text]))
+        else:
+            words = f"{name} {format_time(at)}."
             first = problem.code == "err_7_1" and _first_fix(log, at)
             early: EventSeverity = "note" if at < MEASURED_S or first else "warning"
             found.append(Event("failsafe", at, early, words, evidence=[problem.text]))
     found += _low_battery_events([x for x in low if not PREARM.search(x[2])], found, quoted)
     return [_weigh_failsafe(e, segments) for e in found], quoted
+
+
+def _is_repeated(name: str, t: float, other: Event) -> bool:
+    """Return whether a failsafe is another event again: at the same time, or of the same or no name within a minute.
+
+    What follows a kill switch within a minute belongs to it.
+    """
+    apart = t - (other.t_end or other.t)
+    same = name.startswith(UNNAMED) or other.text.startswith((UNNAMED, name)) or (KILL in other.text and apart >= 0.0)
+    return abs(apart) <= (AGAIN_S if same else CAUSE_S)
 
 
 def _failsafe_reasons(log: FlightLog, t: float, failsafes: Sequence[Text]) -> list[Text]:

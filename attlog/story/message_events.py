@@ -109,9 +109,9 @@ def _refusals(texts: Iterable[Text]) -> list[list[Text]]:
 
 
 def _refused_event(texts: Sequence[Text], log: FlightLog, segments: Segments) -> Event:
-    """Return the refusals of arming for one reason: a warning where the vehicle never armed afterwards."""
+    """Return the refusals of arming for one reason: a warning where the vehicle is known not to arm afterwards."""
     t, reason = texts[0][0], _reason(texts[0])
-    armed_later = any(end > t for _, end in armed_spans(log, segments))
+    armed_later = any(end > t for _, end in armed_spans(log, segments)) or "armed" in segments.unknown
     text = f"Arming was refused {format_time(t)}: “{reason}”{_counted(len(texts))}."
     weight: EventSeverity = "note" if armed_later else "warning"
     return Event("arming_refused", t, weight, text, _end(texts), evidence=[quote_text(texts[0])], quote=reason)
@@ -166,9 +166,10 @@ SETTLED_S, TOGETHER_S = 1.0, 60.0
 # Changes named in an event.
 MAX_CHANGES = 3
 # Parameters that firmware or ground station write by themselves: statistics, ground pressure, learned hover throttle,
-# stream rates, flight counters; and those of a simulator.
+# servo trim and ratio of airspeed, stream rates, flight counters; and those of a simulator.
 BY_ITSELF = re.compile(
-    r"^(STAT_|(BARO|GND_)\w*PRESS|MOT_THST_HOVER|SR\d_|COM_FLIGHT_UUID|LND_FLIGHT_T|MIS_TOTAL|FENCE_TOTAL)"
+    r"^(STAT_|(BARO|GND_)\w*PRESS|(Q_M|MOT)_THST_HOVER|SERVO\d+_TRIM|ARSPD\d?_RATIO|SR\d_|COM_FLIGHT_UUID|LND_FLIGHT_T|"
+    r"MIS_TOTAL|FENCE_TOTAL)"
 )
 OF_SIMULATOR = re.compile(r"^SIM_")
 

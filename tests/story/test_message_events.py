@@ -12,7 +12,7 @@ import pytest
 
 from attlog import story
 from attlog.flight.ardupilot.vehicle import is_simulated
-from attlog.flight.model import FlightLog, Gnss
+from attlog.flight.model import FlightLog, Gnss, Problem
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segment, Segments
 from attlog.story import Event, estimator_events, failsafe_events, message_events
@@ -94,6 +94,32 @@ def test_a_failsafe_is_named_by_its_action_and_quotes_its_reason() -> None:
     ]
     (event,), _ = failsafe_events.failsafe_events(log(texts=texts), spans((15.0, 80.0)))
     assert (event.text, event.quote) == ("Failsafe “blind land” at 40.0 s.", "invalid setpoints")
+
+
+@pytest.mark.parametrize(
+    ("reports", "names"),
+    [
+        (["Radio Failsafe - RTL", "GCS Failsafe"], ["Radio failsafe at 40.0 s.", "Ground station failsafe at 60.0 s."]),
+        (["Radio Failsafe - RTL", "Radio Failsafe - RTL"], ["Radio failsafe at 40.0 s."]),
+        (["Radio Failsafe - RTL", "Failsafe activated"], ["Radio failsafe at 40.0 s."]),
+        (["Kill switch engaged", "Radio Failsafe - RTL"], ["Kill switch at 40.0 s."]),
+        (["Radio Failsafe - RTL", "Kill switch engaged"], ["Kill switch at 60.0 s.", "Radio failsafe at 40.0 s."]),
+    ],
+)
+def test_a_failsafe_hides_its_repetitions_and_no_other_failsafe(reports: list[str], names: list[str]) -> None:
+    texts = [x for k, text in enumerate(reports) for x in said(text, 40.0 + 20.0 * k, level=4)]
+    found, _ = failsafe_events.failsafe_events(log(texts=texts), spans((15.0, 80.0)))
+    assert [event.text for event in found] == names
+
+
+def test_a_battery_failsafe_by_its_code_stands_beside_a_radio_failsafe_of_the_same_minute() -> None:
+    made = log(texts=said("Radio Failsafe - RTL", 40.0, level=4))
+    made.problems = [
+        Problem("err_6_1", "warning", "Battery failsafe", t=60.0),
+        Problem("err_5_1", "warning", "", t=41.0),
+    ]
+    found, _ = failsafe_events.failsafe_events(made, spans((15.0, 80.0)))
+    assert [event.kind for event in found] == ["failsafe", "battery"]
 
 
 def test_warnings_of_a_battery_within_a_minute_are_one_event_with_the_last_words() -> None:
