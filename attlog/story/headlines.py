@@ -42,6 +42,8 @@ LISTED = 3
 # Throttle counts as up above this share of its maximum.
 OF_FLIGHT = 0.5
 UPRIGHT_DEG = 30.0
+# Ranges while throttle is up that show the rangefinder unmoved.
+MIN_RANGES = 10
 # On the ground, above this speed a vehicle moves. Below, it moves where its speed stays above MIN_SPEED_M_S and four
 # times the lowest quarter, which is the scatter of a receiver that stands, for 3 s.
 FAST_M_S, MIN_SPEED_M_S, SPEED_SCATTERS, MIN_MOVING_S = 0.5, 0.2, 4.0, 3
@@ -128,7 +130,7 @@ def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event
     pushed = _throttle_spans(segments)
     if not pushed:
         if not armed:
-            never = "never armed" if log.state.armed is not None else "motors never ran"
+            never = "never armed" if log.state.armed is not None else _undriven_phrase(segments)
             never = "only motor tests" if matching_texts(log, MOTOR_TEST) else never
             tilt = largest_tilt(log, [(-1e9, 1e9)])
             return [f"{never} in {total}" + (f", tilted up to {tilt:.0f}° by hand." if tilt and tilt > 15 else ".")]
@@ -139,6 +141,13 @@ def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event
     return [f"never left the ground in {total}; {often}{up}{x}." for x in (reason, "")] + [
         f"never left the ground; {up}."
     ]
+
+
+def _undriven_phrase(segments: Segments) -> str:
+    """Return the phrase on a vehicle without arming that did not fly: by its drive, where one was logged."""
+    air = segments.air
+    driven = air is not None and air.power_source not in ("", "arming")
+    return "motors never ran" if driven else "never left the ground"
 
 
 def _ground_phrase(log: FlightLog, total: str) -> str:
@@ -157,7 +166,7 @@ def _ground_phrase(log: FlightLog, total: str) -> str:
     if not runs or top > FAST_M_S:
         return f"moved {fast} in {total}."
     metres = sum(float(speed[a:b].sum()) for a, b in runs)
-    begin, end = float(t[runs[0][0]]), float(t[runs[-1][1] - 1]) + 1.0
+    begin, end = float(t[runs[0][0]]), min(float(t[runs[-1][1] - 1]) + 1.0, max(log.seconds, 1.0))
     return f"moved {format_significant(metres)} m {fast} from {begin:.0f} to {end:.0f} s of {total}."
 
 
@@ -189,7 +198,8 @@ def _still_reason(log: FlightLog, segments: Segments, pushed: Sequence[Span]) ->
     """Return the evidence against flight: unchanged rangefinder, small tilt."""
     tilt = largest_tilt(log, pushed)
     levels = segments.air.levels if segments.air is not None else []
-    ranged = log.rangefinder is not None and all(level.sensor != "range" for level in levels)
+    near = np.zeros(0) if log.rangefinder is None else log.rangefinder.x[inside(log.rangefinder.t, pushed)]
+    ranged = np.count_nonzero(np.isfinite(near)) >= MIN_RANGES and all(level.sensor != "range" for level in levels)
     said = ["rangefinder unmoved"] if ranged else []
     said += [f"tilt under {max(np.ceil(tilt), 1):.0f}°"] if tilt is not None and tilt < 15.0 else []
     return f"; {', '.join(said)}" if said else ""

@@ -80,11 +80,11 @@ def test_a_slow_imu_tells_no_short_blow(monkeypatch: pytest.MonkeyPatch, rate: f
     assert flight_events.impact_limit_text(made) == said
 
 
-def test_a_vehicle_that_never_flew_is_told_by_its_motors_and_its_tilt() -> None:
+def test_a_vehicle_without_arming_and_drive_that_never_flew_is_told_by_its_tilt() -> None:
     t = np.arange(0.0, 30.0, 0.1)
     for deg, said in (
-        (14.0, "motors never ran in 30 s."),
-        (16.0, "motors never ran in 30 s, tilted up to 16° by hand."),
+        (14.0, "never left the ground in 30 s."),
+        (16.0, "never left the ground in 30 s, tilted up to 16° by hand."),
     ):
         q = rotation.from_euler(np.radians(np.where(t > 20.0, deg, 0.0)), 0.0 * t, 0.0 * t)
         made = log(attitudes={"ATT": Attitude(t, q, "ATT")}, onboard="ATT", seconds=30.0)
