@@ -44,7 +44,8 @@ def without_stale_packets(messages: Messages, instance: int, inertial: Container
     """Return the messages without packets from before a jump of the boot clock, and a sentence on those.
 
     A link may deliver old packets first: then the boot clock jumps while the receiver's clock runs on. Of the parts the
-    one with most packets of the ``inertial`` messages is kept. The sentence is empty where none is stale.
+    one with most packets of the ``inertial`` messages is kept, without these the one with most clock packets. The
+    sentence is empty where none is stale.
     """
     clock = PacketClock(messages, instance)
     if not clock.is_stamped or len(clock.boot) < 2:
@@ -55,13 +56,17 @@ def without_stale_packets(messages: Messages, instance: int, inertial: Container
         return messages, ""
     parts = boots_at(clock.offsets[at + 1].tolist(), messages.size)
     offsets = [table.offsets for (name, i), table in messages.items() if i == instance and name in inertial]
-    counts = [sum(int(np.count_nonzero((x >= p.start) & (x < p.end))) for x in offsets) for p in parts]
-    kept = messages.between(parts[int(np.argmax(counts))])
+    counts = [
+        sum(int(np.count_nonzero((x >= p.start) & (x < p.end))) for x in offsets or [clock.offsets]) for p in parts
+    ]
+    part = parts[int(np.argmax(counts))]
+    mine = (clock.offsets >= part.start) & (clock.offsets < part.end)
+    if not np.ptp(clock.received[mine]) > MAX_RECEIVED_SHARE * np.ptp(clock.boot[mine]):
+        return messages, ""  # stamps that stand still, or of another unit, show no stale packet
+    when = "an older" if part is parts[-1] else "another"
     seconds = f"{1e-6 * jumped[at].max():,.0f} s"
-    return (
-        kept,
-        f"Packets of an older time are left out: the boot clock jumps by {seconds} while the receiver's runs on.",
-    )
+    text = f"Packets of {when} time are left out: the boot clock jumps by {seconds} while the receiver's runs on."
+    return messages.between(part), text
 
 
 class PacketClock:

@@ -16,7 +16,7 @@ from attlog.core.errors import UsageError
 from attlog.flight import mavlink, packet_clock
 from attlog.flight.mavlink import TelemetryBuilder
 from attlog.flight.model import FlightLog
-from attlog.flight.packet_clock import PacketClock, is_steady
+from attlog.flight.packet_clock import PacketClock, is_steady, without_stale_packets
 from attlog.formats import Recording
 from attlog.formats.mavlink.layout import STAMP_COLUMN
 from attlog.formats.table import Boot, Messages
@@ -496,6 +496,21 @@ def test_packets_from_before_a_jump_of_the_boot_clock_alone_are_stale(jump_s: fl
     log = mavlink.read(link(1000.0 + even + jump_s * behind, even + gap_s * behind), None, None, None)
     assert len(log.imus[0].gyro.t) == left
     assert ("stale_packets" in [p.code for p in log.problems]) is (left < 400)
+
+
+def test_stamps_that_stand_still_show_no_stale_packets() -> None:
+    even, behind = 0.2 * np.arange(400), np.arange(400) >= 20
+    log = mavlink.read(link(1000.0 + even + 520.0 * behind, 0.0 * even), None, None, None)
+    assert "stale_packets" not in [p.code for p in log.problems]
+
+
+def test_without_inertial_packets_the_longer_part_is_kept() -> None:
+    even, behind = 0.2 * np.arange(400), np.arange(400) >= 20
+    both = link(1000.0 + even + 520.0 * behind, even + 0.2 * behind)
+    del both.tables["RAW_IMU", ME]
+    left, said = without_stale_packets(both, ME, ["RAW_IMU"])
+    assert len(left.tables["ATTITUDE", ME]) == 380
+    assert said.startswith("Packets of an older time")
 
 
 def test_a_clock_that_jumps_again_and_again_is_left_alone() -> None:
