@@ -216,13 +216,7 @@ def _slow_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, allowed:
     found = grow_flights(join_ranges(found, 0.0), stood, off, above)
     edges = [(float(t[a]), float(t[min(b, len(t) - 1)])) for a, b in found]
     return _in_air(
-        grid,
-        edges,
-        driven,
-        power,
-        levels,
-        source,
-        (bool(levels) and source != "arming") or (bool(levels) and armed is not None),
+        grid, edges, driven, power, levels, source, bool(levels) and (source != "arming" or armed is not None)
     )
 
 
@@ -403,7 +397,7 @@ def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
     if not len(left):
         return float(grid.t[first])
     k = int(left[0])
-    share = float((limit - off[k - 1]) / (off[k] - off[k - 1])) if k else 1.0
+    share = float((limit - off[k - 1]) / (off[k] - off[k - 1])) if k and np.isfinite(off[k - 1]) else 1.0
     # A mean over an even number of grid steps is centred between two steps.
     return float(grid.t[a + k]) - (1.5 - share) * STEP_S
 

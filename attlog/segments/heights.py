@@ -102,7 +102,7 @@ def highest_level(levels: list[HeightLevel], flying: Mask) -> tuple[HeightLevel,
         level, top = candidate
         if level.sensor != "range":
             return 1
-        seen = np.isfinite(level.above[flying]).mean() > MIN_RANGED_SHARE
+        seen = np.count_nonzero(np.isfinite(level.above[flying])) > MIN_RANGED_SHARE * np.count_nonzero(flying)
         return 0 if seen and others <= OUT_OF_RANGE_RATIO * top + OUT_OF_RANGE_M else 2
 
     return next(((level, top) for level, top in sorted(tops, key=rank) if top > MIN_REPORTED_HEIGHT_M), None)

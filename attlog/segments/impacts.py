@@ -331,7 +331,8 @@ def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
     fell = context.tilt.largest(t, t + FALL_S)
     if fell > MIN_FALLEN_DEG:
         return f"and it tilted to {fell:.0f} deg"
-    if context.end - t < LOG_STOPS_S:
+    flown = any(a - BEFORE_S <= t <= b + AFTER_S for a, b in context.air.spans)
+    if flown and context.end - t < LOG_STOPS_S:  # on the ground a log stops as it is disarmed
         return "and the log stops"
     spun = max_rate_dps(context, t - 0.5, t + 0.5)
     leaned = context.tilt.largest(t - 0.5, t + 0.5)
