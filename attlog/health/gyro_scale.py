@@ -9,7 +9,7 @@ estimator integrates, and Universal Time against the log's own.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -340,6 +340,8 @@ SCALE_LIMIT = (
 TURN_ADVICE = "Turn by 360 deg and back at 30 deg/s."
 NO_SCALE_SETTING = "No parameter scales a gyro."
 AXES = "xyz"
+# Largest error of a turn that shows a sound scale: the largest that a compass is used with.
+MAX_SOUND_SIGMA = math.hypot(MAX_PAIR_ERROR, FIELD_FLOOR)
 
 
 @dataclass(frozen=True, slots=True)
@@ -391,8 +393,13 @@ def scale_checks(case: HealthCase) -> list[Check]:
     scale = scale_check(imu, found)
     if scale.is_trouble:
         scale.why_no_setting = NO_SCALE_SETTING
-    slowed = [text for text in _onboard_evidence(found, imu.gyro.source) if "main loop" in text]
-    loop = [] if found.loop is None else [loop_check(case.log, imu, found.loop, slowed)]
+    slowed = [
+        _onboard_sentence(found, imu.gyro.source, turn) for turn in _different_turns(found) if _is_by_loop(found, turn)
+    ]
+    in_time = found.loop
+    if in_time is not None and found.utc is not None and found.clock_off:
+        in_time = replace(in_time, rate=in_time.rate / found.utc.rate)  # by Universal Time
+    loop = [] if in_time is None else [loop_check(case.log, imu, in_time, slowed)]
     return [clock_check(found.utc, found.loop), *loop, scale]
 
 
@@ -421,17 +428,20 @@ def scale_check(imu: Imu, found: ScaleEvidence) -> Check:
             continue
         turn, spread = own[0], max(t.share for t in own) - min(t.share for t in own)
         if abs(turn.share) <= max(SCALE_OFF, SIGMAS * turn.sigma):
-            known.append(turn)
-        elif not found.truth and (why := _doubt(found, axis, spread)):
+            known += [turn] if turn.sigma <= MAX_SOUND_SIGMA else []
+        elif turn not in found.truth and (why := _doubt(found, axis, spread)):
             doubts.append(f"{turn.by} turns {_times(turn)} times as far about {AXES[axis]}, but {why}.")
         else:
             accused.append(turn)
     if accused:
         return _faulty_scale(source, found, max(accused, key=lambda turn: abs(turn.share) / turn.sigma))
-    evidence = _onboard_evidence(found, source)
+    evidence = [_onboard_sentence(found, source, turn) for turn in _different_turns(found)]
     if known and not doubts:
-        shown = ", ".join(f"{AXES[turn.axis]} {_times(turn)}" for turn in known)
-        text = f"{known[0].by} turns {shown} times as far as {source}, {known[0].seconds:.0f} s."
+        parts = []
+        for by in dict.fromkeys(turn.by for turn in known):
+            shown = ", ".join(f"{AXES[turn.axis]} {_times(turn)}" for turn in known if turn.by == by)
+            parts.append(f"{by} turns {shown} times")
+        text = f"{' and '.join(parts)} as far as {source}, {known[0].seconds:.0f} s."
         check = Check("gyro_scale", "ok", text, unit="%", threshold=SCALE_LIMIT, seconds=round(known[0].seconds, 1))
         worst = max(known, key=lambda turn: abs(turn.share))
         check.measure(-100.0 * worst.share / (1.0 + worst.share), 100.0 * worst.sigma / (1.0 + worst.share) ** 2, 2)
@@ -474,26 +484,29 @@ def _faulty_scale(source: str, found: ScaleEvidence, turn: Turn) -> Check:
         for t in (*found.truth, *found.field, *found.units)
         if t is not turn and t.axis == turn.axis
     ]
-    sure = bool(found.truth) or len(signs) > 1
+    sure = turn in found.truth or len(signs) > 1
     check.action = "Fly on another unit, and replace this one." if sure else f"{TURN_ADVICE} Then compare again."
     return check.measure(100.0 * error, 100.0 * sigma, 2)
 
 
-def _onboard_evidence(found: ScaleEvidence, source: str) -> list[str]:
-    """Return sentences on turns of the onboard attitude that differ from the gyro's, with what explains them."""
-    texts = []
-    for turn in found.onboard:
-        if abs(turn.share) <= max(SCALE_OFF, ONBOARD_SIGMAS * turn.sigma):
-            continue
-        text = f"{turn.by} turns {_times(turn)} times as far as {source} about {AXES[turn.axis]}"
-        own, unit = found.independent(turn.axis), found.equal_unit(turn.axis, SOUND_UNITS)
-        if found.loop_off and abs((1.0 + turn.share) / (1.0 + found.loop_off) - 1.0) <= SCALE_OFF:
-            text += f": the log's clock and the main loop differ by {100 * abs(found.loop_off):.1f} %"
-        elif (
-            own and abs(own[0].share) <= SCALE_OFF < abs(own[0].share - turn.share) - SIGMAS * own[0].sigma + SCALE_OFF
-        ):
-            text += f", {own[0].by} {_times(own[0])} times: the attitude is in error, not the gyro"
-        elif unit is not None:
-            text += f", {unit.by} {_times(unit)} times: the attitude is in error, not the gyro"
-        texts.append(f"{text}.")
-    return texts
+def _different_turns(found: ScaleEvidence) -> list[Turn]:
+    """Return the turns of the onboard attitude that differ from the gyro's."""
+    return [turn for turn in found.onboard if abs(turn.share) > max(SCALE_OFF, ONBOARD_SIGMAS * turn.sigma)]
+
+
+def _is_by_loop(found: ScaleEvidence, turn: Turn) -> bool:
+    """Return whether an error of the main loop explains a turn of the onboard attitude."""
+    return bool(found.loop_off) and abs((1.0 + turn.share) / (1.0 + found.loop_off) - 1.0) <= SCALE_OFF
+
+
+def _onboard_sentence(found: ScaleEvidence, source: str, turn: Turn) -> str:
+    """Return a sentence on a turn of the onboard attitude that differs from the gyro's, with what explains it."""
+    text = f"{turn.by} turns {_times(turn)} times as far as {source} about {AXES[turn.axis]}"
+    own, unit = found.independent(turn.axis), found.equal_unit(turn.axis, SOUND_UNITS)
+    if _is_by_loop(found, turn):
+        text += f": the log's clock and the main loop differ by {100 * abs(found.loop_off):.1f} %"
+    elif own and abs(own[0].share) <= SCALE_OFF and abs(own[0].share - turn.share) > SIGMAS * own[0].sigma:
+        text += f", {own[0].by} {_times(own[0])} times: the attitude is in error, not the gyro"
+    elif unit is not None:
+        text += f", {unit.by} {_times(unit)} times: the attitude is in error, not the gyro"
+    return f"{text}."

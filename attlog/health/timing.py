@@ -138,7 +138,7 @@ CLOCK_OFF, UTC_LATE_S = 0.002, 0.1
 # Smallest error of the main loop that is reported, and the largest that is one.
 LOOP_OFF, MAX_LOOP_OFF = 0.02, 0.12
 CLOCK_LIMIT = f"ok within {100 * CLOCK_OFF:.1f} % of Universal Time"
-LOOP_LIMIT = f"ok within {100 * LOOP_OFF:.0f} % of the nominal rate"
+LOOP_LIMIT = f"ok up to {100 * LOOP_OFF:.0f} % slow"
 # Least records, and least blocks of dates.
 MIN_RECORDS, MIN_DATES = 60, 6
 # Intervals at which ArduPilot's main loop logs the IMU, and the range about the median of those that count.
@@ -194,6 +194,8 @@ def loop_rate(log: FlightLog, imu: Imu) -> ClockRate | None:
         return None
     usual = float(np.median(dt))
     near = dt[np.abs(dt - usual) <= USUAL_SHARE * usual]
+    if usual <= 0.0 or len(near) < MIN_RECORDS:
+        return None
     mean = float(near.mean())
     nominal = min(NOMINAL_S, key=lambda s: abs(math.log(s / mean)))
     return ClockRate(nominal / mean, float(near.sum()), "main loop", 1e3 * nominal)
@@ -210,14 +212,14 @@ def clock_check(utc: ClockRate | None, loop: ClockRate | None) -> Check:
             check.verdict = "fault"
             check.text = f"The log's clock runs {100 * abs(off):.2f} % {'slow' if off > 0 else 'fast'}: "
             check.text += f"{utc.rate:.4f} s of Universal Time pass in a logged second."
-            check.evidence = [f"Durations and rates of change of this log times {utc.rate:.4f} are true."]
+            check.evidence = [f"Durations of this log times {utc.rate:.4f} are true, rates of change divided by it."]
             check.why_no_setting = "No parameter sets the autopilot's clock."
         return check
     if loop is not None and LOOP_OFF < loop.rate - 1.0 <= MAX_LOOP_OFF:
         text = f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms instead of {loop.interval_ms:.0f}: "
         text += f"the log's clock seems {100 * (loop.rate - 1.0):.0f} % slow."
         return Check("log_clock", "warning", text, round(100.0 * (1.0 - loop.rate), 2), "%", CLOCK_LIMIT)
-    why = "The log holds no 30 s of GNSS time with a fix."
+    why = f"No steady GNSS time of {MIN_UTC_S:.0f} s with a fix, logged aboard a real vehicle."
     return unknown("log_clock", why, CLOCK_LIMIT)
 
 
@@ -230,7 +232,8 @@ def loop_check(log: FlightLog, imu: Imu, loop: ClockRate, slowed: list[str]) -> 
         return unknown("main_loop", "The interval of IMU records fits no usual rate of the main loop.", LOOP_LIMIT)
     off = loop.rate - 1.0
     nominal = log.param("SCHED_LOOP_RATE")
-    text = f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms, as they should."
+    text = f"IMU records come every {loop.interval_ms / loop.rate:.1f} ms"
+    text += f" instead of {loop.interval_ms:.0f}: the main loop is not slow." if off > LOOP_OFF else ", as they should."
     check = Check("main_loop", "ok", text, round(100.0 * off, 2), "%", LOOP_LIMIT, sensor=imu.gyro.source)
     if off < -LOOP_OFF:
         at = f" at {nominal * loop.rate:.0f} of {nominal:.0f} Hz" if isinstance(nominal, int | float) else ""

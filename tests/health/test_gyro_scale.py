@@ -138,6 +138,8 @@ def judged(**known: object) -> Check:
         ({"field": [turn(-0.05)], "utc": ClockRate(1.0833, 100.0, "GPS")}, "unknown"),
         ({"truth": [turn(-0.05)], "field": [turn(0.0)]}, "fault"),
         ({"truth": [turn(0.0)], "field": [turn(-0.05)]}, "ok"),
+        ({"truth": [turn(0.0, sigma=0.05)]}, "unknown"),
+        ({"truth": [replace(turn(0.0), axis=0)], "field": [turn(-0.05)], "units": [turn(0.0, "IMU2")]}, "unknown"),
         ({"onboard": [turn(-0.07, "ATT")]}, "unknown"),
         ({"field": [turn(-0.023, sigma=0.01)]}, "ok"),
     ],
@@ -215,3 +217,22 @@ def test_the_interval_of_records_shows_a_slow_loop_and_a_slow_clock(
     log.imus[0].gyro.t, log.imus[0].gyro.x = t, turns(t)[1]
     found = checked(log)
     assert (found["main_loop"].verdict, found["log_clock"].verdict) == (main_loop, log_clock)
+    assert ("as they should" in found["main_loop"].text) is (interval_s == 0.04)
+
+
+def test_a_loop_of_a_log_with_a_wrong_clock_is_judged_by_universal_time() -> None:
+    log = receiver(0.95)
+    log.firmware = Firmware("ArduPilot", "4.0.0")
+    t = np.arange(0.0, SECONDS, 0.04 / 0.95)
+    log.imus[0].gyro.t, log.imus[0].gyro.x = t, turns(t)[1]
+    found = checked(log)
+    assert (found["main_loop"].verdict, found["log_clock"].verdict) == ("ok", "fault")
+    assert "40.0 ms, as they should" in found["main_loop"].text
+
+
+def test_intervals_of_two_kinds_show_no_main_loop() -> None:
+    log = made_log(compasses=0)
+    log.firmware = Firmware("ArduPilot", "4.0.0")
+    t = np.cumsum(np.append(np.tile([0.01, 0.07], 500), 0.01))
+    log.imus[0].gyro.t, log.imus[0].gyro.x = t, turns(t)[1]
+    assert "main_loop" not in checked(log)
