@@ -74,6 +74,27 @@ def test_what_barometers_and_receivers_drift_is_allowed(planted: dict[str, float
     assert heights(**planted).verdict == verdict  # type: ignore[arg-type]
 
 
+def test_a_barometer_that_pauses_says_nothing_of_the_height_then() -> None:
+    log = flight()
+    receiver, t = log.gnss[0], np.arange(0.0, 100.0, 0.1)
+    receiver.alt = 500.0 + 60.0 * np.sin(np.pi * receiver.t / 100.0)
+    log.baro = [Stream(t, 60.0 * np.sin(np.pi * t / 100.0)[:, None], "m", "", "BARO")]
+    heard = (t < 20.0) | (t > 80.0)
+    log.baro[0].t, log.baro[0].x = t[heard], log.baro[0].x[heard]
+    (found,) = consistency.height_checks(case(log))
+    assert found.verdict == "ok"
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.08, "ok"), (0.2, "warning")])
+def test_warm_air_shortens_the_climb_that_a_barometer_shows(share: float, verdict: str) -> None:
+    log = flight()
+    receiver, t = log.gnss[0], np.arange(0.0, 100.0, 0.1)
+    receiver.alt = 500.0 + 400.0 * np.sin(np.pi * receiver.t / 100.0)
+    log.baro = [Stream(t, (1.0 - share) * 400.0 * np.sin(np.pi * t / 100.0)[:, None], "m", "", "BARO")]
+    (found,) = consistency.height_checks(case(log))
+    assert found.verdict == verdict
+
+
 # --- gravity -----------------------------------------------------------------------------------------------------
 
 
