@@ -9,7 +9,7 @@ or reversed; -b is the offset. Only horizontal axes are fitted, because f_z is m
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -114,8 +114,9 @@ def accelerometer_checks(case: HealthCase) -> list[Check]:
         return [axes, *offsets]
     offset, sigma = _fitted_offset(fitted)
     bias = SensorBias(offset, sigma, (True, True, False), len(fitted.t), fitted.seconds, "GNSS and the attitude")
-    if coarse.is_trouble and _is_contradicted(_confirmations(case, log.replay_imu, bias)):
-        return [axes, _contradicted_offset(log.replay_imu, bias), *offsets[1:]]
+    shown = _confirmations(case, log.replay_imu, bias) if coarse.is_trouble else []
+    if _is_contradicted(shown):
+        return [axes, _contradicted_offset(log.replay_imu, bias, shown), *offsets[1:]]
     return [axes, coarse, *offsets[1:]]
 
 
@@ -367,9 +368,9 @@ def _offset_check(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias)
     if known.all():
         check.measure_axes(bias.mean, bias.sigma, 3)
     if off.any():
-        rest, onboard = _confirmations(case, imu, bias)
-        if _is_contradicted((rest, onboard)):
-            return replace(_contradicted_offset(imu, bias), evidence=check.evidence)
+        rest, onboard = shown = _confirmations(case, imu, bias)
+        if _is_contradicted(shown):
+            return replace(_contradicted_offset(imu, bias, shown), evidence=check.evidence)
         check.why_no_setting = _refusal(case, imu, bias, own)
         if not check.why_no_setting and rest is not True:
             check.why_no_setting = "No reading at rest shows the same offset. Log before arming, on level ground."
@@ -412,29 +413,32 @@ def _refusal(case: HealthCase, imu: Imu, bias: SensorBias, own: SensorBias) -> s
 CONTRADICTED = "contradicted"
 
 
-def _is_contradicted(shown: Iterable[bool | None]) -> bool:
+def _is_contradicted(shown: Sequence[bool | None]) -> bool:
     """Return whether at least one of rest and onboard estimator contradicts an offset, and none confirms it."""
-    answers = list(shown)
-    return False in answers and True not in answers
+    return False in shown and True not in shown
 
 
-def _contradicted_offset(imu: Imu, bias: SensorBias) -> Check:
-    """Return the unknown check of an offset that only the flight shows."""
+def _contradicted_offset(imu: Imu, bias: SensorBias, shown: Sequence[bool | None]) -> Check:
+    """Return the unknown check of an offset that only the flight shows, by what :func:`_confirmations` found."""
     worst = int(np.argmax(np.where(offset_axes(bias), np.abs(bias.mean), -1.0)))
     why = f"By {bias.by} it is off by {bias.mean[worst]:+.2f} m/s^2 along {'xyz'[worst]}; "
-    why += "rest and the onboard bias do not show it."
+    others = [name for name, shows in zip(("rest", "the onboard bias"), shown, strict=True) if shows is False]
+    why += f"{' and '.join(others)} {'do' if len(others) > 1 else 'does'} not show it."
     check = unknown("accelerometer_offset", why, OFFSET_LIMIT, sensor=imu.acc.source, source=OFFSET_SOURCE)
     check.about, check.action = CONTRADICTED, TURN_ADVICE
     return check
 
 
 def _confirmations(case: HealthCase, imu: Imu, bias: SensorBias) -> list[bool | None]:
-    """Return whether rest and the onboard estimator show the significant offsets; None where not logged."""
+    """Return whether rest and the onboard estimator show the significant offsets; None where not logged.
+
+    A vehicle that rests tilted by 3 deg or more beyond the offset (a tail wheel, a slope) shows nothing of it.
+    """
     off = offset_axes(bias)
     near = np.maximum(CONFIRMED_SHARE * np.abs(bias.mean), 1.96 * bias.sigma)
     still = stream_blocks(imu.acc, still_spans(case.segments)[0])
     rest = None
-    if still is not None:
+    if still is not None and np.hypot(*still.middle[:2]) <= np.hypot(*bias.mean[:2]) + MOUNTING_M_S2:
         level = bool(np.all(np.abs(still.middle - bias.mean)[:2][off[:2]] <= near[:2][off[:2]]))
         ground = ground_excess(case, imu, bias) if off[2] else None
         rest = level and (ground is None or abs(ground[0] - ground[1]) <= float(near[2]))

@@ -172,6 +172,7 @@ def test_limits_of_an_offset_are_wider_along_z(asked: Asked, offset: tuple[float
         (0.0, None, "unknown", False),
         (None, None, "warning", False),
         (None, -0.01, "unknown", False),
+        (1.7, None, "warning", False),  # on a tail wheel
     ],
 )
 def test_a_value_needs_rest_and_the_onboard_bias_and_a_fault_needs_one(
