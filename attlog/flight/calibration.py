@@ -221,18 +221,24 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Mounting of a compass by ``parameter``, "" where it has none of its own: ``number``, None where it is custom."""
+    """Mounting of a compass by ``parameter``, "" where it has none of its own: ``number``, None where it is custom.
+
+    ``internal``: set as a sensor on the board.
+    """
 
     parameter: str = ""
     number: float | None = None
+    internal: bool = False
 
 
 def ardupilot_mounting(values: Values, index: int) -> Mounting:
     """Return the mounting of a logged compass; an internal one turns with the board."""
     slot = compass_slot(values, index)
     name = f"COMPASS_ORIENT{slot_suffix(slot)}"
-    external = values.get("COMPASS_EXTERNAL" if slot == 1 else f"COMPASS_EXTERN{slot}", 0.0) >= 1
-    return Mounting(name, values[name]) if external and name in values else Mounting()
+    external = values.get("COMPASS_EXTERNAL" if slot == 1 else f"COMPASS_EXTERN{slot}")
+    if external is None or external < 1:
+        return Mounting(internal=external is not None)
+    return Mounting(name, values[name]) if name in values else Mounting()
 
 
 # First compass of NavEKF2, even if disabled (``InitialiseVariablesMag``); since 4.1 it is the first enabled one.
@@ -432,7 +438,10 @@ def px4_compass(values: Values, device_id: int) -> Calibration:
 def px4_mounting(values: Values, device_id: int) -> Mounting:
     """Return the mounting of a compass; an internal one turns with the board."""
     name = f"CAL_MAG{px4_slot('MAG', values, device_id)}_ROT"
-    return Mounting(name, values[name]) if values.get(name, -1.0) >= 0 else Mounting()
+    number = values.get(name)
+    if number is None or number < 0:
+        return Mounting(internal=number is not None)
+    return Mounting(name, number)
 
 
 def px4_motor_type(values: Values, device_id: int, power: str) -> dict[str, float]:

@@ -72,8 +72,10 @@ def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:
     if found.verdict == "unknown":
         return check
     mounting = recalibration.flown_mounting(log, mag)
-    fits = f"dip {found.dip_deg[1]:.0f} deg, residual {found.left_ut[1]:.1f} uT"
-    check.evidence = [f"As set: dip {found.dip_deg[0]:.0f} deg, residual {found.left_ut[0]:.1f} uT; as named: {fits}."]
+    set_so, named = (
+        f"dip {dip:.0f} deg, residual {left:.1f} uT" for dip, left in zip(found.dip_deg, found.left_ut, strict=True)
+    )
+    check.evidence = [f"As set: {set_so}" + (f"; as named: {named}." if found.verdict == "fault" else ".")]
     if found.mirrored:
         check.text = f"{source} has mirrored axes: its field follows the gyro with {mirrored_axes(found.turn)}."
         check.action = "No mounting mirrors axes: check the driver of this compass."
@@ -95,6 +97,10 @@ def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:
 def _offer(log: FlightLog, mag: Mag, found: Orientation, mounting: Mounting, check: Check) -> None:
     """Add the parameters that mend a mounting to its check, else advice in words."""
     source = mag.field.source
+    if not mounting.parameter and not mounting.internal:
+        check.why_no_setting = f"The log does not hold the mounting of {source}."
+        check.action = "Check the orientation of this compass and of the board, then calibrate it."
+        return
     if not mounting.parameter:
         board = log.param("AHRS_ORIENTATION" if log.firmware.name == "ArduPilot" else "SENS_BOARD_ROT") or 0.0
         number = mounting_number(found.turn, board)

@@ -126,6 +126,8 @@ def compass_left(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Com
         return None
     first, last = wrong.spans[0][0], wrong.spans[-1][1]
     near = inside(t, intersect([(first - BEFORE_S, last)], segments.spans("airborne") or [(-math.inf, math.inf)]))
+    if not near.any():
+        return None
     t, away = t[near], np.abs(_wrapped(lead_deg[near] - by_compass))
     onset = float(t[_change_point(away > LEFT_DEG)])
     before, after = (inside(t, [span]) for span in ((onset - AROUND_S, onset - 1e-6), (onset, onset + AROUND_S)))

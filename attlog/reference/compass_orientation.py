@@ -173,7 +173,10 @@ def compass_orientation(log: FlightLog, segments: Segments, mag: Mag) -> Orienta
     if named is None:
         return made[0] if made[0].verdict == "ok" else next((one for one in made if one.verdict == "ok"), made[0])
     if any(np.abs(other.turn - named.turn).max() > 1e-6 for other in made):
-        return Orientation("unknown", "attitudes", "Tilt by the onboard attitude and by gravity name different axes.")
+        why = "Tilt by the onboard attitude and by gravity name different axes."
+        if any(one.verdict == "unknown" for one in made):
+            why = "Only one of two tilts, by the onboard attitude and by gravity, names a mounting."
+        return Orientation("unknown", "attitudes", why)
     return named
 
 
