@@ -173,6 +173,8 @@ COMPASS_SWITCHES = ("MAG_ENABLE", "COMPASS_ENABLE")
 COMPASSES = ("COMPASS_USE", "COMPASS_USE2", "COMPASS_USE3")
 # EK3_SRC1_YAW: 1 compass, 3 GNSS with the compass as fallback.
 YAW_BY_COMPASS = (1.0, 3.0)
+# EK3_MAG_CAL before 4.1: 5 another yaw sensor, 6 with the compass as fallback.
+OTHER_YAW = (5.0, 6.0)
 # EKF2_MAG_TYPE: 5 none, 6 only at the start.
 PX4_WITHOUT_COMPASS = (5.0, 6.0)
 # Bits that give PX4 another heading: dual antenna and vision, until 1.13 and since.
@@ -196,7 +198,7 @@ def every_compass_off(log: FlightLog, t: float) -> str:
         kind = value("EKF2_MAG_TYPE")
         off = f"EKF2_MAG_TYPE {kind:.0f}" if not off and kind in PX4_WITHOUT_COMPASS else off
         return "" if other else off
-    if value("EK3_SRC1_YAW") not in (None, *YAW_BY_COMPASS):
+    if value("EK3_SRC1_YAW") not in (None, *YAW_BY_COMPASS) or value("EK3_MAG_CAL") in OTHER_YAW:
         return ""
     off = next((f"{name} 0" for name in COMPASS_SWITCHES if value(name) == 0.0), "")
     used = [x for name in COMPASSES if (x := value(name)) is not None]

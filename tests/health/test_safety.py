@@ -115,6 +115,7 @@ NO_COMPASS = [
     ("ArduPilot", "ALT_HOLD", {"COMPASS_USE": 0}, False),
     ("ArduPilot", "LOITER", {"COMPASS_USE": 0, "EK3_SRC1_YAW": 2}, False),
     ("ArduPilot", "LOITER", {"COMPASS_USE": 0, "EK3_SRC1_YAW": 1}, True),
+    ("ArduPilot", "LOITER", {"COMPASS_USE": 0, "EK3_MAG_CAL": 5}, False),
     ("PX4", "Position", {"SYS_HAS_MAG": 0}, True),
     ("PX4", "Mission", {"EKF2_MAG_TYPE": 5}, True),
     ("PX4", "Stabilized", {"EKF2_MAG_TYPE": 5}, False),
