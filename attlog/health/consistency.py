@@ -60,9 +60,10 @@ def _height_check(baro: Stream, receiver: Gnss, flight: Span) -> Check | None:
     baro_t, baro_m = baro.t[known], baro.x[known, 0]
     if np.count_nonzero(inside(baro_t, [flight])) < MIN_FIXES:
         return None
-    after = np.clip(np.searchsorted(baro_t, receiver.t[use]), 1, len(baro_t) - 1)
-    away = np.minimum(*(np.abs(receiver.t[use] - baro_t[k]) for k in (after - 1, after)))
-    use = use[away <= MAX_BARO_DISTANCE_S]
+    at = receiver.t[use]
+    after = np.clip(np.searchsorted(baro_t, at), 1, len(baro_t) - 1)
+    near = np.minimum(np.abs(at - baro_t[after - 1]), np.abs(at - baro_t[after])) <= MAX_BARO_DISTANCE_S
+    use = use[near]
     if len(use) < MIN_FIXES:
         return None
     t, v = receiver.t[use], receiver.vel_ned[use]
