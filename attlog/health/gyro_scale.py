@@ -485,7 +485,7 @@ def _faulty_scale(source: str, found: ScaleEvidence, turn: Turn) -> Check:
         if t is not turn and t.axis == turn.axis
     ]
     sure = turn in found.truth or len(signs) > 1
-    check.action = "Fly on another unit, and replace this one." if sure else f"{TURN_ADVICE} Then compare again."
+    check.action = "Fly on another IMU, and replace this one." if sure else f"{TURN_ADVICE} Then compare again."
     return check.measure(100.0 * error, 100.0 * sigma, 2)
 
 

@@ -148,8 +148,8 @@ def check_sensor_order(log: FlightLog, found: Calibration) -> None:
 # Parameter file for ground stations, with the flown value of each parameter.
 
 FILE_WARNING = (
-    "These values hold only for the vehicle of this log, and only where its parameters are still those named below.",
-    "Check each old value before you load the file, and the headings on the ground before you fly.",
+    "These values hold only for this log's vehicle, while its parameters are those named below.",
+    "Check each old value before loading the file, and the headings on the ground before flying.",
 )
 LEARNED_OFFSETS_NOTE = "PX4 may have moved compass offsets at disarming: old values are those that flew."
 # PX4's own MAVLink id, which QGroundControl compares with the connected vehicle.

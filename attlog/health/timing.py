@@ -212,7 +212,7 @@ def clock_check(utc: ClockRate | None, loop: ClockRate | None) -> Check:
             check.verdict = "fault"
             check.text = f"The log's clock runs {100 * abs(off):.2f} % {'slow' if off > 0 else 'fast'}: "
             check.text += f"{utc.rate:.4f} s of Universal Time pass in a logged second."
-            check.evidence = [f"Durations of this log times {utc.rate:.4f} are true, rates of change divided by it."]
+            check.action = f"Multiply durations of this log by {utc.rate:.4f}, and divide rates of change by it."
             check.why_no_setting = "No parameter sets the autopilot's clock."
         return check
     if loop is not None and LOOP_OFF < loop.rate - 1.0 <= MAX_LOOP_OFF:
@@ -379,8 +379,8 @@ def _frozen_text(what: str, spans: list[Span]) -> str:
 SENSOR_FAULT_LIMITS = {
     GYRO: "ok: fewer than 5 samples 20 times further from their neighbours than usual; fault above 20 deg/min of them",
     IRON: "ok: the dip is within 25 deg of the earth's",
-    FRAME: "ok: the field does not dip by 25 deg otherwise below its level while it is right below the attitude's",
-    LATE: "ok: no other clock of the accelerometer fits the GNSS velocity nine times better (squared)",
+    FRAME: "ok: the dip by the accelerometer's level is within 25 deg of the earth's, or both levels are off",
+    LATE: "ok: no time shift of the accelerometer fits the GNSS velocity nine times better (squared)",
 }
 
 

@@ -173,9 +173,9 @@ def compass_orientation(log: FlightLog, segments: Segments, mag: Mag) -> Orienta
     if named is None:
         return made[0] if made[0].verdict == "ok" else next((one for one in made if one.verdict == "ok"), made[0])
     if any(np.abs(other.turn - named.turn).max() > 1e-6 for other in made):
-        why = "Tilt by the onboard attitude and by gravity name different axes."
+        why = "Tilt by the onboard attitude and by gravity show different mountings."
         if any(one.verdict == "unknown" for one in made):
-            why = "Only one of two tilts, by the onboard attitude and by gravity, names a mounting."
+            why = "Only one of two tilts, by the onboard attitude and by gravity, shows a mounting."
         return Orientation("unknown", "attitudes", why)
     return named
 
@@ -362,7 +362,7 @@ def _measured(found: Orientation, windows: Sequence[Window], fits: Fits, order: 
     angle, sigma = _angle(turn, sd)
     askew, askew_sigma = _angle(turn @ order.T, sd)
     if found.verdict == "fault" and askew - 1.96 * askew_sigma > MAX_ASKEW_DEG:
-        why = f"The compass is turned by {angle:.0f} deg, which no number of a mounting describes."
+        why = f"The compass is rotated by {angle:.0f} deg, which no orientation parameter describes."
         return replace(found, verdict="unknown", reason="askew", why=why, turn=np.eye(3))
     errors = [
         window.field @ order.T - _expected(window, float(drift[best]), sums, order)

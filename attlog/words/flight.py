@@ -174,7 +174,7 @@ EVENT_LABELS = {
     "motor_off": "output off",
     "motor_frozen": "output frozen",
     "motors_off": "motors off",
-    "no_thrust_left": "thrust at its limit",
+    "no_thrust_left": "no thrust reserve",
     "yaw_backwards": "yaw reversed",
     "rate_tracking": "poor control",
     "oscillation": "oscillation",
