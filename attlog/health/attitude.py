@@ -93,7 +93,7 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
     check = made(verdict, text, value=round(float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))]), 4))
     if verdict == "warning":
         # The onboard attitude is made of this gyro, filtered and logged slower: no judge of scale or mounting.
-        check.cause = "Low rates, filters or a delay of the attitude; no gyro is judged by it."
+        check.cause = "Low rates, filters or a delay of the attitude; it is no evidence against the gyro."
         check.action = "Turn by 360 deg and back at 30 deg/s: the compass then shows the gyro's scale."
     return check
 
@@ -360,7 +360,7 @@ def _crash_text(segments: Segments, t: float) -> str:
 def _no_crash(log: FlightLog, segments: Segments) -> Check:
     """Return the check without a crash: ok, or unknown where the IMU is too slow or the rules were not applied."""
     if not log.kind.flies:
-        return unknown("crash", f"The signs of a crash are those of flight; a {log.vehicle} has none.", CRASH_LIMIT)
+        return unknown("crash", f"Only flights are searched for crashes; a {log.vehicle} does not fly.", CRASH_LIMIT)
     if "airborne" in segments.unknown or (segments.air is not None and not segments.air.known):
         return unknown("crash", "No sensor in the log shows whether it flew.", CRASH_LIMIT)
     driven = segments.of("airborne") or segments.of("armed")

@@ -22,7 +22,7 @@ MIN_OUTAGE_S = 3.0
 # Records are missing from this number of usual intervals on.
 MAX_USUAL_INTERVALS = 5.0
 SILENT_CAUSE = "The receiver, its cable or its driver stopped; the fix before and after is sound."
-QUALITY_LIMIT = "ok: in 95 % of the flight as good as the firmware asks before take-off, and no loss above 3 s"
+QUALITY_LIMIT = "ok: as good as the firmware requires for take-off in 95 % of the flight, and no loss above 3 s"
 # States of jamming and spoofing that receivers report.
 SEEN_STATE, WARNING_STATE, CRITICAL_STATE = 1, 2, 3
 # Minimum duration of a state, more than two records.
@@ -31,7 +31,7 @@ MIN_JAMMED_S = 1.0
 # u-blox indicates it beside sound fixes (UBX-MON-HW, jammingState 2: interference visible but fix OK).
 WORSE_ACCURACY, WORSE_SATELLITES = 1.5, 3.0
 INTERFERENCE_LIMIT = (
-    "ok: for less than 1 s jamming that is critical or worsens the fix, and spoofing; fault: critical, or spoofing"
+    "ok: less than 1 s of spoofing, or of jamming that is critical or worsens the fix; fault: critical, or spoofing"
 )
 # Mean radius of the earth.
 EARTH_M = 6.371e6

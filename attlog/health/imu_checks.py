@@ -184,7 +184,7 @@ def _pair_check(case: HealthCase, kind: Kind, a: Imu, b: Imu, odd: Imu | None = 
         shaken = _shaken_unit(case, a, b) if kind == "acc" and worst.phase == IN_FLIGHT else None
         if shaken is not None or (worst.phase == IN_FLIGHT and grounded):
             verdict, remedy = "warning", case.log.remedy("vibration")
-            wrong, why = shaken or (None, "On the ground they agree, so vibration parts them.")
+            wrong, why = shaken or (None, "On the ground they agree, so vibration causes the difference.")
         elif odd is a or odd is b:
             wrong, why = odd, f"{odd.acc.source} is off: the others agree."
         else:

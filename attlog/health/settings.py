@@ -133,7 +133,9 @@ def mounting_proposal(
             if found.correction.motor.any():
                 values |= found.motor_values(turn @ found.correction.motor)
         elif np.abs(recalibration.learned_compass_bias(log, mag, found)).max() > LEARNED_T:
-            raise CalibrationUnknownError("The firmware learned a bias in the wrong axes, which is void with others.")
+            raise CalibrationUnknownError(
+                "The firmware learned a bias with the wrong mounting; it is void with another."
+            )
     except CalibrationUnknownError as why:
         return Proposal(refused=str(why))
     return make_proposal(log, values, units, found.digits)
