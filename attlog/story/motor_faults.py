@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span, between, inside, merge
-from attlog.flight.drive import Geometry, MotorOutputs
+from attlog.flight.drive import Geometry, MotorOutputs, row_numbers
 from attlog.flight.model import FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.flight_signs import true_runs
@@ -198,6 +198,8 @@ DEAF_S, DEAF_SHARE, DEAF_DPS, DEAF_LEAST_DPS, DEAF_RISE_DPS2 = 0.5, 0.95, 10.0, 
 # Means of the side motors of a quadrotor: at the floor it is a command, both at the ceiling it is lift.
 SIDE_MIN, SIDE_BELOW_CEILING = 0.15, 0.03
 NO_THRUST_CAUSE = "A failed motor, propeller, ESC or connector."
+# A motor that never worked since lift-off may stand elsewhere.
+ORDER_CAUSE = "Or motor order or propellers do not match the frame type."
 
 
 def motor_without_thrust(
@@ -229,9 +231,21 @@ def motor_without_thrust(
                 continue
             worst = tipping_rate(*motion.push_rate(geometry.lever[i], t0, t1 + outputs.period))
             if worst is not None:
-                found.append((t0, _no_thrust_fault(log, outputs, geometry, motion, i, j, a, b, worst)))
+                fault = _no_thrust_fault(log, outputs, geometry, motion, i, j, a, b, worst)
+                found.append((t0, _at_lift_off(fault) if _is_early(t0, spans) else fault))
                 break
     return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def _is_early(t: float, spans: Sequence[Span]) -> bool:
+    """Return whether a time is within MARGIN_S of lift-off, MOTOR_MARGIN_S before a span's begin."""
+    return any(a <= t < a - MOTOR_MARGIN_S + MARGIN_S for a, _ in spans)
+
+
+def _at_lift_off(fault: DriveFault) -> DriveFault:
+    """Return the fault in words that also hold for motors in the wrong place."""
+    text = fault.text.replace("gave no thrust", "did not lift its side", 1)
+    return replace(fault, text=text, cause=f"{fault.cause} {ORDER_CAUSE}")
 
 
 def tipping_rate(t: Array, s: Array) -> float | None:
@@ -299,6 +313,8 @@ def outputs_off(outputs: MotorOutputs, spans: Sequence[Span], loss: float) -> li
     for i in range(outputs.motors):
         others = np.delete(outputs.x, i, axis=1)
         x = outputs.x[:, i]
+        if not (x > OFF).any():  # never driven in this log: no motor, or not of this vehicle
+            continue
         off = ~(x > OFF) & (np.max(np.where(np.isfinite(others), others, -np.inf), axis=1) >= OTHER_DRIVES)
         for a, b in runs_in_a_row(mask & off, row):
             t0, t1 = float(outputs.t[a]), float(outputs.t[b - 1])
@@ -313,8 +329,14 @@ def outputs_off(outputs: MotorOutputs, spans: Sequence[Span], loss: float) -> li
 
 
 def _frozen_runs(outputs: MotorOutputs, mask: Mask, row: NDArray[np.int64], i: int) -> Iterator[tuple[int, int]]:
-    """Return index ranges in which output ``i`` does not move and another one does."""
+    """Return index ranges in which output ``i`` does not move and another one does.
+
+    An output that does not move in the whole flight is none of a motor.
+    """
     x, ceiling = outputs.x[:, i], outputs.ceiling
+    flown = x[mask & np.isfinite(x)]
+    if not len(flown) or np.ptp(flown) <= FROZEN_RANGE:
+        return
     still = np.zeros(len(x), bool)
     still[1:] = np.abs(np.diff(x)) <= FROZEN_RANGE
     within = mask & (x >= FROZEN_MIN) & (x <= ceiling - FROZEN_BELOW_CEILING)
@@ -322,7 +344,7 @@ def _frozen_runs(outputs: MotorOutputs, mask: Mask, row: NDArray[np.int64], i: i
         a = max(a - 1, 0) if within[max(a - 1, 0)] and row[max(a - 1, 0)] == row[a] else a
         if b - a < FROZEN_RECORDS or outputs.t[b - 1] - outputs.t[a] < FROZEN_S or np.ptp(x[a:b]) > FROZEN_RANGE:
             continue
-        if np.nanmax(np.ptp(np.delete(outputs.x[a:b], i, axis=1), axis=0)) >= OTHER_MOVES:
+        if (np.ptp(np.delete(outputs.x[a:b], i, axis=1), axis=0) >= OTHER_MOVES).any():  # NaN is not
             yield a, b
 
 
@@ -422,9 +444,8 @@ def thrust_runs_out(
     low, high = (np.searchsorted(t, t + side * 0.5 * SHARE_S) for side in (-1.0, 1.0))
     near &= total[high] - total[low] >= MIN_FULL_SHARE * (high - low)
     near &= inside(t, spans) & ~(motion.tilt_at(t) >= MAX_FULL_TILT_DEG)
-    row = outputs.in_a_row() if outputs is not None else np.zeros(len(t), np.int64)
     found = []
-    for a, b in runs_in_a_row(near, row):
+    for a, b in runs_in_a_row(near, row_numbers(t)):
         sinks = _sinking_part(t[a:b], motion)
         drop = np.nan if sinks is None else motion.height_at(sinks[0]) - motion.height_at(sinks[1])
         if sinks is not None and sinks[1] - sinks[0] >= MIN_FULL_S and drop >= MIN_DROP_M:
@@ -470,7 +491,7 @@ def _at_limit(t: Array, outputs: MotorOutputs | None, demand: Stream | None, noi
 def _thrust_fault(outputs: MotorOutputs | None, a: int, b: int, t0: float, t1: float, drop: float) -> DriveFault:
     first, then, motor, cause, evidence = "", "", None, HEAVY_CAUSE, []
     if outputs is not None:
-        x = outputs.x[a:b]
+        x = np.nan_to_num(outputs.x[a:b])  # NaN is off
         share = np.mean(x >= outputs.ceiling - NEAR_CEILING, axis=0)
         level = 100.0 * np.mean(x, axis=0) / outputs.ceiling
         evidence = [f"{outputs.source}: " + ", ".join(f"motor {k + 1} {v:.0f} %" for k, v in enumerate(level))]
@@ -525,6 +546,9 @@ def yaw_backwards(outputs: MotorOutputs, geometry: Geometry, motion: Motion, spa
 
 QUESTIONS = ("motor_thrust", "motor_outputs", "thrust_reserve", "yaw_response")
 NO_OUTPUTS = "No motor outputs are logged (ArduPilot RCOU, PX4 actuator_motors or actuator_outputs)."
+NO_FLIGHT_OUTPUTS = "No motor outputs are logged in flight."
+SHORT_FLIGHT = f"The flight is shorter than {MARGIN_S:.0f} s."
+NO_ATTITUDE = "No attitude is logged."
 NO_GEOMETRY = "The positions of the motors are unknown: the log holds no parameters of a known frame."
 
 
@@ -543,6 +567,9 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
     if outputs is None:
         study.missing.update({q: NO_OUTPUTS for q in QUESTIONS if q != "thrust_reserve"})
         return study
+    if not _is_logged(outputs.t, spans):
+        study.missing.update({q: NO_FLIGHT_OUTPUTS for q in QUESTIONS if q != "thrust_reserve"})
+        return study
     slow = 1.0 / outputs.period < MIN_OUTPUT_HZ
     hz = f"Motor outputs are logged at {1.0 / outputs.period:.1f} Hz; 5 Hz is needed."
     unscaled = "The log holds no output limits: MOT_PWM_MIN and MOT_PWM_MAX, or RC3_MIN and RC3_MAX."
@@ -551,7 +578,10 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
     else:
         loss = first_loss(segments)
         off = [*all_off(log, outputs, spans, loss), *outputs_off(outputs, spans, loss)]
-        study.faults["motor_outputs"] = sorted(off, key=lambda fault: fault.t)
+        if slow and not off:
+            study.missing["motor_outputs"] = hz
+        else:
+            study.faults["motor_outputs"] = sorted(off, key=lambda fault: fault.t)
         geometry = outputs.geometry
         for question in ("motor_thrust", "yaw_response"):
             if geometry is None:
@@ -559,20 +589,40 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
             elif slow and question == "motor_thrust":
                 study.missing[question] = hz
             elif not len(motion.rates[0]):
-                study.missing[question] = "No gyro is logged in flight."
+                study.missing[question] = "No gyro is logged."
+            elif not len(motion.tilts[0]):
+                study.missing[question] = NO_ATTITUDE
+            elif not margins and question == "yaw_response":
+                study.missing[question] = SHORT_FLIGHT
         if geometry is not None and "motor_thrust" not in study.missing:
             one = motor_without_thrust(log, outputs, geometry, motion, spans)
             study.faults["motor_thrust"] = [] if one is None else [one]
         if geometry is not None and "yaw_response" not in study.missing:
-            study.faults["yaw_response"] = yaw_backwards(outputs, geometry, motion, margins)
+            # A quadrotor that lost a motor turns against its yaw torque.
+            lost = min(
+                (f.t for q in ("motor_thrust", "motor_outputs") for f in study.faults.get(q, ())), default=np.inf
+            )
+            sound = [(a, min(b, lost)) for a, b in margins if a < lost]
+            study.faults["yaw_response"] = yaw_backwards(outputs, geometry, motion, sound)
     return study
+
+
+def _is_logged(t: Array, spans: Sequence[Span]) -> bool:
+    """Return whether records at ``t`` (n,) s lie in the flights."""
+    return bool(np.count_nonzero(inside(t, spans)) >= MIN_RUN_RECORDS)
 
 
 def _judge_thrust(log: FlightLog, study: DriveStudy, motion: Motion, spans: Sequence[Span]) -> None:
     outputs, demand = log.power.outputs, log.power.throttle
-    if outputs is None and demand is None:
-        study.missing["thrust_reserve"] = "Neither throttle nor motor outputs are logged."
+    outputs = outputs if outputs is not None and _is_logged(outputs.t, spans) else None
+    demand = demand if demand is not None and _is_logged(demand.t, spans) else None
+    if not spans:
+        study.missing["thrust_reserve"] = SHORT_FLIGHT
+    elif outputs is None and demand is None:
+        study.missing["thrust_reserve"] = "Neither throttle nor motor outputs are logged in flight."
     elif not len(motion.heights[0]):
         study.missing["thrust_reserve"] = "No height is logged."
+    elif not len(motion.tilts[0]):
+        study.missing["thrust_reserve"] = NO_ATTITUDE
     else:
         study.faults["thrust_reserve"] = thrust_runs_out(outputs, demand, motion, spans)

@@ -87,7 +87,38 @@ def test_without_its_inputs_the_question_is_unknown_with_the_reason(change: str,
     assert why in found.text
 
 
+def test_a_fall_from_lift_off_may_be_the_order_of_the_motors() -> None:
+    (found,) = faults(Fall(1, at=2.0).flown())
+    assert found.text.startswith("Motor 2 (rear left) did not lift its side from ")
+    assert found.cause.endswith("do not match the frame type.")
+
+
+def test_without_an_attitude_only_the_outputs_are_judged() -> None:
+    log, spans = Fall(1).flown()
+    log.attitudes, log.onboard = {}, None
+    unknown = {c.question: c.text for c in motor_checks(HealthCase(log, spans)) if c.verdict == "unknown"}
+    assert unknown == dict.fromkeys(("motor_thrust", "thrust_reserve", "yaw_response"), "No attitude is logged.")
+
+
+def test_outputs_that_are_slow_or_on_the_ground_alone_are_unknown() -> None:
+    log, spans = Fall(lost=0.0, hz=2.0).flown()
+    assert "2.0 Hz" in study_motors(log, spans).missing["motor_outputs"]
+    log, spans = Fall(lost=0.0).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    outputs.t, outputs.x = outputs.t[:10], outputs.x[:10]
+    assert "in flight" in study_motors(log, spans).missing["motor_outputs"]
+
+
 # --- an output off or frozen ---
+
+
+@pytest.mark.parametrize("level", [-1.2, np.nan, 0.5])
+def test_an_output_that_never_drives_or_moves_is_no_motor(level: float) -> None:
+    log, spans = Fall(lost=0.0, wanted_deg=20.0).flown()
+    assert log.power.outputs is not None
+    log.power.outputs.x[:, 2] = level
+    assert faults((log, spans)) == []
 
 
 @pytest.mark.parametrize(("value", "kind"), [(-0.19, "motor_off"), (np.nan, "motor_off"), (0.47, "motor_frozen")])
