@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.kinematics import BodyRates, body_rates
 from attlog.core.spans import inside, seconds
+from attlog.flight.compass import motor_drive
 from attlog.flight.model import Array, Attitude, FlightLog, Imu, Mag
 from attlog.health.check import Check, HealthCase, unknown
 from attlog.health.flown import before_crashes, flight_spans
@@ -316,14 +317,11 @@ def _cross_matrix(v: Array) -> Array:
 
 def motor_power(log: FlightLog) -> tuple[Array, Array] | None:
     """Return times and current, else throttle, of the motors; None if constant or missing."""
-    battery, throttle = log.power.battery, log.power.throttle
-    for stream, column in ((battery, 1), (throttle, 0)):
-        if stream is not None and stream.x.shape[1] > column and len(stream.t) > 1:
-            x = stream.x[:, column]
-            known = np.isfinite(x)
-            if known.sum() > 1 and np.ptp(x[known]) > 0.0:
-                return stream.t[known], x[known]
-    return None
+    _, stream = motor_drive(log)
+    known = np.zeros(0, bool) if stream is None else np.isfinite(stream.x[:, 0])
+    if stream is None or known.sum() < 2 or not np.ptp(stream.x[known, 0]) > 0.0:
+        return None
+    return stream.t[known], stream.x[known, 0]
 
 
 # Checks.
