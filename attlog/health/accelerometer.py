@@ -442,8 +442,20 @@ def _confirmations(case: HealthCase, imu: Imu, bias: SensorBias) -> list[bool | 
         level = bool(np.all(np.abs(still.middle - bias.mean)[:2][off[:2]] <= near[:2][off[:2]]))
         ground = ground_excess(case, imu, bias) if off[2] else None
         rest = level and (ground is None or abs(ground[0] - ground[1]) <= float(near[2]))
-    own = onboard_bias(case, imu)
-    return [rest, None if own is None else bool(np.all(np.abs(own - bias.mean)[off] <= near[off]))]
+    own, most = onboard_bias(case, imu), _largest_learned(case.log)
+    foreseen = np.clip(bias.mean, -most, most)
+    near = np.maximum(CONFIRMED_SHARE * np.abs(foreseen), 1.96 * bias.sigma)
+    return [rest, None if own is None else bool(np.all(np.abs(own - foreseen)[off] <= near[off]))]
+
+
+# Parameters that limit the accelerometer bias of the EKF, m/s^2.
+LEARNED_LIMITS = ("EKF2_ABL_LIM", "EK3_ACC_BIAS_LIM")
+
+
+def _largest_learned(log: FlightLog) -> float:
+    """Return the largest bias in m/s^2 that the onboard estimator learns, infinity if unknown."""
+    known = [limit for name in LEARNED_LIMITS if (limit := log.param(name)) is not None and limit > 0.0]
+    return float(known[0]) if known else math.inf
 
 
 def onboard_bias(case: HealthCase, imu: Imu) -> Array | None:

@@ -187,6 +187,19 @@ def test_a_value_needs_rest_and_the_onboard_bias_and_a_fault_needs_one(
     assert (found.verdict, bool(asked)) == (verdict, offered)
 
 
+@pytest.mark.parametrize(("onboard", "verdict"), [(0.38, "fault"), (0.0, "unknown"), (0.1, "unknown")])
+def test_an_estimator_that_learns_as_much_as_it_may_confirms_a_larger_offset(
+    asked: Asked, onboard: float, verdict: str
+) -> None:
+    log = log_of(unit(0, 100.0, NONE, NONE))
+    t = np.arange(0.0, 120.0, 0.1)
+    log.estimator.acc_bias = Stream(t, np.tile([onboard, 0.001, 0.0], (len(t), 1)), "m/s^2", "FRD", "bias")
+    log.parameters.lines["EKF2_ABL_LIM"] = TimeLine(np.zeros(1), [0.4], "PARM")
+    segments = Segments([Segment("airborne", 30.0, 90.0)])
+    (found,) = accelerometer_offsets(case(log, told((0.9, 0.0, 0.0)), segments=segments))
+    assert found.verdict == verdict
+
+
 @pytest.mark.parametrize(("rate", "judged"), [(9.5, 1), (10.5, 2)])
 def test_the_lowest_rate_of_another_unit_that_is_compared(asked: Asked, rate: float, judged: int) -> None:
     log = log_of(unit(0, 100.0, NONE, NONE), unit(1, rate, (0.9, 0.0, 0.0), NONE))

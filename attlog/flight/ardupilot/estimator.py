@@ -224,11 +224,16 @@ def bias_tables(builder: DataflashBuilder, family: str) -> dict[int, Table]:
 
 
 def acc_bias_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return the accelerometer bias (n, 3) in m/s^2 of EKF3's primary core, or of core 0 if unknown."""
-    status = builder.messages.first("XKF4")
-    core = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
-    table = builder.units("XKF2").get(core)
-    return builder.column_stream(table, ACC_BIAS_COLUMNS, "m/s^2", "XKF2", limits.ACC_BIAS, frame="FRD")
+    """Return EKF3's accelerometer bias (n, 3) in m/s^2, by the primary core where that runs on the replayed unit.
+
+    None where no core does.
+    """
+    status, imu, tables = builder.messages.first("XKF4"), builder.log.replay_imu, builder.units("XKF2")
+    first = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
+    for core in sorted(tables, key=lambda c: (c != first, c)):
+        if imu is None or unit_of_core(builder, "XK", core, list(tables)) == imu.index:
+            return builder.column_stream(tables[core], ACC_BIAS_COLUMNS, "m/s^2", "XKF2", limits.ACC_BIAS, frame="FRD")
+    return None
 
 
 def innovation_tests(builder: DataflashBuilder) -> list[InnovationTest]:

@@ -24,7 +24,7 @@ from attlog.core import rotation
 from attlog.flight import limits
 from attlog.flight.builder import columns
 from attlog.flight.imu import longest_held
-from attlog.flight.model import Array, Attitude, Imu, InnovationTest, Problem, Stream, TimeLine
+from attlog.flight.model import Array, Attitude, InnovationTest, Problem, Stream, TimeLine
 from attlog.flight.px4.imu import TopicBuilder, sample_stamps
 from attlog.formats.table import Table
 
@@ -153,24 +153,32 @@ def gyro_bias_stream(builder: TopicBuilder) -> Stream | None:
         return None
     first = selected_instance(builder)
     for i in sorted(found, key=lambda i: (i != first, i)):
-        if is_on_gyro(found[i], imu):
+        if is_on_sensor(found[i], "gyro_device_id", imu.device):
             source = f"estimator_sensor_bias:{i}"
             return builder.column_stream(found[i], ("gyro_bias",), "rad/s", source, limits.GYRO_BIAS, frame="FRD")
     return None
 
 
-def is_on_gyro(table: Table, imu: Imu) -> bool:
-    """Return whether an EKF instance uses an IMU's gyro, True if a device id is missing."""
-    if imu.device in (None, "", "0") or "gyro_device_id" not in table:
+def is_on_sensor(table: Table, column: str, device: str | None) -> bool:
+    """Return whether an EKF instance uses the sensor ``device`` by its id in ``column``, True if an id is missing."""
+    if device in (None, "", "0") or column not in table:
         return True
-    ids = table["gyro_device_id"]
-    return not ids.any() or str(int(np.median(ids[ids > 0]))) == imu.device
+    ids = table[column]
+    return not ids.any() or str(int(np.median(ids[ids > 0]))) == device
 
 
 def acc_bias_stream(builder: TopicBuilder) -> Stream | None:
-    """Return the accelerometer bias (n, 3) in m/s^2 of the first EKF instance (since 1.11)."""
-    name = "estimator_sensor_bias"
-    return builder.column_stream(builder.table(name), ("accel_bias",), "m/s^2", name, limits.ACC_BIAS, frame="FRD")
+    """Return the accelerometer bias (n, 3) in m/s^2 (since 1.11), None where no instance runs on the unit replayed.
+
+    Among several the instance that flew longest is preferred.
+    """
+    name, imu = "estimator_sensor_bias", builder.log.replay_imu
+    found = {i: t for i, t in builder.topics(name).items() if "accel_bias" in t}
+    first = selected_instance(builder)
+    for i in sorted(found, key=lambda i: (i != first, i)):
+        if imu is None or is_on_sensor(found[i], "accel_device_id", imu.acc_device):
+            return builder.column_stream(found[i], ("accel_bias",), "m/s^2", name, limits.ACC_BIAS, frame="FRD")
+    return None
 
 
 def height_stream(builder: TopicBuilder) -> Stream | None:

@@ -71,6 +71,20 @@ def test_a_bias_of_another_gyro_is_none_of_the_replayed_one() -> None:
     assert read(tables).estimator.gyro_bias is None
 
 
+@pytest.mark.parametrize(("imu", "expected"), [(0, 0.1), (1, 0.2), (2, None)])
+def test_the_accelerometer_bias_is_of_an_instance_on_the_replayed_unit(imu: int, expected: float | None) -> None:
+    tables = two_units(0, 7) | {("vehicle_imu", 2): increments(N, RATE, 9)}
+    for i, device in ((0, 7), (1, 8)):
+        tables["vehicle_imu", i]["accel_device_id"] = np.full(N, device, np.uint32)
+        tables["estimator_sensor_bias", i] |= {
+            "accel_device_id": np.full(5, device, np.uint32),
+            "accel_bias": np.full((5, 3), 0.1 * (i + 1), np.float32),
+        }
+    tables["vehicle_imu", 2]["accel_device_id"] = np.full(N, 9, np.uint32)
+    stream = read(tables, imu=imu).estimator.acc_bias
+    assert (None if stream is None else pytest.approx(float(stream.x[0, 0]), rel=1e-6)) == expected
+
+
 def test_a_gyro_that_has_the_bias_taken_off_has_none_to_subtract() -> None:
     tables = {
         ("vehicle_angular_velocity", 0): {
