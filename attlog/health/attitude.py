@@ -156,7 +156,7 @@ def smoother_checks(case: HealthCase) -> list[Check]:
     shown = [error for error in errors if error.wrong] or errors
     lead, *rest = shown
     wrong = lead.wrong
-    text = "The onboard attitude was wrong" if wrong else "The onboard attitude errs"
+    text = "The onboard attitude was wrong" if wrong else "The onboard attitude is in error"
     own, _ = interpolate_attitudes(reference.t, reference.q, reference.gap_segment, found.t[found.counted])
     if lead.angle == "tilt" and is_mounted_turned(found.q[found.counted], own):
         wrong, text = False, "The sensor is mounted otherwise than set, or the onboard attitude is wrong throughout"

@@ -362,7 +362,7 @@ CLOSE_SHARE, STEADY_SHARE, OFF_SHARE = 0.1, 0.1, 0.2
 # A better compass has at most half the heading error, and 5 deg less, which exceeds attitude errors.
 BETTER_SHARE, BETTER_DEG = 0.5, 5.0
 CHOICE_LIMIT = (
-    f"ok unless another errs by {BETTER_DEG:.0f} deg less and half as much, else by the field's size within 10 %"
+    f"ok unless another is {BETTER_DEG:.0f} deg better and off by half as much, else by the field's size within 10 %"
 )
 
 
@@ -387,12 +387,12 @@ def _choice_by_heading(log: FlightLog, own: CompassStudy, others: Sequence[Compa
     now, then = errors[id(own)][0], errors[id(best)][0]
     better = then <= BETTER_SHARE * now and now - then >= BETTER_DEG
     one, two = best.samples.source, own.samples.source
-    text = f"{two}, in use, errs by {now:.1f} deg in heading, {one} by {then:.1f} deg."
+    text = f"{two}, in use, is off by {now:.1f} deg in heading, {one} by {then:.1f} deg."
     shown = [_heading_line(study, *errors[id(study)]) for study in (own, *others)]
     check = Check("compass_choice", "warning" if better else "ok", text, round(then - now, 1), "deg", CHOICE_LIMIT)
     check.sensor, check.n, check.seconds, check.evidence = two, own.air.n, round(own.samples.seconds, 1), shown
     if better and then > MAX_HEADING_ERROR_DEG:
-        check.why_no_setting = f"{one} is better, but errs too: calibrate both."
+        check.why_no_setting = f"{one} is better, but off too: calibrate both."
     elif better:
         _offer_switch(log, check, best.samples.mag, own.samples.mag)
     return check

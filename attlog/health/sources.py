@@ -189,9 +189,9 @@ LANE_NAME = re.compile(r"(XKQ|NKQ|XKF1|NKF1|estimator_attitude)\.(\d+)$")
 # Limit of a lane's error, above that of sound flights; IMUs of one board are aligned within 1 deg.
 LANE_TILT_DEG, LANE_HEADING_DEG = 3.0, 10.0
 LANE_LIMIT = (
-    f"ok: the lane in use errs by less than {LANE_TILT_DEG:.0f} deg in tilt and {LANE_HEADING_DEG:.0f} deg in heading, "
+    f"ok: the lane in use is within {LANE_TILT_DEG:.0f} deg in tilt and {LANE_HEADING_DEG:.0f} deg in heading, "
 )
-LANE_LIMIT += f"or by less than {1 / CLEARLY_BETTER:.1f} times the best"
+LANE_LIMIT += f"or within {1 / CLEARLY_BETTER:.1f} times the best"
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +205,7 @@ class LaneError:
 
     def __str__(self) -> str:
         heading = f" and {self.heading:.1f} deg in heading" if np.isfinite(self.heading) else ""
-        return f"Lane {self.lane} errs by {self.tilt:.1f} deg in tilt{heading} (median of {self.n} samples in flight)."
+        return f"Lane {self.lane} is off by {self.tilt:.1f} deg in tilt{heading} (median of {self.n} samples)."
 
 
 def lane_errors(case: HealthCase) -> list[Check]:
@@ -233,11 +233,11 @@ def lane_errors(case: HealthCase) -> list[Check]:
         own, best = size[mine.lane], min(size, key=lambda lane: np.nan_to_num(size[lane], nan=np.inf))
         if own > limit and size[best] < CLEARLY_BETTER * own:
             text = (
-                f"Lane {mine.lane} flew {own:.1f} deg off {whom} in {what}; lane {best} errs by {size[best]:.1f} deg."
+                f"Lane {mine.lane} flew {own:.1f} deg off {whom} in {what}; lane {best} is off by {size[best]:.1f} deg."
             )
             why = "No parameter chooses the better lane: find what misleads the lane in use."
             return [made("warning", text, value=round(own, 1), why_no_setting=why)]
-    text = f"Lane {mine.lane} flew and errs by {mine.tilt:.1f} deg in tilt against {whom}; none is clearly better."
+    text = f"Lane {mine.lane} flew and is off by {mine.tilt:.1f} deg in tilt against {whom}; none is clearly better."
     return [made("ok", text, value=round(mine.tilt, 2))]
 
 

@@ -42,7 +42,7 @@ def test_a_much_better_compass_is_to_be_used_with_both_numbers() -> None:
     case, studies = two((12.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     (found,) = compass.choice_checks(case, studies)
     assert found.verdict == "warning"
-    assert found.text.startswith("MAG.0, in use, errs by ")
+    assert found.text.startswith("MAG.0, in use, is off by ")
     assert [(s.name, s.old, s.new) for s in found.settings] == [("COMPASS_USE", 1.0, 0.0)]  # the second is on already
     assert len(found.evidence) == 2
 
@@ -76,7 +76,7 @@ def test_where_there_is_a_first_compass_the_switch_changes_it_too() -> None:
     ("used", "other", "switches", "zero", "why"),
     [
         (12.0, 0.0, True, True, "MAG.1 was never calibrated: calibrate it first."),
-        (30.0, 9.0, True, False, "MAG.1 is better, but errs too: calibrate both."),
+        (30.0, 9.0, True, False, "MAG.1 is better, but off too: calibrate both."),
         (12.0, 0.0, False, False, "No single parameter of this log switches a compass."),
     ],
 )

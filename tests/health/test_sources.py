@@ -196,7 +196,7 @@ def test_a_worse_lane_in_use_is_named_with_both_errors() -> None:
     assert one.verdict == "warning"
     assert one.value == pytest.approx(8.0, abs=0.1)
     assert "Lane 0 flew 8.0 deg off" in one.text
-    assert "lane 1 errs by 1.0 deg" in one.text
+    assert "lane 1 is off by 1.0 deg" in one.text
     assert "changed once in flight, at 60.0 s" in one.evidence[-1]
 
 
