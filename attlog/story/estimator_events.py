@@ -39,7 +39,8 @@ MIN_FIX_S = 5.0
 # Maximum disagreement of a steady GNSS: ArduPilot's EK2_GLITCH_RAD and EK3_GLITCH_RAD are 25 m, and a position drifts
 # by some metres in minutes.
 MAX_STEADY_M = 5.0
-GAP_S = 2.0
+# Longest gap between records of one measurement, and in usual intervals.
+GAP_S, MAX_INTERVALS = 2.0, 5.0
 # One degree of latitude on a sphere of radius 6,371 km.
 M_PER_DEG = 111_195.0
 
@@ -132,7 +133,10 @@ def _rejections_of(test: InnovationTest, flown: list[Span]) -> Rejection | None:
     if np.count_nonzero(use) < 2:
         return None
     beyond = use & (test.ratio > 1.0)
-    pairs = [(float(test.t[a]), float(test.t[b - 1])) for a, b in true_runs(beyond)]
+    pause = max(GAP_S, MAX_INTERVALS * float(np.median(np.diff(test.t[use]))))
+    runs = [np.arange(a, b) for a, b in true_runs(beyond)]
+    parts = [part for run in runs for part in np.split(run, np.flatnonzero(np.diff(test.t[run]) > pause) + 1)]
+    pairs = [(float(test.t[part[0]]), float(test.t[part[-1]])) for part in parts]
     long = [(a, b) for a, b in pairs if b - a >= MIN_REJECTION_S]
     worst = max((float(test.ratio[beyond & inside(test.t, [pair])].max()) for pair in long), default=0.0)
     return Rejection(test.aid, long, worst, test.source, float(sum(b - a for a, b in flown)))
@@ -151,6 +155,7 @@ def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
 # with several cores they follow each other by up to 13.4 s, and by 80 s and more in another flight.
 TOGETHER_S, MAX_CORES_S = 1.5, 20.0
 CORE = re.compile(r"\bIMU\d+\b")
+# Shortest outage of GNSS.
 LOST_S = 2.0
 # Number of outages that are events of their own.
 MAX_OUTAGES = 3
@@ -283,7 +288,7 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
         if a < t[0]:
             continue
         mine = np.concatenate([[a], t[(t > a) & (t < b)], [b]])
-        for k in np.flatnonzero(np.diff(mine) > max(LOST_S, 5.0 * usual)).tolist():
+        for k in np.flatnonzero(np.diff(mine) > max(LOST_S, MAX_INTERVALS * usual)).tolist():
             since, until = float(mine[k]), float(mine[k + 1])
             if ((unfixed > since) & (unfixed < until)).any():
                 text = f"GNSS had no fix for {until - since:.0f} s in flight, from {since:.1f} s."

@@ -146,6 +146,7 @@ BATTERY = re.compile(r"batt", re.IGNORECASE)
 MOTOR_TEST = re.compile(r"^starting motor test", re.IGNORECASE)
 # Reasons for not arming; in flight PX4 reports faults by the same words.
 PREARM = re.compile(r"pre-?arm|preflight|^arm:|arming denied|arming_checks", re.IGNORECASE)
+# Module of PX4 before a text, and maximum length of a quoted text.
 PREFIX = re.compile(r"^\[[\w ]+\]\s*")
 MAX_TEXT = 110
 
@@ -182,13 +183,17 @@ LANDING_KNOWN_S = 3.0
 LOW_M, TOUCHING_M, TOUCHING_SHARE = 5.0, 0.5, 0.5
 # The log begins in flight where the flight starts within this time of its begin.
 BEGUN_S = 0.5
+# Longest time since power-up that a clock shows; a larger one does not begin there.
 BOOT_S = 3600.0
 # Minimum IMU rate that resolves an impact peak; slower ones give a lower bound.
 FULL_PEAK_HZ = 100.0
+# Texts of lift-off and landing, and their largest distance from it.
 TAKE_OFF = re.compile(r"takeoff detected", re.IGNORECASE)
 LANDED = re.compile(r"landing detected|land complete", re.IGNORECASE)
 TEXT_MARGIN_S = 5.0
+# Dynamics and total time of a wreck that is moved.
 MOVES, MOVES_S = 0.4, 2.0
+# Tilt above which an overturned vehicle did not only fall to its side.
 OVER_DEG = 90.0
 
 
@@ -349,6 +354,8 @@ def impact_limit_text(log: FlightLog) -> str:
 
 # --- clipping and vibration --------------------------------------------------------------------------------------
 
+# Strong vibration: RMS of the logged samples for so many seconds; ArduPilot's own level (60 m/s^2 is its documented
+# limit). Smallest number of own levels that show a calm flight.
 STRONG_M_S2, STRONG_S = 15.0, 5
 ONBOARD_M_S2, MIN_LEVELS = 60.0, 10
 # Up to MAX_CHANCE_CLIPS clipped samples are ignored, up to MAX_NOTE_CLIPS are a note.

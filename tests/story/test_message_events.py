@@ -12,7 +12,7 @@ import pytest
 
 from attlog import story
 from attlog.flight.ardupilot.vehicle import is_simulated
-from attlog.flight.model import FlightLog, Gnss, Problem
+from attlog.flight.model import FlightLog, Gnss, InnovationTest, Problem
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segment, Segments
 from attlog.story import Event, estimator_events, failsafe_events, message_events
@@ -152,6 +152,13 @@ def test_an_alignment_told_by_two_cores_is_one(texts: list[tuple[float, int]], w
     told = [x for t, core in texts for x in said(f"EKF3 IMU{core} in-flight yaw alignment complete", t)]
     found = estimator_events._realign_events(log(texts=told), spans(), [])
     assert [e.severity for e in found] == weights
+
+
+def test_a_pause_of_the_records_is_no_time_of_rejection() -> None:
+    t = np.concatenate([np.arange(20.0, 30.0, 0.2), np.arange(70.0, 72.0, 0.2)])
+    test = InnovationTest("compass", t, np.where(t > 27.9, 1.5, 0.2), "XKF4:0.SM")
+    (found,) = estimator_events.aid_rejections(log(innovation_tests=[test]), spans((15.0, 80.0)))
+    assert found.seconds == pytest.approx(1.8 + 1.8)
 
 
 def receiver(*, missing: tuple[float, float] | None = None, unfixed: tuple[float, float] | None = None) -> Gnss:
