@@ -366,6 +366,8 @@ def _no_crash(log: FlightLog, segments: Segments) -> Check:
     driven = segments.of("airborne") or segments.of("armed")
     if not driven or shows_impacts(log):
         return Check("crash", "ok", "No loss of control and no impact.", 0.0, "", CRASH_LIMIT)
-    rate = max(imu.acc.rate for imu in log.imus)
+    rate = max((imu.acc.rate for imu in log.imus), default=0.0)
+    if not rate:
+        return unknown("crash", "No IMU is logged: a blow would not show.", CRASH_LIMIT)
     blind = f"a blow shorter than {1000.0 / rate:.0f} ms would not show"
     return unknown("crash", f"IMU at {rate:.0f} Hz: nothing turned it over; {blind}.", CRASH_LIMIT)
