@@ -35,12 +35,13 @@ from attlog.story.flight_events import (
 
 # Throttle-up spans closer than this are merged.
 MAX_THROTTLE_PAUSE_S = 5.0
-# Time armed before lift-off above which it is mentioned.
-STOOD_S = 10.0
+# Time armed before lift-off above which it is mentioned, and least speed of a vehicle that does not stand.
+STOOD_S, TAXI_M_S = 10.0, 3.0
 # Fewer flights than this are listed with their times; more are only counted.
 LISTED = 3
 # Throttle counts as up above this share of its maximum.
 OF_FLIGHT = 0.5
+# Largest tilt of a vehicle that ended upright.
 UPRIGHT_DEG = 30.0
 # Ranges while throttle is up that show the rangefinder unmoved.
 MIN_RANGES = 10
@@ -65,10 +66,13 @@ def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) 
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
     listed = f"telemetry at {rate:.0f} Hz, {listed}" if slow and rate else listed
     stood = (
-        f"stood armed to {flights[0][0]:.0f} s, " if few and not begun and _stood_armed(segments, flights[0][0]) else ""
+        f"stood armed to {flights[0][0]:.0f} s, "
+        if few and not begun and _stood_armed(log, segments, flights[0][0])
+        else ""
     )
     sizes = [] if crashed else _size_phrases(log, segments, flights)
     unended = crashed or has_open_end(events) or any(e.kind == "hard_landing" for e in events)
+    unended = unended or (segments.air is not None and not segments.air.known)
     safe = "" if unended else ending_of_slow(log, flights[-1][1]) if slow else ", landed safely"
     said = [f"{listed}{extra}{safe}." for extra in (*sizes, "")]
     if 1 < len(flights) < LISTED:
@@ -107,9 +111,10 @@ def largest_tilt(log: FlightLog, spans: Sequence[Span]) -> float | None:
     return float(np.degrees(np.max(rotation.tilt_angle(attitude.q[mine]))))
 
 
-def _stood_armed(segments: Segments, liftoff: float) -> bool:
-    """Return whether the vehicle was armed for more than 10 s before lift-off."""
-    return any(a < liftoff <= b and liftoff - a > STOOD_S for a, b in segments.spans("armed"))
+def _stood_armed(log: FlightLog, segments: Segments, liftoff: float) -> bool:
+    """Return whether the vehicle was armed for more than 10 s before lift-off and did not taxi."""
+    begin = next((a for a, b in segments.spans("armed") if a < liftoff <= b and liftoff - a > STOOD_S), None)
+    return begin is not None and not np.any(speed_at(log, np.arange(begin, liftoff - STOOD_S, 1.0)) > TAXI_M_S)
 
 
 def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
@@ -214,9 +219,11 @@ def has_open_end(events: Sequence[Event]) -> bool:
     return any(e.kind == "ends_in_air" for e in events)
 
 
+# Most words of a headline.
 WORDS = 30
 # Crash events closer than this are one crash.
 MAX_CRASH_GAP_S = 5.0
+# Longest time from the kill switch to the hard landing that it caused.
 KILLED_S = 5.0
 # Impacts above this height are not with the ground.
 HIGH_M = 5.0
@@ -420,7 +427,8 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         ]
     if has_open_end(events):
         return [next(e.text for e in events if e.kind == "ends_in_air").partition(",")[0] + "."]
-    cannot = "Impacts cannot be determined." if segments.spans("airborne") and _too_slow(log) else ""
+    unknown = segments.air is not None and not (segments.air.known and log.imus)
+    cannot = "Impacts cannot be determined." if segments.spans("airborne") and (unknown or _too_slow(log)) else ""
     if sound and not warned and segments.spans("airborne"):
         return [cannot or "Nothing went wrong."]
     return [cannot, ""] if cannot else [""]

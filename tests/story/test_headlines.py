@@ -215,8 +215,8 @@ def test_pushes_of_the_throttle_within_five_seconds_are_one_and_last_a_second() 
 
 def test_motors_that_ran_for_more_than_ten_seconds_before_a_flight_stood() -> None:
     for begin, stood in ((9.0, True), (11.0, False)):
-        assert headlines._stood_armed(Segments([Segment("armed", begin, 60.0)]), 20.0) is stood
-    assert not headlines._stood_armed(Segments([Segment("armed", 0.0, 15.0)]), 20.0)
+        assert headlines._stood_armed(log(), Segments([Segment("armed", begin, 60.0)]), 20.0) is stood
+    assert not headlines._stood_armed(log(), Segments([Segment("armed", 0.0, 15.0)]), 20.0)
 
 
 def test_what_happened_after_the_last_sample_lies_within_the_time_that_is_told() -> None:
