@@ -20,7 +20,6 @@ SOUND = {
     "motor_outputs": "No motor output was off or frozen in flight.",
     "thrust_reserve": "It never sank at full throttle.",
     "yaw_response": "Yaw followed the motors.",
-    "oscillation": "No axis oscillated between 4.5 and 20 Hz.",
 }
 ACTIONS = {
     "motor_no_thrust": "Check this motor, its propeller, ESC and connectors before the next flight.",

@@ -16,7 +16,7 @@ from attlog.flight.drive import MotorOutputs
 from attlog.flight.model import Array
 from attlog.flight.vehicle import VehicleKind
 from attlog.health.check import Check, HealthCase, unknown
-from attlog.story.motor_faults import MARGIN_S, NO_OUTPUTS, Motion, flown_spans
+from attlog.story.motor_faults import MARGIN_S, NO_FLIGHT_OUTPUTS, NO_OUTPUTS, Motion, flown_spans
 
 # A second of hover: largest tilt, mean rates and climb rate; least number of them.
 MAX_TILT_DEG, MAX_RATE_DPS, MAX_CLIMB_M_S, MIN_SECONDS = 12.0, 20.0, 1.0, 20
@@ -31,7 +31,7 @@ LIMITS = {
     "yaw_bias": "note: 12 % between the two senses of rotation in hover",
     "uneven_motors": "note: one motor 9 % above the second in hover",
 }
-SOURCE = "attlog, DRIVE notes"
+SOURCE = "attlog, tried on logs with known faults"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +56,15 @@ class Hover:
 def hover_seconds(outputs: MotorOutputs, motion: Motion, spans: Sequence[Span]) -> Hover:
     """Return the seconds of hover within spans."""
     t, rates = motion.rates
+    driven = np.isfinite(outputs.x).all(axis=1)  # NaN is off
+    output_t, output_x = outputs.t[driven], outputs.x[driven]
     times, means = [], []
     for a, b in spans:
         edges = a + np.arange(int(b - a) + 1.0)
         if len(edges) < 2:
             continue
         counts, rate = _mean_by_second(edges, t, np.abs(rates))
-        known, x = _mean_by_second(edges, outputs.t, outputs.x)
+        known, x = _mean_by_second(edges, output_t, output_x)
         middle = edges[:-1] + 0.5
         climb = np.array([motion.climb_at(float(m)) for m in middle])
         calm = (
@@ -70,7 +72,7 @@ def hover_seconds(outputs: MotorOutputs, motion: Motion, spans: Sequence[Span]) 
             & (rate < MAX_RATE_DPS).all(axis=1)
             & (np.abs(climb) < MAX_CLIMB_M_S)
         )
-        keep = calm & (counts > 0) & (known > 0) & np.isfinite(x).all(axis=1)
+        keep = calm & (counts > 0) & (known > 0)
         times.append(middle[keep])
         means.append(x[keep])
     if not times:
@@ -96,6 +98,8 @@ def hover_checks(case: HealthCase) -> list[Check]:
     if outputs is None or not outputs.scaled:
         why = NO_OUTPUTS if outputs is None else "The log holds no output limits."
         return [_unknown(question, why) for question in LIMITS]
+    if not inside(outputs.t, spans).any():
+        return [_unknown(question, NO_FLIGHT_OUTPUTS) for question in LIMITS]
     if not len(motion.heights[0]) or not len(motion.rates[0]) or not len(motion.tilts[0]):
         return [_unknown(question, "Hover needs attitude, gyro and height.") for question in LIMITS]
     hover = hover_seconds(outputs, motion, spans)

@@ -8,11 +8,14 @@ from attlog.core.spans import Span, inside
 from attlog.flight.model import Array, FlightLog, Stream
 from attlog.health.check import Check, HealthCase, unknown
 from attlog.segments.model import Segments
+from attlog.story.flight_events import is_still_flying
 
 # Least voltage of a battery, and its least movement in V: a constant is no measurement.
 MIN_VOLTS, MIN_MOVED_V = 3.0, 0.05
 # Rest voltage per cell below which lithium polymer is nearly empty; the time before lift-off that does not count.
 EMPTY_CELL_V, BEFORE_LIFT_S = 3.66, 1.0
+# PX4's voltage of an empty cell (BAT1_V_EMPTY) below which the cells are lithium ion, which hold charge at 3.66 V.
+MIN_POLYMER_EMPTY_V = 3.2
 # Median current below which the sensor has an offset: nothing charges a battery for so long.
 NEGATIVE_A = -1.0
 # Resistance: mean over a block less the mean over 10 s; least movement of current and least correlation.
@@ -28,7 +31,7 @@ LIMITS = {
     "board_supply": "note: below 4.6 V, a dip below 4.5 V or 0.4 V of range, overcurrent",
     "brownout": "note: the log ends in the air with the supply below 85 %, or the board below 4.5 V",
 }
-SOURCE = "attlog, DRIVE notes"
+SOURCE = "attlog, tried on logs with known faults"
 
 
 def supply_checks(case: HealthCase) -> list[Check]:
@@ -60,6 +63,12 @@ def cells(log: FlightLog) -> int | None:
     return None if value is None or not 1 <= value <= 30 else int(value)
 
 
+def is_lithium_ion(log: FlightLog) -> bool:
+    """Return whether the parameters call a cell empty at a voltage of lithium ion."""
+    value = next((v for name in ("BAT1_V_EMPTY", "BAT_V_EMPTY") if (v := log.param(name))), None)
+    return value is not None and value < MIN_POLYMER_EMPTY_V
+
+
 def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     """Check the charge at lift-off and the resistance."""
     measured, flights = battery_volts(log), segments.spans("airborne")
@@ -67,7 +76,7 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
         return []
     amperes = log.power.battery.x[np.isfinite(log.power.battery.x[:, 1]), 1]
     if len(amperes) and np.median(amperes) <= NEGATIVE_A:
-        text = f"The battery's current reads {np.median(amperes):.1f} A: the current sensor's offset is wrong."
+        text = f"The battery's current reads {np.median(amperes):.1f} A: the current sensor's offset or sign is wrong."
         check = _check("battery", True, text, float(np.median(amperes)), "A")
         check.action = "Calibrate the current sensor with the motors off (BATT_AMP_OFFSET, BAT_V_OFFS_CURR)."
         return [check]
@@ -78,12 +87,14 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     t, x = measured
     rest = x[t <= flights[0][0] - BEFORE_LIFT_S, 0]
     volts, flown = float(np.median(rest)) if len(rest) else None, x[inside(t, flights), 0]
+    if volts is not None and len(flown) and volts < np.median(flown):
+        volts = None  # the battery was plugged in later, or this is the voltage of USB
     before = "" if volts is None else f"{volts:.1f} V before lift-off and "
     text = f"The battery had {before}at least {float(flown.min()):.1f} V in flight." if len(flown) else ""
     if not text:
         return []
     count = cells(log)
-    if volts is not None and count is not None and volts / count <= EMPTY_CELL_V:
+    if volts is not None and count is not None and not is_lithium_ion(log) and volts / count <= EMPTY_CELL_V:
         text = f"It took off with a nearly empty battery: {volts / count:.2f} V per cell ({count} cells)."
         check = _check("battery", True, text, volts / count, "V")
         check.action = "Charge the battery before the flight."
@@ -136,11 +147,14 @@ def _board_check(log: FlightLog, segments: Segments) -> list[Check]:
     middle, least, most = float(np.median(volts)), float(volts.min()), float(volts.max())
     over = log.power.overcurrent
     on = over is not None and bool(over.x[inside(over.t, segments.spans("armed") or [(-np.inf, np.inf)])].any())
+    on = on and over is not None and not bool(over.x.all())  # on in every record: the pin is not connected
     what = ""
     if middle < LOW_BOARD_V:
         what = "is low"
-    elif (least < DIP_V and middle >= SOUND_BOARD_V) or most - least >= MAX_RANGE_V:
+    elif (least < DIP_V and middle >= SOUND_BOARD_V) or middle - least >= MAX_RANGE_V:
         what = "dips"
+    elif most - least >= MAX_RANGE_V:
+        what = "varies"
     text = f"The board's supply {what or 'is steady'}: {middle:.2f} V, {least:.2f} to {most:.2f} V"
     text += "; overcurrent was reported." if on else "."
     check = _check("board_supply", bool(what) or on, text, middle, "V")
@@ -165,6 +179,8 @@ def _brownout_check(log: FlightLog, segments: Segments) -> list[Check]:
     flights = segments.spans("airborne")
     end = max((s.t1 for s in segments.of("continuous")), default=log.seconds)
     if not flights or end - flights[-1][1] > LAST_S or any(e.is_crash for e in segments.crash_events):
+        return []
+    if not is_still_flying(log, segments, end):
         return []
     measured, board = battery_volts(log), log.power.board
     texts = []

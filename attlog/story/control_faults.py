@@ -121,8 +121,9 @@ def windows(spans: Sequence[Span], seconds: float, step: float | None = None) ->
 BAND_HZ, MAX_OF_RATE, AVERAGED_HZ = (4.5, 20.0), 0.42, 100.0
 # Half width of a peak in bins, its least amplitude, and its least share of the band and of all movement.
 PEAK_BINS, MIN_AMPLITUDE_DPS, MIN_BAND_SHARE, MIN_ALL_SHARE = 2, 8.0, 0.6, 0.3
-# Windows in a row, half overlapped, with frequencies within this share.
+# Windows in a row, half overlapped, with frequencies within this share, and the time that they take.
 IN_A_ROW, SAME_FREQUENCY = 4, 0.15
+IN_A_ROW_S = 0.5 * WINDOW_S * (IN_A_ROW + 1)
 # Below this rate of the gyro a frequency may be an alias.
 ALIAS_HZ = 50.0
 
@@ -251,6 +252,7 @@ def _window_peaks(blocks: Array, step: float, whole: Array) -> tuple[Array, Arra
 QUESTIONS = ("rate_tracking", "oscillation")
 NO_SETPOINT = "No rate set-point is logged at 8 Hz or more (ArduPilot RATE, PX4 vehicle_rates_setpoint)."
 LITTLE_MOVED = "The set-point moves too little: three windows of 4 s with 15 deg/s (standard deviation) are needed."
+SHORT_FLIGHT = f"{IN_A_ROW_S:.0f} s in the air are needed."
 NO_FAST_GYRO = "No gyro is logged at 20 Hz or more."
 
 
@@ -267,8 +269,13 @@ def study_control(log: FlightLog, segments: Segments) -> DriveStudy:
     if motion.rate_hz < MIN_GYRO_HZ:
         study.missing.update(dict.fromkeys(QUESTIONS, NO_FAST_GYRO))
         return study
-    found = oscillations(motion, spans)
-    study.faults["oscillation"] = [oscillation_fault(one, motion.rate_hz) for one in found]
+    if max(b - a for a, b in spans) < IN_A_ROW_S:
+        study.missing["oscillation"] = SHORT_FLIGHT
+    else:
+        found = oscillations(motion, spans)
+        study.faults["oscillation"] = [oscillation_fault(one, motion.rate_hz) for one in found]
+        top = min(BAND_HZ[1], MAX_OF_RATE * motion.rate_hz)
+        study.numbers["oscillation"] = f"No axis oscillated between {BAND_HZ[0]:g} and {top:.3g} Hz."
     setpoint = log.setpoints.rates
     if any(problem.code == "imu_decimated" for problem in log.problems):
         study.missing["rate_tracking"] = "The logger left out gyro samples, so the delay of the gyro is unknown."

@@ -209,7 +209,7 @@ def movement_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
         if a - begin > BEGUN_S:
             found.append(_flown_event(log, "liftoff", a, "Lifted off", matching_texts(log, TAKE_OFF), quoted))
         ended = [e for e in segments.crash_events if abs(e.t - b) <= TEXT_MARGIN_S]
-        if not ended and end - b < END_S and _is_still_flying(log, segments, end):
+        if not ended and end - b < END_S and is_still_flying(log, segments, end):
             text = f"{_what_ends(log, end)} in the air, at {b:.1f} s."
             found.append(Event("ends_in_air", b, "note", text, evidence=_flight_sources(log)))
         elif not ended:
@@ -236,7 +236,7 @@ def _what_ends(log: FlightLog, end: float) -> str:
     return "The sensor records end" if later else "The log ends"
 
 
-def _is_still_flying(log: FlightLog, segments: Segments, end: float) -> bool:
+def is_still_flying(log: FlightLog, segments: Segments, end: float) -> bool:
     """Return whether nothing in the last seconds of a log shows a landing."""
     since, state, air = end - LANDING_KNOWN_S, log.state, segments.air
     above = np.nan if air is None or not air.levels else air.levels[0].above[air.grid.index(end)]

@@ -65,6 +65,16 @@ def test_a_flight_without_hover_answers_nothing() -> None:
     assert {check.verdict for check in hover_checks(HealthCase(log, FLIGHT))} == {"unknown"}
 
 
+def test_a_motor_that_was_off_for_a_while_hides_only_that_time() -> None:
+    log = hovering((0.5, 0.5, 0.5, 0.5))
+    outputs = log.power.outputs
+    assert outputs is not None
+    outputs.x[(outputs.t > 20.0) & (outputs.t < 22.0), 1] = np.nan
+    assert 125 < found(log)["hover_thrust"].n < 128
+    outputs.t, outputs.x = outputs.t[:50], outputs.x[:50]
+    assert "in flight" in found(log)["hover_thrust"].text
+
+
 # --- supply ---
 
 
@@ -115,6 +125,40 @@ def test_a_board_that_is_low_or_dips_is_noted(volts: float, dip: float, noted: b
     t = np.arange(0.0, SECONDS, 0.1)
     log.power.board = Stream(t, np.where((t > 60.0) & (t < 62.0), dip, volts)[:, None], "V", "", "POWR.Vcc")
     assert (found(log)["board_supply"].verdict == "warning") is noted
+
+
+def test_a_voltage_below_that_of_the_flight_is_none_at_rest() -> None:
+    log = battery(count=4.0)
+    assert log.power.battery is not None
+    log.power.battery.x[log.power.battery.t < 8.0, 0] = 4.8  # USB
+    check = found(log)["battery"]
+    assert check.verdict == "ok"
+    assert "lift-off" not in check.text
+
+
+def test_an_empty_cell_of_lithium_ion_has_a_lower_voltage() -> None:
+    log = battery(rest=14.2, count=4.0)
+    assert found(log)["battery"].verdict == "warning"
+    log.parameters.lines["BAT1_V_EMPTY"] = TimeLine(np.zeros(1), [2.9], "parameter")
+    assert found(log)["battery"].verdict == "ok"
+
+
+@pytest.mark.parametrize(("share", "noted"), [(1.0, False), (0.5, True), (0.0, False)])
+def test_overcurrent_in_every_record_is_a_pin_that_is_not_connected(share: float, noted: bool) -> None:
+    log = hovering((0.5, 0.5, 0.5, 0.5))
+    t = np.arange(0.0, SECONDS, 0.1)
+    log.power.board = Stream(t, np.full((len(t), 1), 5.0), "V", "", "POWR.Vcc")
+    log.power.overcurrent = Stream(t, (t <= share * SECONDS).astype(float)[:, None], "1", "", "POWR.Flags")
+    if not share:
+        log.power.overcurrent.x[:] = 0.0
+    assert (found(log)["board_supply"].verdict == "warning") is noted
+
+
+def test_a_log_that_ends_with_disarming_is_no_brownout() -> None:
+    spans = Segments([Segment("continuous", 0.0, SECONDS), Segment("airborne", 10.0, SECONDS)])
+    log = battery(drop_at_end=3.0)
+    log.state.armed = TimeLine(np.array([0.0, SECONDS - 0.5]), [True, False], "made")
+    assert "brownout" not in found(log, spans)
 
 
 @pytest.mark.parametrize(("drop", "end", "count"), [(3.0, SECONDS, 1), (1.0, SECONDS, 0), (3.0, 140.0, 0)])

@@ -109,3 +109,14 @@ def test_two_frequencies_or_a_sweep_are_no_oscillation() -> None:
     t = log.imus[0].gyro.t
     log.imus[0].gyro.x[:, 0] += np.radians(30.0 * np.sin(2.0 * np.pi * 12.0 * t))
     assert study_control(log, spans).faults["oscillation"] == []
+
+
+@pytest.mark.parametrize(("hz", "top"), [(200.0, "20"), (25.0, "10.5")])
+def test_the_band_that_was_judged_is_named(hz: float, top: str) -> None:
+    study = study_control(*shaken(0, 6.0, 0.0, 0.0, 60.0, hz))
+    assert study.numbers["oscillation"] == f"No axis oscillated between 4.5 and {top} Hz."
+
+
+def test_a_short_flight_shows_no_oscillation() -> None:
+    log, _ = flown()
+    assert "10 s" in study_control(log, segments(10.0)).missing["oscillation"]
