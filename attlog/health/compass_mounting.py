@@ -19,6 +19,7 @@ from attlog.health.compass_turn import STANDARD_ERRORS
 from attlog.health.heading import left_by_estimator
 from attlog.health.regression import robust_fit
 from attlog.reference.compass_orientation import (
+    MAX_ASKEW_DEG,
     MIN_FAULT_RATIO,
     MIN_NEXT_RATIO,
     Orientation,
@@ -82,12 +83,13 @@ def _check(log: FlightLog, mag: Mag, found: Orientation) -> Check:
         return check
     check.unit = "deg"
     check.measure(found.angle_deg, found.sigma_deg, 1, least=0.0)
+    size = f"{found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg"
     if found.verdict == "ok":
+        askew = found.angle_deg - 1.96 * found.sigma_deg > MAX_ASKEW_DEG
         check.text = (
-            f"{source} is mounted as set; it deviates by {found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg."
+            f"{source} is mounted as set; it deviates by {size}{', no other setting fits better' if askew else ''}."
         )
         return check
-    size = f"{found.angle_deg:.0f} ± {1.96 * found.sigma_deg:.0f} deg"
     check.text = f"{source} is mounted rotated by {size} from its setting."
     check.evidence.append(f"The next best mounting leaves {found.next_ratio:.1f} times the residual.")
     _offer(log, mag, found, mounting, check)

@@ -426,7 +426,10 @@ def scale_check(imu: Imu, found: ScaleEvidence) -> Check:
             continue
         turn, spread = own[0], max(t.share for t in own) - min(t.share for t in own)
         if abs(turn.share) <= max(SCALE_OFF, SIGMAS * turn.sigma):
-            known += [turn] if turn.sigma <= MAX_SOUND_SIGMA else []
+            if spread > SCALE_OFF and turn not in found.truth:
+                doubts.append(f"{turn.by} turns {_times(turn)} times as far about {AXES[axis]}, but compasses differ.")
+            else:
+                known += [turn] if turn.sigma <= MAX_SOUND_SIGMA else []
         elif turn not in found.truth and (why := _doubt(found, axis, spread)):
             doubts.append(f"{turn.by} turns {_times(turn)} times as far about {AXES[axis]}, but {why}.")
         else:
@@ -483,7 +486,8 @@ def _faulty_scale(source: str, found: ScaleEvidence, turn: Turn) -> Check:
         if t is not turn and t.axis == turn.axis
     ]
     sure = turn in found.truth or len(signs) > 1
-    check.action = "Fly on another IMU, and replace this one." if sure else f"{TURN_ADVICE} Then compare again."
+    replace = "Fly on another IMU, and replace this one." if found.units else "Replace this IMU."
+    check.action = replace if sure else f"{TURN_ADVICE} Then compare again."
     return check.measure(100.0 * error, 100.0 * sigma, 2)
 
 

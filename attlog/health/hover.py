@@ -147,7 +147,7 @@ def _thrust_check(outputs: MotorOutputs, hover: Hover, spans: Sequence[Span]) ->
         often = f", {outputs.title(motor)} at its floor in {100.0 * floor[motor]:.0f} % of the flight"
         text += (often if floor[motor] >= FLOOR_SHARE else "") + ": overpowered, little control at low thrust."
         check = _check("hover_thrust", True, text, hover.level, hover)
-        check.action = "Lower the minimum motor output with care (MOT_SPIN_MIN), add weight or fit smaller propellers."
+        check.action = "Add weight or fit smaller propellers; a lower minimum output of the motors helps too."
         return check
     return _check("hover_thrust", False, f"Hover takes {100.0 * hover.level:.0f} % of thrust.", hover.level, hover)
 

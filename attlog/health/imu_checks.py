@@ -217,7 +217,7 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
         by = "the rate while standing still"
     wrong = _larger_index(sizes, least)
     if wrong is None and len(sizes) > 1 and min(sizes) >= least:
-        return None, f"Both are off by {by} ({sizes[0]:.2f} and {sizes[1]:.2f} {PAIR_LIMITS[kind].unit})."
+        return None, f"By {by} both are off ({sizes[0]:.2f} and {sizes[1]:.2f} {PAIR_LIMITS[kind].unit})."
     if wrong is None and (known := _offset_found(case, a, b) if kind == "acc" else None) is not None:
         return known, f"{known.acc.source} is off by its offset in flight."
     if wrong is None:
@@ -227,7 +227,7 @@ def _faulty_imu(case: HealthCase, kind: Kind, a: Imu, b: Imu, apart: Array) -> t
             wrong, by = _larger_index(sizes, least), "its bias in flight"
     if wrong is None:
         return None, "Neither rest nor flight shows which one is off."
-    return (a, b)[wrong], f"{(a, b)[wrong].acc.source} is off by {by}."
+    return (a, b)[wrong], f"By {by} {(a, b)[wrong].acc.source} is off."
 
 
 def _offset_found(case: HealthCase, a: Imu, b: Imu) -> Imu | None:

@@ -293,7 +293,7 @@ def test_units_that_agree_are_ok_and_two_that_are_both_off_are_both_named() -> N
         0
     ]
     assert both.verdict == "fault"
-    assert "Both are off" in both.text
+    assert "both are off" in both.text
 
 
 def test_a_stream_that_repeats_another_one_is_no_second_unit() -> None:
