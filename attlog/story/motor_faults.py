@@ -225,6 +225,8 @@ def motor_without_thrust(
                 or not motion.tilt_at(np.array([t0]))[0] < MAX_START_TILT_DEG
             ):
                 continue
+            if outputs.motors > 4 and _mean_push(outputs.x[a:b], geometry, i) < MIN_DIFFERENCE:
+                continue
             sides = [np.mean(outputs.x[a:b, k]) for k in range(outputs.motors) if k not in (i, j)]
             limit = outputs.ceiling - SIDE_BELOW_CEILING
             if outputs.motors == 4 and not all(SIDE_MIN <= side <= limit for side in sides):
@@ -235,6 +237,11 @@ def motor_without_thrust(
                 found.append((t0, _at_lift_off(fault) if _is_early(t0, spans) else fault))
                 break
     return min(found, key=lambda pair: pair[0])[1] if found else None
+
+
+def _mean_push(x: Array, geometry: Geometry, motor: int) -> float:
+    """Return the mean roll and pitch of outputs (n, motors) along a motor's push; a yaw command of a hexa has none."""
+    return float(np.nan_to_num(x).mean(axis=0) @ (geometry.lever @ geometry.lever[motor]))
 
 
 def _is_early(t: float, spans: Sequence[Span]) -> bool:
@@ -545,7 +552,7 @@ def yaw_backwards(outputs: MotorOutputs, geometry: Geometry, motion: Motion, spa
 # --- all ---------------------------------------------------------------------------------------------------------
 
 QUESTIONS = ("motor_thrust", "motor_outputs", "thrust_reserve", "yaw_response")
-NO_OUTPUTS = "No motor outputs are logged (ArduPilot RCOU, PX4 actuator_motors or actuator_outputs)."
+NO_OUTPUTS = "No usable motor outputs are logged (ArduPilot RCOU, PX4 actuator_motors or actuator_outputs)."
 NO_FLIGHT_OUTPUTS = "No motor outputs are logged in flight."
 SHORT_FLIGHT = f"The flight is shorter than {MARGIN_S:.0f} s."
 NO_ATTITUDE = "No attitude is logged."

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from attlog import story
-from attlog.flight.drive import Geometry, MotorOutputs, MotorReport
+from attlog.flight.drive import HEXA_X, Geometry, MotorOutputs, MotorReport, frame_of
 from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.health.check import HealthCase
 from attlog.health.drive import motor_checks
@@ -91,6 +91,22 @@ def test_a_fall_from_lift_off_may_be_the_order_of_the_motors() -> None:
     (found,) = faults(Fall(1, at=2.0).flown())
     assert found.text.startswith("Motor 2 (rear left) did not lift its side from ")
     assert found.cause.endswith("do not match the frame type.")
+
+
+@pytest.mark.parametrize(("command", "count"), [("yaw", 0), ("roll", 1)])
+def test_a_yaw_command_of_a_hexa_drives_three_motors_and_accuses_none(command: str, count: int) -> None:
+    log, spans = Fall(lost=0.0).flown()
+    outputs, frame = log.power.outputs, frame_of(HEXA_X, "made")
+    assert outputs is not None
+    asked = frame.spin if command == "yaw" else 2.0 * frame.lever @ frame.lever[1]
+    during = (outputs.t > 5.0) & (outputs.t < 5.8)
+    outputs.x = np.where(during[:, None], np.clip(0.5 + 0.5 * asked, 0.0, 1.0), 0.5)
+    outputs.names, outputs.geometry = [f"C{k + 1}" for k in range(6)], frame
+    gyro = log.imus[0].gyro
+    gyro.x[:] = 0.0
+    tipped = np.radians(np.interp(gyro.t, [5.0, 5.8, 6.0], [0.0, -200.0, 0.0]))
+    gyro.x[:, :2] = tipped[:, None] * frame.lever[1]
+    assert len([f for f in faults((log, spans)) if f.motor == 2]) == count
 
 
 def test_without_an_attitude_only_the_outputs_are_judged() -> None:

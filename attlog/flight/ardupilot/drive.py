@@ -77,12 +77,11 @@ def _motor_columns(table: Table, prefix: str, values: Mapping[str, float], vehic
         motor = FIRST_FUNCTIONS.get(int(values.get(f"SERVO{n}_FUNCTION", 0.0)))
         if motor is not None and f"{prefix}{n}" in table:
             held.setdefault(motor, f"{prefix}{n}")
-    if held and sorted(held) == list(range(1, len(held) + 1)):
-        return [held[motor] for motor in sorted(held)]
-    if held:
-        return []
-    have = [f"{prefix}{n}" for n in range(1, MAX_MOTORS + 1) if f"{prefix}{n}" in table]
     count = MOTOR_COUNT.get(vehicle)
+    if held:  # all of them, not those of this message alone
+        whole = sorted(held) == list(range(1, (count or len(held)) + 1))
+        return [held[motor] for motor in sorted(held)] if whole else []
+    have = [f"{prefix}{n}" for n in range(1, MAX_MOTORS + 1) if f"{prefix}{n}" in table]
     if count is not None:
         return have[:count] if len(have) >= count else []
     moved = [float(np.ptp(table.value(name))) >= MIN_MOVED_US if len(table) else False for name in have]
