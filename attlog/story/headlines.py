@@ -248,6 +248,8 @@ TOLD_FIRST = (
 )
 # Kinds that go before an earlier alignment of the yaw, which metal near the ground causes at many a take-off.
 BEFORE_REALIGNED = ("clipping", "failsafe", "battery", "gnss_lost", "parameter_changed", "sensor_fault")
+# Longest time from a changed parameter to a fault that it may explain; before that it was tuned without harm.
+CHANGED_S = 10.0
 # Margin after the first lift-off and before the last landing for an angle wrong throughout.
 THROUGHOUT_S = 10.0
 
@@ -329,6 +331,10 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
     first = next((e for e in found if e.kind == "clipping"), None) if found[0].kind == "vibration" else None
     if found[0].kind == "realigned":
         first = next((e for e in found if e.kind in BEFORE_REALIGNED), None)
+    fault = next((e for e in found if e.kind != "parameter_changed"), None)
+    if found[0].kind == "parameter_changed" and fault is not None:
+        change = [e for e in found if e.kind == "parameter_changed" and e.t <= fault.t][-1]
+        first = change if fault.t - (change.t_end or change.t) <= CHANGED_S else fault
     first = first or found[0]
     since = f"{first.t:.0f} s" if first.t_end else f"{first.t:.1f} s"
     shaken = next((e for e in found if e.kind == "vibration" and e.value), None)

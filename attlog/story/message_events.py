@@ -28,6 +28,8 @@ MESSAGE_MARGIN_S = 2.0
 MAX_MESSAGES = 100
 # Errors of one driver from which its device failed, and not single transfers.
 MIN_DEVICE_ERRORS = 20
+# Modules of PX4 that are no drivers: their repeated errors are messages.
+NO_DRIVER = re.compile(r"^(commander|navigator|health_and_arming_checks|mavlink|logger|dataman)")
 # Number of texts quoted of a device, and time after its first error from which a text has its own begin.
 MAX_DEVICE_TEXTS, LATER_S = 3, 1.0
 # Syslog level of errors.
@@ -100,7 +102,8 @@ def _counted(n: int) -> str:
 
 
 def _reason(text: Text) -> str:
-    return REFUSED.sub("", clean_text(text[2]))
+    said = clean_text(text[2])
+    return REFUSED.sub("", said) or said
 
 
 def _refusals(texts: Iterable[Text]) -> list[list[Text]]:
@@ -124,9 +127,10 @@ def _device_errors(texts: Iterable[Text]) -> dict[str, list[Text]]:
     """Return the errors of drivers by module of PX4, where a driver reports many."""
     modules: dict[str, list[Text]] = {}
     for text in texts:
-        module = PREFIX.match(" ".join(text[2].split()))
-        if module is not None and text[1] <= ERROR:
-            modules.setdefault(module.group().strip("[] "), []).append(text)
+        prefix = PREFIX.match(" ".join(text[2].split()))
+        module = "" if prefix is None else prefix.group().strip("[] ")
+        if module and text[1] <= ERROR and not (NO_DRIVER.search(module) or PREARM.search(clean_text(text[2]))):
+            modules.setdefault(module, []).append(text)
     return {module: errors for module, errors in modules.items() if len(errors) >= MIN_DEVICE_ERRORS}
 
 

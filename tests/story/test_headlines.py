@@ -213,6 +213,12 @@ def test_pushes_of_the_throttle_within_five_seconds_are_one_and_last_a_second() 
     assert headlines._throttle_spans(Segments(air=air)) == []
 
 
+@pytest.mark.parametrize(("t", "first"), [(36.0, "RTL_ALT changed"), (20.0, "GNSS lost")])
+def test_a_parameter_changed_long_before_a_fault_is_not_the_first_fault(t: float, first: str) -> None:
+    change = Event("parameter_changed", t, "warning", "Changed.", evidence=[f"RTL_ALT from 1 to 2 at {t:.1f} s"])
+    assert headlines._first_fault(flown((10.0, 80.0)), [change, LOST])[0].startswith(first)
+
+
 def test_motors_that_ran_for_more_than_ten_seconds_before_a_flight_stood() -> None:
     for begin, stood in ((9.0, True), (11.0, False)):
         assert headlines._stood_armed(log(), Segments([Segment("armed", begin, 60.0)]), 20.0) is stood

@@ -61,6 +61,8 @@ def test_errors_of_one_driver_are_one_event_with_the_number_of_each_text() -> No
     assert (device.kind, device.severity, device.value) == ("device_error", "warning", 80.0)
     assert "“Error reading encoders” 50 times, “ACK timeout” 30 times from 40.0 s" in device.text
     assert [e.kind for e in events_of(texts[:5], spans(), vehicle="rover")] == ["message"]
+    fails = said("[commander] Preflight Fail: no heading", *np.arange(1.0, 31.0), level=2)
+    assert [e.kind for e in events_of(fails, spans())] == ["message"]
 
 
 def test_a_measured_value_in_a_text_makes_no_new_cause_but_a_sensor_does() -> None:
