@@ -114,12 +114,12 @@ def height_stream(log: FlightLog) -> Stream | None:
 
 
 def _height_streams(log: FlightLog) -> list[tuple[str, Stream]]:
-    """Return good heights (m, 1) in m: barometer, then GNSS with a fix, without both the estimator."""
+    """Return good heights (m, 1) in m: barometer that is not stuck, then GNSS with a fix, else the estimator."""
     found = []
     for stream in log.baro:
         x = stream.x.reshape(len(stream.t), -1)[:, 0] if len(stream.t) else np.zeros(0)
         good = np.isfinite(x)
-        if stream.unit == "m" and np.count_nonzero(good) > 10:
+        if stream.unit == "m" and np.count_nonzero(good) > 10 and np.ptp(x[good]) > 0.0:
             found.append(("barometer", Stream(stream.t[good], x[good, None], "m", "", stream.source)))
             break
     for gnss in log.gnss:

@@ -305,7 +305,8 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
 def _joined_outages(found: Sequence[Event]) -> Event:
     """Return many outages, which have one cause, as one event."""
     seconds = sum(e.value or 0.0 for e in found)
-    what = found[0].text.partition(" for ")[0]
+    heads = {e.text.partition(" for ")[0] for e in found}
+    what = heads.pop() if len(heads) == 1 else "GNSS had no fix or sent no message"
     text = f"{what} for {seconds:.0f} s in flight, in {len(found)} outages from {found[0].t:.1f} s."
     return replace(found[0], text=text, t_end=found[-1].t_end, value=round(seconds, 1))
 

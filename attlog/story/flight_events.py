@@ -122,7 +122,7 @@ WARNING = 4
 WARNING_WORDS = re.compile(
     r"fail|crash|glitch|variance|unhealthy|not healthy|inconsistent|error|lost|bad |emergency|terminat|estop|"
     r"thrust loss|imbalance|vibration comp|clipping|parachute|forced reset|stopped aiding|re-aligned|lane switch|"
-    r"not safe|land now|too |needs calibration|low batt|battery \d? ?(is )?(low|critical)|rejected|timeout|"
+    r"not safe|land now|too |needs calibration|low batt|battery \d? ?(is )?(low|critical)|rejected|timeout|breach|"
     r"dead reckon|kill.?switch|thrust|throttle not",
     re.IGNORECASE,
 )
