@@ -364,10 +364,13 @@ def _output_fault(outputs: MotorOutputs, word: str, i: int, t0: float, t1: float
     evidence += [
         sentence for t, sentence in outputs.changes if abs(t - t0) <= CAUSE_S and f"motor {i + 1} " in sentence
     ]
+    reports = [r for r in outputs.reports if r.motor in (0, i + 1) and abs(r.t - t0) <= CAUSE_S][:2]
+    evidence += [f"text at {r.t:.1f} s: {r.text}" for r in reports]
+    cause = OUTPUT_CAUSE + (" Or the autopilot stopped a failed motor." if reports else "")
     value = None if word == "off" else round(100.0 * level, 1)
     unit = "" if value is None else "%"
     kind, where = f"motor_{word}", outputs.position(i)
-    return DriveFault(kind, "motor output", t0, t1, text, value, unit, i + 1, where, OUTPUT_CAUSE, evidence)
+    return DriveFault(kind, "motor output", t0, t1, text, value, unit, i + 1, where, cause, evidence)
 
 
 # --- all outputs off ---------------------------------------------------------------------------------------------
@@ -579,7 +582,10 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
         return study
     slow = 1.0 / outputs.period < MIN_OUTPUT_HZ
     hz = f"Motor outputs are logged at {1.0 / outputs.period:.1f} Hz; 5 Hz is needed."
-    unscaled = "The log holds no output limits: MOT_PWM_MIN and MOT_PWM_MAX, or RC3_MIN and RC3_MAX."
+    wanted = (
+        "MOT_PWM_MIN and MOT_PWM_MAX, or RC3_MIN and RC3_MAX" if outputs.source == "RCOU" else "PWM_MIN and PWM_MAX"
+    )
+    unscaled = f"The log holds no output limits: {wanted}."
     if not outputs.scaled:
         study.missing.update({q: unscaled for q in QUESTIONS if q != "thrust_reserve"})
     else:

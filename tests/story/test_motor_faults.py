@@ -148,6 +148,17 @@ def test_an_output_off_or_frozen_in_flight_is_named(value: float, kind: str) -> 
     assert found.t == pytest.approx(6.1, abs=0.11)
 
 
+def test_a_motor_that_the_autopilot_stopped_quotes_its_report() -> None:
+    log, spans = Fall(lost=0.0, wanted_deg=20.0).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    outputs.x[(outputs.t > 6.0) & (outputs.t < 7.5), 2] = np.nan
+    outputs.reports = [MotorReport(6.0, 3, "control_allocator_status.handled_motor_failure_mask 4")]
+    (found,) = faults((log, spans))
+    assert found.evidence[-1].endswith("handled_motor_failure_mask 4")
+    assert found.cause.endswith("stopped a failed motor.")
+
+
 def test_all_outputs_off_at_once_is_disarming() -> None:
     log, spans = Fall(lost=0.0).flown()
     assert log.power.outputs is not None
