@@ -285,7 +285,7 @@ def _no_thrust_fault(
     name = outputs.title(i)
     level, other = (100.0 * float(np.mean(outputs.x[a:b, k])) for k in (i, j))
     text = (
-        f"{name.capitalize()} gave no thrust from {t0:.1f} s at {level:.0f} % output, motor {j + 1} opposite at "
+        f"{name.capitalize()} gave no thrust from {t0:.1f} s: at {level:.0f} % output, motor {j + 1} opposite at "
         f"{max(other, 0.0):.0f} %. It tipped towards motor {i + 1} at {-worst:.0f}°/s."
     )
     evidence = [

@@ -75,7 +75,7 @@ def flight_log(t: Array, rate: Array, angle: Array, outputs: Array, every: int) 
     log.imus, log.imu = [Imu(0, gyro, Stream(t, np.zeros_like(rate), "m/s^2", "FRD", "acc"))], 0
     q = rotation.from_euler(*np.radians(angle).T, 0.0 * t)
     log.attitudes, log.onboard = {"ATT": Attitude(t, q, "ATT")}, "ATT"
-    log.baro = [Stream(t[::40], 10.0 + 0.0 * t[::40, None], "m", "", "BARO")]
+    log.baro = [Stream(t[::40], 10.0 + 0.01 * np.sin(t[::40, None]), "m", "", "BARO")]  # a constant one is stuck
     names = ["C1", "C2", "C3", "C4"]
     log.power.outputs = MotorOutputs(
         t[::every], outputs[::every], "RCOU", names, geometry=frame_of(QUAD_X, "FRAME_TYPE 1")
