@@ -31,6 +31,8 @@ LIMITS = {
     "board_supply": "note: below 4.6 V, a dip below 4.5 V or 0.4 V of range, overcurrent",
     "brownout": "note: the log ends in the air with the supply below 85 %, or the board below 4.5 V",
 }
+NO_REST = "No battery voltage is logged at rest before lift-off."
+NO_CELLS = "Neither the number of LiPo cells nor a changing current is logged."
 SOURCE = "attlog, tried on logs with known faults"
 
 
@@ -87,21 +89,25 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     t, x = measured
     rest = x[t <= flights[0][0] - BEFORE_LIFT_S, 0]
     volts, flown = float(np.median(rest)) if len(rest) else None, x[inside(t, flights), 0]
-    if volts is not None and len(flown) and volts < np.median(flown):
+    if volts is not None and len(flown) and volts < np.median(flown) - MIN_MOVED_V:
         volts = None  # the battery was plugged in later, or this is the voltage of USB
     before = "" if volts is None else f"{volts:.1f} V before lift-off and "
     text = f"The battery had {before}at least {float(flown.min()):.1f} V in flight." if len(flown) else ""
     if not text:
         return []
-    count = cells(log)
-    if volts is not None and count is not None and not is_lithium_ion(log) and volts / count <= EMPTY_CELL_V:
+    count = None if is_lithium_ion(log) else cells(log)
+    if volts is not None and count is not None and volts / count <= EMPTY_CELL_V:
         text = f"It took off with a nearly empty battery: {volts / count:.2f} V per cell ({count} cells)."
         check = _check("battery", True, text, volts / count, "V")
         check.action = "Charge the battery before the flight."
         return [check]
     ohm = resistance(t, x, flights)
-    check = _check("battery", False, text, volts if volts is not None else float(flown.min()), "V")
-    if ohm is not None and volts is not None:
+    if volts is None or (count is None and ohm is None):
+        check = unknown("battery", NO_REST if volts is None else NO_CELLS, LIMITS["battery"], source=SOURCE)
+        check.evidence = [text]
+        return [check]
+    check = _check("battery", False, text, volts, "V")
+    if ohm is not None:
         current = float(np.nanmedian(x[inside(t, flights), 1]))
         lost = ohm * current / volts
         check.evidence = [
