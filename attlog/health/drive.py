@@ -19,7 +19,7 @@ SOUND = {
     "motor_thrust": "No motor at its ceiling lacked thrust.",
     "motor_outputs": "No motor output was off or frozen in flight.",
     "thrust_reserve": "It never sank at full throttle.",
-    "yaw_response": "Yaw followed the motors.",
+    "yaw_response": "It never turned against a strong yaw command.",
 }
 ACTIONS = {
     "motor_no_thrust": "Check this motor, its propeller, ESC and connectors before the next flight.",

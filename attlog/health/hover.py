@@ -133,9 +133,8 @@ def _thrust_check(outputs: MotorOutputs, hover: Hover, spans: Sequence[Span]) ->
     first, last = (float(np.mean(np.median(x, axis=0))) for x in (hover.x[:count], hover.x[-count:]))
     apart = float(np.median(hover.t[-count:]) - np.median(hover.t[:count]))
     if last >= HIGH_LEVEL and last - first >= RISE and apart >= APART_S:
-        text = (
-            f"Hover took {100.0 * last:.0f} % of thrust at the end, {100.0 * first:.0f} % at the start: little reserve."
-        )
+        text = f"Hover took {100.0 * last:.0f} % of motor output at the end, {100.0 * first:.0f} % at the start: "
+        text += "little reserve."
         check = _check("hover_thrust", True, text, last, hover)
         check.cause, check.action = "A discharging battery, or hot or weak motors.", "Land earlier or fly lighter."
         return check
@@ -143,13 +142,15 @@ def _thrust_check(outputs: MotorOutputs, hover: Hover, spans: Sequence[Span]) ->
     floor = np.mean(flown <= AT_FLOOR, axis=0)
     motor = int(np.argmax(floor))
     if hover.level <= LOW_LEVEL or floor[motor] >= FLOOR_SHARE:
-        text = f"Hover takes {100.0 * hover.level:.0f} % of thrust"
+        text = f"Hover takes {100.0 * hover.level:.0f} % of motor output"
         often = f", {outputs.title(motor)} at its floor in {100.0 * floor[motor]:.0f} % of the flight"
         text += (often if floor[motor] >= FLOOR_SHARE else "") + ": overpowered, little control at low thrust."
         check = _check("hover_thrust", True, text, hover.level, hover)
         check.action = "Add weight or fit smaller propellers; a lower minimum output of the motors helps too."
         return check
-    return _check("hover_thrust", False, f"Hover takes {100.0 * hover.level:.0f} % of thrust.", hover.level, hover)
+    return _check(
+        "hover_thrust", False, f"Hover takes {100.0 * hover.level:.0f} % of motor output.", hover.level, hover
+    )
 
 
 def _yaw_check(hover: Hover, spin: Array, uneven: bool) -> Check:
@@ -157,7 +158,7 @@ def _yaw_check(hover: Hover, spin: Array, uneven: bool) -> Check:
     bias = float(np.mean(hover.work[spin > 0]) - np.mean(hover.work[spin < 0]))
     noted = abs(bias) >= MIN_YAW_BIAS and not uneven
     which = ("Counter-clockwise", "clockwise") if bias > 0 else ("Clockwise", "counter-clockwise")
-    text = f"{which[0]} motors work {100.0 * abs(bias):.0f} % of thrust harder than {which[1]} ones"
+    text = f"{which[0]} motors work {100.0 * abs(bias):.0f} % of full output harder than {which[1]} ones"
     check = _check("yaw_bias", noted, f"{text}{': a constant yaw torque.' if noted else '.'}", bias, hover)
     if noted:
         check.cause, check.action = "A tilted motor or unequal propellers.", "Check motors and arms for tilt and twist."
