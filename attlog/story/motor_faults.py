@@ -198,8 +198,9 @@ DEAF_S, DEAF_SHARE, DEAF_DPS, DEAF_LEAST_DPS, DEAF_RISE_DPS2 = 0.5, 0.95, 10.0, 
 # Means of the side motors of a quadrotor: at the floor it is a command, both at the ceiling it is lift.
 SIDE_MIN, SIDE_BELOW_CEILING = 0.15, 0.03
 NO_THRUST_CAUSE = "A failed motor, propeller, ESC or connector."
-# A motor that never worked since lift-off may stand elsewhere.
+# A motor that never worked since lift-off may stand elsewhere; below this height a leg may have touched the ground.
 ORDER_CAUSE = "Or motor order or propellers do not match the frame type."
+NEAR_GROUND_M, GROUND_CAUSE = 2.0, "Or it touched the ground and tipped over."
 
 
 def motor_without_thrust(
@@ -233,8 +234,7 @@ def motor_without_thrust(
                 continue
             worst = tipping_rate(*motion.push_rate(geometry.lever[i], t0, t1 + outputs.period))
             if worst is not None:
-                fault = _no_thrust_fault(log, outputs, geometry, motion, i, j, a, b, worst)
-                found.append((t0, _at_lift_off(fault) if _is_early(t0, spans) else fault))
+                found.append((t0, _no_thrust_fault(log, outputs, geometry, motion, i, j, a, b, worst)))
                 break
     return min(found, key=lambda pair: pair[0])[1] if found else None
 
@@ -244,15 +244,20 @@ def _mean_push(x: Array, geometry: Geometry, motor: int) -> float:
     return float(np.nan_to_num(x).mean(axis=0) @ (geometry.lever @ geometry.lever[motor]))
 
 
-def _is_early(t: float, spans: Sequence[Span]) -> bool:
-    """Return whether a time is within MARGIN_S of lift-off, MOTOR_MARGIN_S before a span's begin."""
-    return any(a <= t < a - MOTOR_MARGIN_S + MARGIN_S for a, _ in spans)
+def _with_other_causes(fault: DriveFault, segments: Segments, spans: Sequence[Span]) -> DriveFault:
+    """Return a motor without thrust in words that also hold for other causes near lift-off and ground.
 
-
-def _at_lift_off(fault: DriveFault) -> DriveFault:
-    """Return the fault in words that also hold for motors in the wrong place."""
+    ``spans``: flights from MOTOR_MARGIN_S after lift-off.
+    """
+    air, causes = segments.air, []
+    if any(a <= fault.t < a - MOTOR_MARGIN_S + MARGIN_S for a, _ in spans):
+        causes.append(ORDER_CAUSE)
+    if air is not None and air.levels and air.levels[0].above[air.grid.index(fault.t)] < NEAR_GROUND_M:
+        causes.append(GROUND_CAUSE)
+    if not causes:
+        return fault
     text = fault.text.replace("gave no thrust", "did not lift its side", 1)
-    return replace(fault, text=text, cause=f"{fault.cause} {ORDER_CAUSE}")
+    return replace(fault, text=text, cause=" ".join([fault.cause, *causes]))
 
 
 def tipping_rate(t: Array, s: Array) -> float | None:
@@ -609,7 +614,7 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
                 study.missing[question] = SHORT_FLIGHT
         if geometry is not None and "motor_thrust" not in study.missing:
             one = motor_without_thrust(log, outputs, geometry, motion, spans)
-            study.faults["motor_thrust"] = [] if one is None else [one]
+            study.faults["motor_thrust"] = [] if one is None else [_with_other_causes(one, segments, spans)]
         if geometry is not None and "yaw_response" not in study.missing:
             # A quadrotor that lost a motor turns against its yaw torque.
             lost = min(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from attlog.flight.drive import HEXA_X, Geometry, MotorOutputs, MotorReport, fra
 from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.health.check import HealthCase
 from attlog.health.drive import motor_checks
+from attlog.segments.airborne import InAir
 from attlog.segments.model import Segments
 from attlog.story.motor_faults import DriveFault, study_motors
 from tests.story.falling import Fall, level_log, segments
@@ -91,6 +94,16 @@ def test_a_fall_from_lift_off_may_be_the_order_of_the_motors() -> None:
     (found,) = faults(Fall(1, at=2.0).flown())
     assert found.text.startswith("Motor 2 (rear left) did not lift its side from ")
     assert found.cause.endswith("do not match the frame type.")
+
+
+@pytest.mark.parametrize(("height", "words"), [(0.5, "did not lift its side"), (np.nan, "gave no"), (8.0, "gave no")])
+def test_near_the_ground_a_leg_may_have_caught(height: float, words: str) -> None:
+    log, spans = Fall(1).flown()
+    grid = SimpleNamespace(index=lambda t: 0)
+    spans.air = cast(InAir, SimpleNamespace(grid=grid, levels=[SimpleNamespace(above=np.full(1, height))]))
+    (found,) = faults((log, spans))
+    assert found.text.startswith(f"Motor 2 (rear left) {words}")
+    assert ("touched the ground" in found.cause) is (height < 1.0)
 
 
 @pytest.mark.parametrize(("command", "count"), [("yaw", 0), ("roll", 1)])
