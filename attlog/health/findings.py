@@ -553,13 +553,16 @@ BEFORE_ONSET_S = 1.0
 
 
 def join_repeated(signs: Signs, context: Context) -> Signs:
-    """Join more than :data:`MAX_LISTED` signs of a kind, severity and subject into one with the sum of counts."""
+    """Join more than :data:`MAX_LISTED` signs of a kind, severity and subject into one with the sum of counts.
+
+    Crashes stay: the text of the first lists the others, and each report is evidence.
+    """
     kinds: dict[tuple[str, str, str], Signs] = {}
     for sign in signs:
         kinds.setdefault((sign.kind, sign.severity, sign.about), []).append(sign)
     joined: Signs = []
     for same in kinds.values():
-        joined += same if len(same) <= MAX_LISTED else [_joined(same)]
+        joined += same if len(same) <= MAX_LISTED or same[0].kind == "crash" else [_joined(same)]
     return joined
 
 
