@@ -186,7 +186,7 @@ def test_another_compass_that_reads_the_earths_field_is_to_be_calibrated_and_use
 
 
 def test_a_turned_compass_is_one_finding_with_the_heading_it_spoils() -> None:
-    """copter_heading_28deg_off: compass 0 needs COMPASS_ORIENT 6, as its owners set it later; motors bend the others."""
+    """copter_heading_28deg_off: compass 0 needs COMPASS_ORIENT 6, as its owners set it later; motors bend another."""
     flown = result("copter_heading_28deg_off.BIN")
     check = next(c for c in flown.checks if c.question == "compass_motors")
     assert check.verdict == "warning"
