@@ -71,7 +71,7 @@ def _spans_in_use(log: FlightLog, segments: Segments) -> list[Span]:
 def armed_spans(log: FlightLog, segments: Segments) -> list[Span]:
     """Return the armed spans, as logged where a log has no segments."""
     line = log.state.armed
-    if segments.spans("armed") or line is None:
+    if segments.spans("armed") or line is None or not len(line.t):
         return segments.spans("armed")
     begins = line.t.tolist()
     return [(a, b) for a, b, on in zip(begins, [*begins[1:], log.seconds], line.value, strict=True) if on and b > a]

@@ -17,8 +17,8 @@ OF_TELEMETRY = {"rate", "truth_packet_times"}
 """What is always said of 50 Hz, and of a truth without a clock."""
 OPEN = {"not_checked", "unanswered"}
 OWN = {
-    "crash": {"crash"},
-    "carried-home": {"crash"},
+    "crash": {"crash", "motor"},
+    "carried-home": {"crash", "motor"},
     "flip": {"crash"},
     "roll-in": {"crash"},
     "clipping": {"vibration"},
@@ -43,8 +43,8 @@ PARTS = {
     "parameters-in-flight",
 }
 """What a scenario plants."""
-UNSEEN = {("vibration", ".tlog"): {"vibration"}}
-"""Means over 20 ms do not show what rotors shake."""
+UNSEEN = {("vibration", ".tlog"): {"vibration"}, ("crash", ".tlog"): {"motor"}, ("carried-home", ".tlog"): {"motor"}}
+"""Means over 20 ms do not show what rotors shake; telemetry's outputs are not read."""
 SPINS = {"gyro_range"}
 MAY = {
     ("crash", ".tlog"): {"reset"},

@@ -197,7 +197,9 @@ def flown(**given: Any) -> Any:
     gains = {"angle_kp": 1.0, "yaw_angle_kp": 2.0, "rate_kp": 3.0, "rate_ki": 4.0, "rate_kd": 5.0}
     control = SimpleNamespace(**gains, yaw_rate_kp=6.0, yaw_rate_ki=7.0)
     loop, vehicle = SimpleNamespace(rate_hz=800.0, substeps=2), SimpleNamespace(arm_m=0.2)
-    scenario = SimpleNamespace(controller=control, loop=loop, vehicle=vehicle)
+    compass = SimpleNamespace(is_external=False)
+    sensors = SimpleNamespace(mag=[compass, compass])
+    scenario = SimpleNamespace(controller=control, loop=loop, vehicle=vehicle, sensors=sensors)
     unit = SimpleNamespace(sampling="interval", rate_hz=250.0, lowpass_hz=(20.0, 10.0))
     own = {"scenario": scenario, "imus": [unit, unit], "mags": [], "declination_deg": 12.0}
     return SimpleNamespace(**(own | given))
