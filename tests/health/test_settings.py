@@ -173,7 +173,7 @@ def test_mission_planner_finds_a_name_and_a_value_in_every_line_that_is_no_comme
     assert lines[lines.index("COMPASS_OFS_X,-151.25") - 1] == "# COMPASS_OFS_X was 12.4 mG when the log was flown"
     assert "made.log" in lines[0]
     assert "attlog" in lines[0]
-    assert "only for the vehicle of this log" in lines[1]
+    assert "only for this log's vehicle" in lines[1]
 
 
 def test_a_px4_file_has_the_vehicle_the_component_and_the_type(tmp_path: Path) -> None:
