@@ -1,4 +1,4 @@
-"""Motor outputs on one scale for all firmwares, and where the motors of a frame stand.
+"""Motor outputs on one scale for all firmwares, and positions of the motors of a frame.
 
 An output of 0 is the least in flight and 1 the greatest, so that a motor which is switched off lies below 0.
 Geometry follows ArduPilot's ``AP_MotorsMatrix`` and PX4's ``CA_ROTOR`` parameters.
@@ -81,7 +81,7 @@ class Geometry:
         return found if cosine[found] < MAX_OPPOSITE_COSINE else None
 
     def position(self, motor: int) -> str:
-        """Return where a motor stands, as "rear left"."""
+        """Return the position of a motor, as "rear left"."""
         return position_name(float(self.bearing[motor]))
 
 
@@ -194,7 +194,7 @@ class MotorOutputs:
         return f"motor {motor + 1}{where}"
 
     def position(self, motor: int) -> str:
-        """Return where the motor with this index stands, empty where that is unknown."""
+        """Return the position of the motor with this index, empty where unknown."""
         return "" if self.geometry is None else self.geometry.position(motor)
 
     def in_a_row(self) -> NDArray[np.int64]:

@@ -148,11 +148,11 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
         return found
     found.value = float(np.mean(slopes))
     found.ci95 = statistics.mean_interval(slopes)
-    _tell_net_change(found, blocks, rest)
+    _use_net_change(found, blocks, rest)
     return found
 
 
-def _tell_net_change(found: Drift, blocks: HeadingBlocks, rest: Array) -> None:
+def _use_net_change(found: Drift, blocks: HeadingBlocks, rest: Array) -> None:
     """Replace the drift of a saw-tooth by the slope of the record; ``rest`` (n,) deg about the groups' lines."""
     assert found.value is not None
     assert found.ci95 is not None

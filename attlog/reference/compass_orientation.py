@@ -168,7 +168,7 @@ def compass_orientation(log: FlightLog, segments: Segments, mag: Mag) -> Orienta
     orders = mounting_orders(recalibration.flown_mounting(log, mag).number)
     made = [judge(windows, orders, earth) for make in TILTS if (windows := make(log, segments, imu, mag))]
     if not made:
-        return Orientation("unknown", "data", NEEDED)
+        return Orientation("unknown", "data", TOO_LITTLE)
     named = next((one for one in made if one.verdict == "fault"), None)
     if named is None:
         return made[0] if made[0].verdict == "ok" else next((one for one in made if one.verdict == "ok"), made[0])
@@ -260,6 +260,7 @@ def _vertices(drifts: Array, rss: Array, k: NDArray[np.int64]) -> tuple[Array, A
 # Judgement.
 
 NEEDED = "Fly 30 s with turns by 90 deg and tilts of 5 deg."
+TOO_LITTLE = f"Too little of the flight shows the mounting. {NEEDED}"
 
 
 def judge(windows: Sequence[Window], orders: Array, earth: MagneticField) -> Orientation:
@@ -267,7 +268,7 @@ def judge(windows: Sequence[Window], orders: Array, earth: MagneticField) -> Ori
     samples = sum(len(window.t) for window in windows)
     seconds = sum(float(np.ptp(window.t)) for window in windows)
     if samples < MIN_SAMPLES or seconds < MIN_SECONDS or heading_range_deg(windows) < MIN_HEADING_DEG:
-        return Orientation("unknown", "data", f"Too little of the flight shows the mounting. {NEEDED}")
+        return Orientation("unknown", "data", TOO_LITTLE)
     fits = fit_orders(windows, orders)
     found, best = _compare(fits, earth)
     mirror, other = _compare(replace(fits, down=-fits.down), earth)  # a mirror changes the field's sign alone

@@ -62,24 +62,24 @@ class HeightLevel:
         return np.nan_to_num(self.above, nan=-1.0) > CERTAIN_HEIGHT_M[self.sensor]
 
 
-def height_levels(log: FlightLog, grid: Grid, stands: Mask) -> list[HeightLevel]:
+def height_levels(log: FlightLog, grid: Grid, grounded: Mask) -> list[HeightLevel]:
     """Return heights above ground: rangefinder first, then barometer or GNSS, else the estimator's.
 
-    ``stands`` (n,): mask of times at which the vehicle may stand on the ground; moving and climbing are left out.
+    ``grounded`` (n,): mask of times at which the vehicle may be on the ground; moving and climbing are left out.
     """
-    stands = stands & grid.known & ~(grid.speed > MAX_GROUND_SPEED_M_S)
+    grounded = grounded & grid.known & ~(grid.speed > MAX_GROUND_SPEED_M_S)
     found = []
     if log.rangefinder is not None and len(log.rangefinder.t) > 3:
         raw = hold_last(grid.t, log.rangefinder, np.nan) * np.clip(np.nan_to_num(grid.down[:, 2], nan=1.0), 0.0, 1.0)
         ranged = (
-            raw - np.nanmedian(raw[stands]) if np.isfinite(raw[stands]).any() else raw - np.nanmin(raw, initial=1e9)
+            raw - np.nanmedian(raw[grounded]) if np.isfinite(raw[grounded]).any() else raw - np.nanmin(raw, initial=1e9)
         )
         if np.nanmax(ranged, initial=0.0) > MIN_RANGE_CHANGE_M:
             found.append(HeightLevel("range", log.rangefinder.source, ranged))
     for sensor, stream in _height_streams(log):
         level = averaged_height(grid.t, stream)
         climb = np.gradient(level, STEP_S)
-        level_ground = stands & (np.abs(np.nan_to_num(climb, nan=9.0)) < MAX_GROUND_CLIMB_M_S)
+        level_ground = grounded & (np.abs(np.nan_to_num(climb, nan=9.0)) < MAX_GROUND_CLIMB_M_S)
         ground = long_runs(level_ground, round(MIN_STAND_S / STEP_S)) & np.isfinite(level)
         if ground.any():
             above = level - np.interp(grid.t, grid.t[ground], level[ground])

@@ -76,7 +76,7 @@ class Event:
 
     ``evidence``: sensors with their values, flags, and the autopilot's texts. ``quote``: the autopilot's own words,
     empty without any. ``cause``: None where no evidence shows one. ``part``: what failed (motor, motor output, thrust,
-    propellers, control); ``motor``: its number from 1, ``position``: where it stands, as "rear left".
+    propellers, control); ``motor``: its number from 1, ``position``: as "rear left".
     """
 
     kind: str

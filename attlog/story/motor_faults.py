@@ -34,7 +34,7 @@ class DriveFault:
     """Fault of motors, thrust or control from ``t`` to ``t_end`` s.
 
     ``text``: a sentence whose part before the colon suffices alone. ``motor``: number from 1, None where no motor is
-    named; ``position``: where it stands. ``part``: what failed, as motor, output, thrust. ``cause``: what may have.
+    named; ``position``: as "rear left". ``part``: what failed, as motor, output, thrust. ``cause``: what may have.
     """
 
     kind: str

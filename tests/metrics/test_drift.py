@@ -52,6 +52,13 @@ def test_a_curved_drift_is_no_saw_tooth():
     assert found.value == pytest.approx(12.0, rel=0.05)
 
 
+def test_a_drift_that_is_hardly_pulled_back_is_no_saw_tooth():
+    """It rises by 9 deg and falls back by 3 every 10 s: 36 of 57 deg/min remain."""
+    t = np.arange(0.0, 100.0, 0.05)
+    tooth = np.interp(t % 10.0, [0.0, 9.5, 10.0], [0.0, 9.0, 6.0]) + 6.0 * (t // 10.0)
+    assert not slope_of(t, tooth + 0.1 * np.random.default_rng(2).standard_normal(len(t))).sawtooth
+
+
 def heading_noise(kind, n, step, rng):
     """White, first-order with a time constant in s, or a random walk."""
     white = rng.standard_normal(n)
