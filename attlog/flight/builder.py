@@ -60,7 +60,9 @@ class LogBuilder:
 
     def _empty_log(self) -> FlightLog:
         messages = self.messages
-        return FlightLog(messages.path, messages.format, messages.size, self.t0_us, Firmware(""), "")
+        empty = FlightLog(messages.path, messages.format, messages.size, self.t0_us, Firmware(""), "")
+        empty.messages = messages
+        return empty
 
     @property
     def problems(self) -> list[Problem]:

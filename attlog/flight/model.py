@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from attlog.core.errors import guarded
 from attlog.flight.advice import LoggingNeed, VehicleSettings, advise_rest, logging_advice, remedy
 from attlog.flight.drive import MotorOutputs
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
+
+if TYPE_CHECKING:
+    from attlog.formats.table import Messages
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -477,7 +480,8 @@ class FlightLog:
     an external attitude. ``poses``: attitudes by motion capture or vision by topic, in their own axes.
     ``true_heading`` (n, 1) rad: external heading. ``rangefinder`` (n, 1) m: distance to the ground within the sensor's
     range. ``utc_offset`` s: Unix time minus ``t``. ``vehicle``: usual name of its type. ``texts``: messages of the
-    autopilot (t, syslog level, text). ``settings``: firmware and parameters for advice on settings.
+    autopilot (t, syslog level, text). ``settings``: firmware and parameters for advice on settings. ``messages``: the
+    opened log of this power-up, None where it was released.
     """
 
     path: Path
@@ -510,6 +514,7 @@ class FlightLog:
     vibration: Vibration = field(default_factory=Vibration)
     settings: VehicleSettings = field(default_factory=VehicleSettings)
     texts: list[tuple[float, int, str]] = field(default_factory=list)
+    messages: Messages | None = field(default=None, repr=False, compare=False)
     boot: int = 0
     boots: int = 1
     choices: dict[str, str] = field(default_factory=dict)

@@ -75,7 +75,7 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
     for. UsageError for names that the log does not have, LogUnusable where the definitions of a small log would fill a
     disk.
     """
-    opened = formats.open(log.path, system).boot(log.boot)
+    opened = log.messages or formats.open(log.path, system).boot(log.boot)
     clock = record_clock(opened, system)
     size, limit = 0, max(EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO * log.path.stat().st_size)
     for name, instance in select_tables(opened, names):

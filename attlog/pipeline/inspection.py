@@ -35,7 +35,7 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
     listed = _listed(messages.boot(log.boot), system)
     damage = {"bytes": messages.damage_bytes, "count": messages.damage_places, "places": to_plain(messages.damage)}
     del messages  # frees the log's bytes and index: the next steps need as much memory
-    log.estimator.inputs = None  # frees the inputs of the onboard filter, not needed here
+    log.messages = log.estimator.inputs = None  # not needed here
     config, stage = Config(), Stages()
     with log_cache():
         case = prepared(log, config, stage) if log.imu is not None else None

@@ -77,7 +77,7 @@ class RecordClock:
     @cached_property
     def known(self) -> bool:
         """True if any record has a stamp."""
-        return bool(self._timed)
+        return any(own_time(table) is not None for table in self.messages.values())
 
     @cached_property
     def interpolates(self) -> bool:
