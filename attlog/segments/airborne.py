@@ -129,8 +129,10 @@ def find_flights(log: FlightLog, grid: Grid, armed: list[Span] | None, known_spa
     usual = _usual_power(power, may & moving & (power > MIN_DRIVE))
     driven, lifting = may & (power > max(MIN_DRIVE, DRIVEN_SHARE * usual)), power > MAX_IDLE_POWER
     levels = height_levels(log, grid, ~driven)
-    flying = _flying_mask(log.kind, grid, levels, driven, power / max(usual, MIN_DRIVE), lifting)
+    flying = _flying_mask(log.kind, grid, levels, may, driven, power / max(usual, MIN_DRIVE), lifting)
     found = join_across_falls(log, grid, _flight_ranges(log.kind, flying, grid, levels, driven, power))
+    if armed is None:  # carried in a car, wings are never driven
+        found = [(a, b) for a, b in found if driven[a:b].any()]
     rolls = log.kind.fixed_wing  # a take-off run hides the force step of lift-off
     edges = [(float(t[a]) if rolls else _liftoff_time(grid, a, driven), _landing_time(grid, b)) for a, b in found]
     return _in_air(grid, edges, driven, power, levels, source, True)
@@ -163,7 +165,7 @@ def _flights_without_drive(log: FlightLog, grid: Grid, armed: list[Span] | None,
     hint, _, clear = _height_signs(log.kind, grid, levels)
     dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
     free, moving = ~(grid.contact & ~clear), dynamics > AIRBORNE_DYNAMICS
-    flying = _winged_flight(log.kind, grid, levels, driven)
+    flying = _winged_flight(log.kind, grid, levels, driven, may)
     if not log.kind.fixed_wing:
         flying |= driven & free & moving & (grid.force[:, 2] < 0.0) & (hint | rotor)
     lasting = driven & (free & moving | hint & (dynamics > REST_DYNAMICS))
@@ -253,21 +255,22 @@ def _height_signs(kind: VehicleKind, grid: Grid, levels: list[HeightLevel]) -> t
     return hint, sure, clear
 
 
-def _winged_flight(kind: VehicleKind, grid: Grid, levels: list[HeightLevel], driven: Mask) -> Mask:
-    """Mark times in which wings carry; none for others."""
+def _winged_flight(kind: VehicleKind, grid: Grid, levels: list[HeightLevel], driven: Mask, may: Mask) -> Mask:
+    """Mark times in which wings carry; none for others, nor while disarmed (``may`` not), as on a car."""
     if not kind.winged:
         return np.zeros(len(grid.t), bool)
     hint, sure, _ = _height_signs(kind, grid, levels)
-    fast, moving = np.nan_to_num(grid.speed) > MIN_AIR_SPEED_M_S, np.nan_to_num(grid.dynamics, nan=-9.0)
-    carried: Mask = driven & sure & (fast | (moving > AIRBORNE_DYNAMICS)) | fast & hint & (moving > AIRBORNE_DYNAMICS)
+    fast = np.nan_to_num(grid.speed) > MIN_AIR_SPEED_M_S
+    moves = np.nan_to_num(grid.dynamics, nan=-9.0) > AIRBORNE_DYNAMICS
+    carried: Mask = may & (driven & sure & (fast | moves) | fast & hint & moves)
     return carried
 
 
 def _flying_mask(
-    kind: VehicleKind, grid: Grid, levels: list[HeightLevel], driven: Mask, power: Array, lifting: Mask
+    kind: VehicleKind, grid: Grid, levels: list[HeightLevel], may: Mask, driven: Mask, power: Array, lifting: Mask
 ) -> Mask:
     """Mark times in the air; ``power`` is relative to the usual power of flight."""
-    by_air = _winged_flight(kind, grid, levels, driven)
+    by_air = _winged_flight(kind, grid, levels, driven, may)
     if kind.fixed_wing:
         return by_air
     hint, sure, clear = _height_signs(kind, grid, levels)

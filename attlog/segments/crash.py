@@ -7,6 +7,7 @@ is no crash by itself: it is also sent for vehicles on a bench or in a hand.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,8 @@ from attlog.segments.impacts import (
 
 # Overturn: minimum tilt and duration, or a larger tilt for a shorter duration.
 MIN_OVERTURN_DEG, MIN_OVERTURN_S, MIN_INVERTED_DEG, MIN_INVERTED_S = 90.0, 0.2, 120.0, 0.05
+# Ratio of down's parts along the body's axes above which it turned about one of them.
+ONE_AXIS_RATIO = 2.0
 # Time before an overturn in which it was upright; events closer than that are one.
 UPRIGHT_BEFORE_S = 5.0
 # Gyro rate that confirms an overturn, and how long before it.
@@ -88,11 +91,19 @@ def find_overturns(context: CrashContext) -> list[CrashEvent]:
             continue
         if not _was_driven(context, float(t[a]), until, lying):
             continue
-        source = (_attitude_source(context),)
-        found.append(
-            CrashEvent("overturn", float(t[a]), until, largest, "deg", _overturn_text(largest), lying, sources=source)
-        )
+        source, axis = (_attitude_source(context),), _tilt_axis(context.log, a)
+        text = _overturn_text(largest)
+        found.append(CrashEvent("overturn", float(t[a]), until, largest, "deg", text, lying, sources=source, axis=axis))
     return found
+
+
+def _tilt_axis(log: FlightLog, k: int) -> Literal["", "roll", "pitch"]:
+    """Return about which axis sample ``k`` of the attitude is tilted; empty for both."""
+    attitude = log.onboard_attitude or log.truth
+    if attitude is None:
+        return ""
+    x, y, _ = np.abs(rotation.rotate_inverse(attitude.q[k], np.array([0.0, 0.0, 1.0])))
+    return "roll" if y > ONE_AXIS_RATIO * x else "pitch" if x > ONE_AXIS_RATIO * y else ""
 
 
 def _overturn_text(deg: float) -> str:

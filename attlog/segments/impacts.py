@@ -38,7 +38,8 @@ class CrashEvent:
 
     ``size`` in ``unit``: g of a peak, deg of the largest tilt, deg/s of a tumble. ``lies_deg``: tilt at rest
     afterwards, None without rest. ``rate``: IMU rate in Hz. ``why``: a sentence with numbers. ``sources``: evidence.
-    ``fell_m``: how far it fell in the seconds after a blow, 0 where no height shows it.
+    ``fell_m``: how far it fell in the seconds after a blow, 0 where no height shows it. ``axis``: of an overturn, roll
+    or pitch, empty for both.
     """
 
     kind: CrashKind
@@ -51,6 +52,7 @@ class CrashEvent:
     rate: float = 0.0
     sources: tuple[str, ...] = ()
     fell_m: float = 0.0
+    axis: Literal["", "roll", "pitch"] = ""
 
     @property
     def in_air(self) -> bool:
@@ -113,6 +115,13 @@ class CrashContext:
     def disarmed_s(self) -> float | None:
         """Time of the last disarming in s, None without one."""
         return self.armed[-1][1] if self.armed and self.armed[-1][1] < self.end else None
+
+    def disarms_after(self, t: float) -> bool:
+        """Return whether it is disarmed from ``t`` s on; many a log stops then."""
+        line = self.log.state.armed
+        return line is not None and any(
+            at >= t and not value for at, value in zip(line.t.tolist(), line.value, strict=True)
+        )
 
     def driven_at(self, t0: float, t1: float) -> bool:
         """Return whether the vehicle was driven for most of [t0, t1] s."""
@@ -332,7 +341,7 @@ def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
     if fell > MIN_FALLEN_DEG:
         return f"and it tilted to {fell:.0f} deg"
     flown = any(a - BEFORE_S <= t <= b + AFTER_S for a, b in context.air.spans)
-    if flown and context.end - t < LOG_STOPS_S:  # on the ground a log stops as it is disarmed
+    if flown and context.end - t < LOG_STOPS_S and not context.disarms_after(t):
         return "and the log stops"
     spun = max_rate_dps(context, t - 0.5, t + 0.5)
     leaned = context.tilt.largest(t - 0.5, t + 0.5)

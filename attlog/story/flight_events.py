@@ -11,6 +11,8 @@ import numpy as np
 from attlog.core import rotation
 from attlog.core.spans import Span, between, inside, merge
 from attlog.flight.model import VIBRATION_LIMITS, FlightLog, Stream
+from attlog.segments.airborne import FLIGHT_SHARE, InAir
+from attlog.segments.flight_signs import G
 from attlog.segments.heights import height_stream
 from attlog.segments.impacts import CrashEvent, shows_impacts
 from attlog.segments.model import Segments
@@ -181,6 +183,9 @@ END_S = 1.0
 LANDING_KNOWN_S = 3.0
 # Below LOW_M contact with the ground for this share of the last second is a landing, and below TOUCHING_M no drive.
 LOW_M, TOUCHING_M, TOUCHING_SHARE = 5.0, 0.5, 0.5
+# Above LOW_M a flag of landing is false where the vehicle was driven as in flight until then, falls free (share of
+# gravity), or moves so fast over ground or downwards; else the site is higher, or the barometer drifted.
+FREE_FALL_SHARE, MAX_LANDED_M_S = 0.5, 3.0
 # The log begins in flight where the flight starts within this time of its begin.
 BEGUN_S = 0.5
 # Longest time since power-up that a clock shows; a larger one does not begin there.
@@ -238,21 +243,39 @@ def _what_ends(log: FlightLog, end: float) -> str:
 
 def is_still_flying(log: FlightLog, segments: Segments, end: float) -> bool:
     """Return whether nothing in the last seconds of a log shows a landing."""
-    since, state, air = end - LANDING_KNOWN_S, log.state, segments.air
+    air = segments.air
     above = np.nan if air is None or not air.levels else air.levels[0].above[air.grid.index(end)]
-    if above >= LOW_M:
-        return True
-    for line, landed in ((state.armed, False), (state.landed, True)):
-        changes = [] if line is None else zip(line.t.tolist(), line.value, strict=True)
-        if any(since <= t <= end + END_S and bool(value) is landed for t, value in changes):
-            return False
-    if any(since <= t <= end + END_S for t, _, _ in matching_texts(log, LANDED)):
-        return False
+    flagged = _landing_flag_s(log, end)
+    if flagged is not None:
+        return air is not None and above >= LOW_M and _moves_on(air, flagged, end)
     if air is None or not above < LOW_M:
         return True
     last = between(air.grid.t, end - END_S, end + END_S)
     gone = above < TOUCHING_M and not air.driven[last][-1:].any()
     return not gone and bool(air.grid.contact[last].mean() < TOUCHING_SHARE)
+
+
+def _landing_flag_s(log: FlightLog, end: float) -> float | None:
+    """Return the first time near a log's end of a disarming, the land detector or its text; None without any."""
+    since, until = end - LANDING_KNOWN_S, end + END_S
+    found = [t for t, _, _ in matching_texts(log, LANDED)]
+    for line, landed in ((log.state.armed, False), (log.state.landed, True)):
+        changes = [] if line is None else zip(line.t.tolist(), line.value, strict=True)
+        found += [t for t, value in changes if bool(value) is landed]
+    return min((t for t in found if since <= t <= until), default=None)
+
+
+def _moves_on(air: InAir, flagged: float, end: float) -> bool:
+    """Return whether drive until a flag of landing, or motion until the end, shows flight in spite of it."""
+    grid = air.grid
+    before, last = between(grid.t, flagged - END_S, flagged), between(grid.t, end - END_S, end + END_S)
+    usual = [float(np.median(air.power[between(grid.t, a, b)])) for a, b in air.spans if a <= flagged]
+    driven = bool(usual and before.stop > before.start) and air.power_source != "arming"
+    driven = driven and float(np.median(air.power[before])) > FLIGHT_SHARE * usual[-1]
+    touching = bool(before.stop > before.start and grid.contact[before].mean() >= TOUCHING_SHARE)
+    falls = bool((grid.size[last] < FREE_FALL_SHARE * G).any())
+    fast = bool((grid.speed[last] > MAX_LANDED_M_S).any() or (air.climb[last] < -MAX_LANDED_M_S).any())
+    return (driven and not touching) or falls or fast
 
 
 def _power_up(log: FlightLog) -> list[Event]:

@@ -476,6 +476,10 @@ def _crash_target(kind: VehicleKind, segments: Segments, blow: CrashEvent) -> st
     return "something" if high and max(high) > HIGH_M else "the ground"
 
 
+# Verbs for an overturn before an impact, by its axis.
+TURNED = {"roll": "Rolled", "pitch": "Pitched", "": "Tilted"}
+
+
 def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
     """Return a long and a short phrase for a crash; ``what`` is the object hit or empty."""
     blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
@@ -492,7 +496,7 @@ def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
         if over is None:
             return f"{short}{_rest_phrase(blow)}", short
         if over.t <= blow.t:
-            return f"Rolled to {over.size:.0f}° at {over.t:.1f} s and {hit}", short
+            return f"{TURNED[over.axis]} to {over.size:.0f}° at {over.t:.1f} s and {hit}", short
         return f"{short} and turned over to {over.size:.0f}°", short
     if over is not None:
         last = [e for e in group if e.kind == "overturn"][-1]

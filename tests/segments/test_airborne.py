@@ -14,7 +14,7 @@ import attlog.segments.build
 from attlog import formats
 from attlog.core import rotation
 from attlog.core.spans import Span
-from attlog.flight.model import Attitude, FlightLog, Stream, TimeLine
+from attlog.flight.model import Attitude, FlightLog, Gnss, Stream, TimeLine
 from attlog.segments import airborne, flight_signs, heights, model, rest
 from attlog.segments.flight_signs import Grid
 from tests.segments.flights import imu_log
@@ -259,6 +259,21 @@ def leaning(height_m: float) -> FlightLog:
 def test_what_leans_in_a_hand_at_the_height_of_its_stand_does_not_fly():
     assert found_in(leaning(0.1)).spans == []
     assert found_in(leaning(3.0)).spans != []
+
+
+@pytest.mark.parametrize(("armed", "flies"), [(True, True), (False, False), (None, False)])
+def test_a_plane_on_a_car_does_not_fly(armed, flies):
+    """After a motor test, at 15 m/s over a hill: armed it glides; disarmed, or never driven there, it rides."""
+    log = carried(0.05, throttle=0.0)
+    t = np.arange(0.0, 40.0, 0.1)
+    log.vehicle = "fixed wing"
+    log.baro = [Stream(t, 6.0 * np.clip(np.sin((t - 8.0) / 12.0), 0.0, 1.0)[:, None], "m", "", "BARO")]
+    moving = np.column_stack([np.where(t > 5.0, 15.0, 0.0), 0.0 * t, 0.0 * t])
+    none = np.full(len(t), np.nan)
+    log.gnss = [Gnss(0, t, "GPS", none, none, none, moving, none, none, none, np.full(len(t), 3))]
+    log.power.throttle = Stream(t, np.where(t < 1.0, 0.4, 0.0)[:, None], "1", "", "CTUN.ThO")
+    log.state.armed = None if armed is None else TimeLine(np.array([0.0]), [armed], "ARM")
+    assert bool(found_in(log).spans) is flies
 
 
 def test_movement_without_an_attitude_or_a_height_proves_no_flight():

@@ -12,9 +12,10 @@ import pytest
 import attlog
 from attlog.core import rotation
 from attlog.core.spans import Span
-from attlog.flight.model import FlightLog, Stream
+from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.segments import crash, rest
 from attlog.segments.impacts import CrashContext, CrashEvent, impact_peaks, onboard_tilt, rest_tilt
+from attlog.story.headlines import TURNED
 from tests.segments.flights import ARMED, DISARMED, LANDED, TAKE_OFF, flight
 from tests.segments.test_airborne import found_in
 
@@ -147,6 +148,27 @@ def test_a_blow_after_which_it_lies_tilted_is_an_impact_to_the_sample():
 def test_the_same_blow_upright_is_a_hard_landing():
     (found,) = endings(made(8.0, LANDED - 0.3))
     assert found.kind == "hard_landing"
+
+
+@pytest.mark.parametrize(("disarmed", "kind"), [(False, "impact"), (True, "hard_landing")])
+def test_a_log_that_stops_as_it_is_disarmed_upright_shows_no_crash(disarmed, kind):
+    log = made(5.0, LANDED - 0.3)
+    log.state.armed = TimeLine(
+        np.array([0.0, *([LANDED + 0.3] if disarmed else [])]), [True, False][: 1 + disarmed], ""
+    )
+    imu = log.imus[0]
+    kept = imu.acc.t < LANDED + 0.5
+    for stream in (imu.acc, imu.gyro):
+        stream.t, stream.x = stream.t[kept], stream.x[kept]
+    (found,) = endings(log)
+    assert found.kind == kind
+
+
+@pytest.mark.parametrize(("roll", "pitch", "said"), [(100, 0, "Rolled"), (0, -100, "Pitched"), (100, 40, "Tilted")])
+def test_an_overturn_is_about_the_axis_that_tilts(roll, pitch, said):
+    log = flight()
+    log.attitudes["ATT"].q[:] = rotation.from_euler(np.radians(roll), np.radians(pitch), 1.0)
+    assert TURNED[crash._tilt_axis(log, 5)] == said
 
 
 def test_a_blow_below_three_g_is_a_landing():

@@ -441,6 +441,10 @@ def test_the_flight_with_everything_is_told_with_its_blow() -> None:
         (0.3, None, None, None, True, False),
         (0.3, None, None, None, False, True),
         (40.0, 58.0, None, None, False, True),
+        (40.0, 58.0, None, None, True, False),
+        (40.0, None, 58.0, None, True, False),
+        (40.0, None, None, 58.0, True, False),
+        (40.0, None, None, None, True, True),
         (3.0, 75.0, None, None, False, True),
     ],
 )
@@ -455,8 +459,19 @@ def test_a_log_ends_in_the_air_unless_its_last_three_seconds_show_a_landing(
         made.state.landed = TimeLine(np.array([0.0, landed_s]), [False, True], "vehicle_land_detected")
     grid = made_grid(len(T))
     levels = [HeightLevel("barometer", "BARO", np.full(len(T), height_m))]
-    driven = np.full(len(T), not gone)
+    driven = (T < 55.0) | (not gone)
     air = InAir(grid, [(10.0, 60.0)], driven, 0.5 * driven, levels, "CTUN.ThO", "made")
     flown = Segments([Segment("continuous", 0, 60), Segment("airborne", 10, 60)], air=air)
     events, _ = flight_events.movement_events(made, flown)
     assert ("ends_in_air" in [e.kind for e in events]) is open_end
+
+
+@pytest.mark.parametrize("motion", [{}, {"size": 1.0}, {"speed": 12.0}])
+def test_disarmed_high_up_a_falling_or_gliding_vehicle_has_not_landed(motion: dict[str, float]) -> None:
+    """Motors off from 55 s, disarmed at 58 s, 40 m up: on a roof, in free fall, or gliding at 12 m/s."""
+    made = log(armed=TimeLine(np.array([0.0, 58.0]), [True, False], "ARM"))
+    grid = made_grid(len(T), **{name: np.full(len(T), value) for name, value in motion.items()})
+    levels = [HeightLevel("barometer", "BARO", np.full(len(T), 40.0))]
+    air = InAir(grid, [(10.0, 60.0)], T < 55.0, 0.5 * (T < 55.0), levels, "CTUN.ThO", "made")
+    flown = Segments([Segment("continuous", 0, 60), Segment("airborne", 10, 60)], air=air)
+    assert flight_events.is_still_flying(made, flown, 60.0) is bool(motion)

@@ -121,7 +121,7 @@ def ending(kind: Any, t: float, size: float = 5.0, unit: str = "g", **more: Any)
 
 
 def crashes() -> Iterator[tuple[list[CrashEvent], str]]:
-    blow, rolled = ending("impact", 10.0, 7.0, lies_deg=40.0), ending("overturn", 9.0, 120.0, "deg")
+    blow, rolled = ending("impact", 10.0, 7.0, lies_deg=40.0), ending("overturn", 9.0, 120.0, "deg", axis="roll")
     yield [blow], "the ground"
     yield [rolled, blow], "the ground"
     yield [ending("impact", 10.0, 7.0), ending("overturn", 10.4, 120.0, "deg")], "something"
