@@ -142,6 +142,8 @@ def px4_geometry(values: Mapping[str, float], motors: int) -> Geometry | None:
 
 # A ceiling of its own: outputs above this that so many records of a motor share to within the tolerance.
 LEAST_CEILING, CEILING_RECORDS, CEILING_TOLERANCE = 0.8, 5, 0.004
+# The outputs in telemetry.
+SERVO_OUTPUTS = "SERVO_OUTPUT_RAW"
 # Largest distance of neighbouring records: so many periods and seconds.
 GAP_PERIODS, GAP_S = 3.0, 0.05
 
@@ -226,7 +228,10 @@ def own_ceiling(x: Array) -> float:
     return min(float(piled[-1]), 1.0) if len(piled) else 1.0
 
 
-def pulse_share(pulse: Array, low: float, high: float, floor: float, ceiling: float) -> Array:
-    """Return outputs (n, motors): pulses as share of their range, from ``floor`` to ``ceiling`` of it in flight."""
+def pulse_share(pulse: Array, low: float | Array, high: float | Array, floor: float, ceiling: float) -> Array:
+    """Return outputs (n, motors): pulses as share of their range, from ``floor`` to ``ceiling`` of it in flight.
+
+    ``low`` and ``high``: of all motors or of each (motors,).
+    """
     share: Array = ((pulse - low) / (high - low) - floor) / (ceiling - floor)
     return share

@@ -19,11 +19,13 @@ from attlog.core.errors import LogUnusable, UsageError
 from attlog.core.timestamps import Stamps, changed_records
 from attlog.flight import limits, parameters
 from attlog.flight.advice import VehicleSettings
+from attlog.flight.ardupilot import drive as ardupilot_drive
 from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.ardupilot import vehicle
 from attlog.flight.ardupilot.imu import filter_cutoffs
 from attlog.flight.builder import LogBuilder, Part, columns, from_euler, optional_column
 from attlog.flight.compass import GAUSS, MILLIGAUSS, build_mag, choose_mag
+from attlog.flight.drive import SERVO_OUTPUTS, MotorOutputs
 from attlog.flight.gnss import build_gnss
 from attlog.flight.imu import ImuCandidate, add_imus, best_per_unit, low_pass_delay, validate_candidate
 from attlog.flight.model import (
@@ -40,8 +42,16 @@ from attlog.flight.model import (
     TimeLine,
 )
 from attlog.flight.packet_clock import UNIX_US, PacketClock, without_stale_packets
+from attlog.flight.px4 import drive as px4_drive
 from attlog.flight.px4 import reader as px4
-from attlog.flight.vehicle import ardupilot_mode, firmware_family, px4_custom_mode, px4_version, vehicle_name
+from attlog.flight.vehicle import (
+    VehicleKind,
+    ardupilot_mode,
+    firmware_family,
+    px4_custom_mode,
+    px4_version,
+    vehicle_name,
+)
 from attlog.formats.table import Messages, Table
 
 # Values of HEARTBEAT.autopilot.
@@ -313,6 +323,23 @@ def rpm_stream(builder: TelemetryBuilder) -> Stream | None:
     return builder.stream(builder.stamps(table), x[:, turned], "rpm", "ESC_TELEMETRY_1_TO_4", within=limits.RPM)
 
 
+def motor_outputs(builder: TelemetryBuilder) -> MotorOutputs | None:
+    """Return a multirotor's motor outputs between floor and ceiling of flight.
+
+    A list of parameters that is only in part sent gives no limits: the missing ones have other defaults.
+    """
+    table = builder.packets(SERVO_OUTPUTS)
+    if table is None or builder.log.kind is not VehicleKind.MULTIROTOR:
+        return None
+    table = table.rows(table["port"] == 0) if "port" in table else table
+    values = parameters.boot_values(builder.messages.params)
+    if builder.autopilot == PX4:
+        return px4_drive.telemetry_outputs(builder, values, table)
+    if "THR_MIN" not in values and not all(name in values for name in ("MOT_PWM_MIN", "MOT_PWM_MAX", "MOT_SPIN_MIN")):
+        values = {name: x for name, x in values.items() if not name.startswith(("MOT_", "RC"))}
+    return ardupilot_drive.outputs_of(builder, values, table, "servo{}_raw", SERVO_OUTPUTS)
+
+
 def battery_stream(builder: TelemetryBuilder) -> Stream | None:
     """Return the battery (n, 2), voltage in V and current in A, NaN where not measured."""
     table = builder.packets("SYS_STATUS")
@@ -531,6 +558,7 @@ STREAMS = (
     Part("airspeed", "VFR_HUD", airspeed_stream),
     Part("power.rpm", "Rotor speed", rpm_stream),
     Part("power.battery", "SYS_STATUS", battery_stream),
+    Part("power.outputs", SERVO_OUTPUTS, motor_outputs),
     Part("vibration.clippings", "Clipping", clippings),
     Part("vibration.level", "VIBRATION", vibration_stream),
     Part("vibration.levels", "VIBRATION", vibration_levels),

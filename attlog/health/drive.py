@@ -25,7 +25,7 @@ ACTIONS = {
     "motor_no_thrust": "Check this motor, its propeller, ESC and connectors before the next flight.",
     "motor_off": "Check the output's function and the ESC's protocol.",
     "motor_frozen": "Check the output's function and the ESC's protocol.",
-    "motors_off": "Find what stopped the motors. After a false landing, set PX4’s MPC_THR_MIN well below hover thrust.",
+    "motors_off": "Find what stopped the motors before the next flight.",
     "no_thrust_left": "Fly lighter, or with stronger motors, propellers and battery.",
     "rate_tracking": "Tune the rate controller; check propellers, control surfaces and filters.",
     "oscillation": "Lower the rate gains of this axis; check for loose parts and slow filters.",

@@ -186,8 +186,8 @@ def runs_in_a_row(mask: Mask, row: NDArray[np.int64]) -> Iterator[tuple[int, int
 
 # --- one motor without thrust ------------------------------------------------------------------------------------
 
-# Least records and time in a row, and least rate of the outputs.
-MIN_RUN_RECORDS, MIN_RUN_S, MIN_OUTPUT_HZ = 3, 0.19, 4.9
+# Least records and time in a row, and least rate of the outputs: for one motor, and for runs of 1.5 s and more.
+MIN_RUN_RECORDS, MIN_RUN_S, MIN_OUTPUT_HZ, MIN_LONG_HZ = 3, 0.19, 4.9, 1.9
 # The driven motor exceeds its opposite by this, and that one is at the floor.
 MIN_DIFFERENCE, FLOOR = 0.8, (-0.05, 0.12)
 MAX_START_TILT_DEG = 60.0
@@ -300,7 +300,7 @@ def _no_thrust_fault(
     ran_away = np.isfinite(turned) and turned * geometry.spin[i] > 0
     if ran_away:
         evidence.append(f"Yaw turned by {turned:+.0f}°/s, as if motor {j + 1} ran at full speed instead")
-    evidence += [f"text at {r.t:.1f} s: {r.text}" for r in outputs.reports if abs(r.t - t0) <= CAUSE_S][:2]
+    evidence += [f"report at {r.t:.1f} s: {r.text}" for r in outputs.reports if abs(r.t - t0) <= CAUSE_S][:2]
     cause = NO_THRUST_CAUSE + (f" Or motor {j + 1} ran at full speed uncommanded." if ran_away else "")
     where = outputs.position(i)
     return DriveFault("motor_no_thrust", "motor", t0, t1, text, round(-worst), "°/s", i + 1, where, cause, evidence)
@@ -370,7 +370,7 @@ def _output_fault(outputs: MotorOutputs, word: str, i: int, t0: float, t1: float
         sentence for t, sentence in outputs.changes if abs(t - t0) <= CAUSE_S and f"motor {i + 1} " in sentence
     ]
     reports = [r for r in outputs.reports if r.motor in (0, i + 1) and abs(r.t - t0) <= CAUSE_S][:2]
-    evidence += [f"text at {r.t:.1f} s: {r.text}" for r in reports]
+    evidence += [f"report at {r.t:.1f} s: {r.text}" for r in reports]
     cause = OUTPUT_CAUSE + (" Or the autopilot stopped a failed motor." if reports else "")
     value = None if word == "off" else round(100.0 * level, 1)
     unit = "" if value is None else "%"
@@ -386,7 +386,8 @@ PX4_STOPPED = 0.005
 FALL_M_S2 = 5.0
 # Time from a detected landing, or from a kill switch or disarming, to the stop of the motors.
 STOPPED_S = 1.0
-ALL_OFF_CAUSE = "The land detector took low thrust for a landing: the vehicle is overpowered."
+ALL_OFF_CAUSE = "The land detector took low thrust for a landing."
+PX4_OFF_CAUSE = f"{ALL_OFF_CAUSE[:-1]}: set MPC_THR_MIN well below hover thrust."
 
 
 def all_off(log: FlightLog, outputs: MotorOutputs, spans: Sequence[Span], loss: float) -> list[DriveFault]:
@@ -407,7 +408,7 @@ def all_off(log: FlightLog, outputs: MotorOutputs, spans: Sequence[Span], loss: 
         why = "" if landed is None else f": the autopilot had detected a landing at {landed:.1f} s"
         text = f"All motors were off from {t0:.1f} s in the air{why}."
         evidence = [f"{outputs.source}: no output above {100.0 * limit:.0f} %; the accelerometer shows a fall"]
-        cause = "" if landed is None else ALL_OFF_CAUSE
+        cause = "" if landed is None else PX4_OFF_CAUSE if log.firmware.name == "PX4" else ALL_OFF_CAUSE
         return [DriveFault("motors_off", "motor outputs", t0, t1, text, cause=cause, evidence=evidence)]
     return []
 
@@ -510,9 +511,9 @@ def _thrust_fault(outputs: MotorOutputs | None, a: int, b: int, t0: float, t1: f
         share = np.mean(x >= outputs.ceiling - NEAR_CEILING, axis=0)
         level = 100.0 * np.mean(x, axis=0) / outputs.ceiling
         evidence = [f"{outputs.source}: " + ", ".join(f"motor {k + 1} {v:.0f} %" for k, v in enumerate(level))]
-        evidence += [f"text at {r.t:.1f} s: {r.text}" for r in outputs.reports if t0 - CAUSE_S <= r.t <= t1 + CAUSE_S][
-            :2
-        ]
+        evidence += [
+            f"report at {r.t:.1f} s: {r.text}" for r in outputs.reports if t0 - CAUSE_S <= r.t <= t1 + CAUSE_S
+        ][:2]
         k = int(np.argmax(share))
         rest = float(np.mean(np.delete(level, k)))
         if share[k] >= MIN_LIMIT_SHARE and level[k] - rest >= 100.0 * MIN_ONE_SIDED:
@@ -560,10 +561,11 @@ def yaw_backwards(outputs: MotorOutputs, geometry: Geometry, motion: Motion, spa
 # --- all ---------------------------------------------------------------------------------------------------------
 
 QUESTIONS = ("motor_thrust", "motor_outputs", "thrust_reserve", "yaw_response")
-NO_OUTPUTS = "No usable motor outputs are logged (ArduPilot RCOU, PX4 actuator_motors or actuator_outputs)."
+NO_OUTPUTS = "No usable motor outputs are logged (RCOU, actuator_motors, actuator_outputs or SERVO_OUTPUT_RAW)."
 NO_FLIGHT_OUTPUTS = "No motor outputs are logged in flight."
 SHORT_FLIGHT = f"The flight is shorter than {MARGIN_S:.0f} s."
 NO_ATTITUDE = "No attitude is logged."
+TOO_SLOW = "{} logged at {:.1f} Hz; 2 Hz is needed."
 NO_GEOMETRY = "The positions of the motors are unknown: the log holds no parameters of a known frame."
 
 
@@ -585,11 +587,10 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
     if not _is_logged(outputs.t, spans):
         study.missing.update({q: NO_FLIGHT_OUTPUTS for q in QUESTIONS if q != "thrust_reserve"})
         return study
-    slow = 1.0 / outputs.period < MIN_OUTPUT_HZ
-    hz = f"Motor outputs are logged at {1.0 / outputs.period:.1f} Hz; 5 Hz is needed."
-    wanted = (
-        "MOT_PWM_MIN and MOT_PWM_MAX, or RC3_MIN and RC3_MAX" if outputs.source == "RCOU" else "PWM_MIN and PWM_MAX"
-    )
+    rate = 1.0 / outputs.period
+    slow, hz = rate < MIN_OUTPUT_HZ, f"Motor outputs are logged at {rate:.1f} Hz; 5 Hz is needed."
+    px4 = log.firmware.name == "PX4"
+    wanted = "PWM_MIN and PWM_MAX" if px4 else "MOT_PWM_MIN and MOT_PWM_MAX, or RC3_MIN and RC3_MAX"
     unscaled = f"The log holds no output limits: {wanted}."
     if not outputs.scaled:
         study.missing.update({q: unscaled for q in QUESTIONS if q != "thrust_reserve"})
@@ -606,6 +607,8 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
                 study.missing[question] = NO_GEOMETRY
             elif slow and question == "motor_thrust":
                 study.missing[question] = hz
+            elif rate < MIN_LONG_HZ:
+                study.missing[question] = TOO_SLOW.format("Motor outputs are", rate)
             elif not len(motion.rates[0]):
                 study.missing[question] = "No gyro is logged."
             elif not len(motion.tilts[0]):
@@ -634,10 +637,14 @@ def _judge_thrust(log: FlightLog, study: DriveStudy, motion: Motion, spans: Sequ
     outputs, demand = log.power.outputs, log.power.throttle
     outputs = outputs if outputs is not None and _is_logged(outputs.t, spans) else None
     demand = demand if demand is not None and _is_logged(demand.t, spans) else None
+    rates = [1.0 / float(np.median(np.diff(x.t))) for x in (outputs, demand) if x is not None]
+    outputs = outputs if outputs is not None and 1.0 / outputs.period >= MIN_LONG_HZ else None
     if not spans:
         study.missing["thrust_reserve"] = SHORT_FLIGHT
-    elif outputs is None and demand is None:
+    elif not rates:
         study.missing["thrust_reserve"] = "Neither throttle nor motor outputs are logged in flight."
+    elif max(rates) < MIN_LONG_HZ:
+        study.missing["thrust_reserve"] = TOO_SLOW.format("Throttle and motor outputs are", max(rates))
     elif not len(motion.heights[0]):
         study.missing["thrust_reserve"] = "No height is logged."
     elif not len(motion.tilts[0]):

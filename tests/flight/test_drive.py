@@ -165,6 +165,16 @@ def test_px4s_motor_that_is_off_is_nan() -> None:
     [
         ({"PWM_MIN": 1100.0, "PWM_MAX": 1900.0}, (1100.0, 1500.0, 1900.0, 1950.0), (0.0, 0.5, 1.0, 1.0625)),
         ({"SYS_AUTOSTART": 4001.0}, (1000.0, 1500.0, 2000.0, 1250.0), (0.0, 0.5, 1.0, 0.25)),
+        (  # an output's own limits; its default yields to the group's
+            {"PWM_MAIN_MIN": 1075.0, "PWM_MAIN_MIN1": 1000.0, "PWM_MAIN_MIN2": 1100.0, "PWM_MAIN_MAX2": 1900.0},
+            (1075.0, 1500.0, 1537.5, 2000.0),
+            (0.0, 0.5, 0.5, 1.0),
+        ),
+        (  # the second instance holds the auxiliary outputs
+            {"SYS_USE_IO": 1.0, "PWM_AUX_MIN": 1100.0, "PWM_AUX_MAX": 1900.0, "PWM_MAIN_MIN": 1000.0},
+            (1100.0, 1500.0, 1900.0, 1300.0),
+            (0.0, 0.5, 1.0, 0.25),
+        ),
         ({}, (0.0, 0.5, 1.0, 0.25), (0.0, 0.5, 1.0, 0.25)),
         ({}, (-1.0, 0.0, 1.0, 0.5), (0.0, 0.5, 1.0, 0.75)),
         ({}, (0.0, 8191.0, 4095.5, 819.1), (0.0, 1.0, 0.5, 0.1)),
@@ -186,6 +196,25 @@ def test_px4s_outputs_are_scaled_by_their_size(
     assert found is not None
     assert found.source == "actuator_outputs:1"
     assert found.x[0] == pytest.approx(wanted, abs=1e-6)
+
+
+def test_px4s_assigned_outputs_have_their_own_limits() -> None:
+    functions = {f"PWM_AUX_FUNC{n}": 100.0 + motor for motor, n in ((1, 4), (2, 3), (3, 2), (4, 1))}
+    limits = {f"PWM_AUX_MIN{n}": 1000.0 + 10.0 * n for n in (1, 2, 3, 4)} | {
+        f"PWM_AUX_MAX{n}": 1900.0 for n in range(9)
+    }
+    x = np.tile(np.array([1010.0, 1020.0, 1465.0, 1900.0]), (20, 1)) + 1e-3 * np.arange(20)[:, None]
+    params = {"CA_ROTOR_COUNT": 4.0} | functions | limits
+    found = px4.motor_outputs(topics("actuator_outputs", "output", x, params))
+    assert found is not None
+    assert found.names == ["output[3]", "output[2]", "output[1]", "output[0]"]
+    assert found.x[0] == pytest.approx((1.0, 0.5, 0.0, 0.0), abs=1e-6)
+
+
+def test_px4s_motors_on_two_groups_of_outputs_are_not_guessed() -> None:
+    functions = {"PWM_MAIN_FUNC1": 101.0, "PWM_MAIN_FUNC2": 102.0, "PWM_AUX_FUNC1": 103.0, "PWM_AUX_FUNC2": 104.0}
+    x = 1500.0 + np.arange(20)[:, None] * np.ones(4)
+    assert px4.motor_outputs(topics("actuator_outputs", "output", x, {"CA_ROTOR_COUNT": 4.0} | functions)) is None
 
 
 def test_px4s_reversible_motors_are_not_judged() -> None:

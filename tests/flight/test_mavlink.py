@@ -529,3 +529,38 @@ def test_a_counter_of_microseconds_that_turned_over_is_put_on_the_boot_clock(tur
     log = mavlink.read(link(boot, boot, boot % turn_s), None, None, None)
     assert log.t0_us == pytest.approx(1e6 * boot[0], abs=1e3)
     np.testing.assert_allclose(log.imus[0].gyro.t, boot - boot[0], atol=2e-3)
+
+
+QUAD = {
+    "FRAME_CLASS": 1.0,
+    "FRAME_TYPE": 1.0,
+    "MOT_SPIN_MIN": 0.15,
+    "MOT_SPIN_MAX": 0.95,
+    "RC3_MIN": 1100.0,
+    "RC3_MAX": 1900.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "params", "scaled", "wanted"),
+    [
+        (3, QUAD | {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, True, (0.0, 1.0, 0.5, -0.1875)),
+        (3, QUAD, False, (0.15, 0.95, 0.55, 0.0)),  # a list of parameters sent in part: RC3 is another scale
+        (12, {"SYS_AUTOSTART": 4001.0, "PWM_MIN": 1150.0, "PWM_MAX": 1950.0}, True, (0.0, 1.0, 0.5, -0.1875)),
+    ],
+)
+def test_motor_outputs_of_telemetry_run_from_floor_to_ceiling(
+    autopilot: int, params: dict[str, float], scaled: bool, wanted: tuple[float, ...]
+) -> None:
+    pulses = {f"servo{n}_raw": np.full(50, pulse) for n, pulse in enumerate((1150, 1950, 1550, 1000, 1500), 1)}
+    stamps = clock(50, 5)
+    outputs = {"time_usec": stamps["time_boot_ms"].astype(np.uint64) * 1000, "_t_us": stamps["_t_us"], **pulses}
+    outputs["port"] = np.where(np.arange(50) == 7, 1, 0)  # of another port
+    heart = clock(10, 1) | {n: np.full(10, v) for n, v in {"type": 2, "autopilot": autopilot, "base_mode": 0}.items()}
+    tables = {("SERVO_OUTPUT_RAW", ME): outputs, ("ATTITUDE", ME): attitude(100, 10)}
+    tables["HEARTBEAT", ME] = heart | {"custom_mode": np.zeros(10)}
+    found = mavlink.read(messages("tlog", tables, params, info=systems(autopilot)), None, None, None).power.outputs
+    assert found is not None
+    assert found.scaled is scaled
+    assert len(found.t) == 49
+    assert found.x[0] == pytest.approx(wanted)

@@ -16,7 +16,7 @@ from attlog.health.check import HealthCase
 from attlog.health.drive import motor_checks
 from attlog.segments.airborne import InAir
 from attlog.segments.model import Segments
-from attlog.story.motor_faults import DriveFault, study_motors
+from attlog.story.motor_faults import QUESTIONS, DriveFault, study_motors
 from tests.story.falling import Fall, level_log, segments
 
 PLACES = ("front right", "rear left", "front left", "rear right")
@@ -70,7 +70,7 @@ def test_the_firmwares_report_is_quoted_beside_the_motor() -> None:
     assert log.power.outputs is not None
     log.power.outputs.reports = [MotorReport(10.4, 2, "Potential Thrust Loss (2)")]
     (found,) = faults((log, spans))
-    assert "text at 10.4 s: Potential Thrust Loss (2)" in found.evidence
+    assert "report at 10.4 s: Potential Thrust Loss (2)" in found.evidence
 
 
 @pytest.mark.parametrize(
@@ -132,6 +132,9 @@ def test_without_an_attitude_only_the_outputs_are_judged() -> None:
 def test_outputs_that_are_slow_or_on_the_ground_alone_are_unknown() -> None:
     log, spans = Fall(lost=0.0, hz=2.0).flown()
     assert "2.0 Hz" in study_motors(log, spans).missing["motor_outputs"]
+    log, spans = Fall(lost=0.0, hz=1.2).flown()
+    assert set(study_motors(log, spans).missing) == set(QUESTIONS)
+    log.power.throttle = None
     log, spans = Fall(lost=0.0).flown()
     outputs = log.power.outputs
     assert outputs is not None

@@ -1,4 +1,4 @@
-"""Read motor outputs and the supply of the board from an ArduPilot log.
+"""Read motor outputs and the supply of the board from ArduPilot’s logs and telemetry.
 
 Before 3.4 the flight floor was THR_MIN and the ceiling the pulse limit; since then MOT_SPIN_MIN and MOT_SPIN_MAX bound
 the outputs of flight (AP_MotorsMulticopter).
@@ -13,9 +13,9 @@ import numpy as np
 
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder
-from attlog.flight.builder import columns
+from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.drive import MotorOutputs, MotorReport, ardupilot_geometry, pulse_share
-from attlog.flight.model import Array, Stream
+from attlog.flight.model import Array, FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.formats.table import Table
 
@@ -41,50 +41,59 @@ OVERCURRENT_FLAGS = 8 | 16
 
 def motor_outputs(builder: DataflashBuilder) -> MotorOutputs | None:
     """Return a multirotor's motor outputs between floor and ceiling of flight, from RCOU; None without records."""
-    table, values, log = builder.sampled("RCOU"), builder.values, builder.log
+    table = builder.sampled("RCOU")
     prefix = None if table is None else next((p for p in ("C", "Ch", "Chan") if f"{p}1" in table), None)
-    if table is None or prefix is None or log.kind is not VehicleKind.MULTIROTOR:
+    return (
+        None if table is None or prefix is None else outputs_of(builder, builder.values, table, f"{prefix}{{}}", "RCOU")
+    )
+
+
+def outputs_of(
+    builder: LogBuilder, values: Mapping[str, float], table: Table, column: str, source: str
+) -> MotorOutputs | None:
+    """Return a multirotor's motor outputs from pulses in us; ``column``: name of a column with {} for the output."""
+    log = builder.log
+    if log.kind is not VehicleKind.MULTIROTOR or values.get("FRAME_CLASS") == SIX_AXES_CLASS:
         return None
-    if values.get("FRAME_CLASS") == SIX_AXES_CLASS:
-        return None
-    names = _motor_columns(table, prefix, values, log.vehicle)
+    outputs = _motor_numbers(table, column, values, log.vehicle)
+    names = [column.format(n) for n in outputs]
     if len(names) < 2:
         return None
     low, high, known = pulse_limits(values)
     floor, ceiling = flight_limits(values) if known else (0.0, 1.0)
     x = pulse_share(columns(table, *names), low, high, floor, ceiling)
-    stream = builder.quiet().stream(builder.stamps(table), x, "1", "RCOU")
+    stream = builder.quiet().stream(builder.stamps(table), x, "1", source)
     if stream is None:
         return None
     frame = next((match[1].upper() for text in builder.messages.texts if (match := FRAME_TEXT.search(text.text))), "")
     geometry = ardupilot_geometry(values, len(names), log.simulated, frame)
-    found = MotorOutputs(stream.t, stream.x, "RCOU", names, known, geometry)
+    found = MotorOutputs(stream.t, stream.x, source, names, known, geometry)
     found.reports = [
         MotorReport(t, int(match[1]), text) for t, _, text in log.texts if (match := THRUST_LOSS.search(text))
     ]
-    found.changes = function_changes(builder, names, prefix)
+    found.changes = function_changes(log, outputs)
     return found
 
 
-def _motor_columns(table: Table, prefix: str, values: Mapping[str, float], vehicle: str) -> list[str]:
-    """Return the columns of the motors from number 1 on.
+def _motor_numbers(table: Table, column: str, values: Mapping[str, float], vehicle: str) -> list[int]:
+    """Return the outputs of the motors from number 1 on.
 
     By SERVOn_FUNCTION, else the first outputs: as many as the frame has. An unknown frame is a quadrotor where four
     outputs move; more may drive a gimbal.
     """
-    held: dict[int, str] = {}
+    held: dict[int, int] = {}
     for n in range(1, MAX_OUTPUTS + 1):
         motor = FIRST_FUNCTIONS.get(int(values.get(f"SERVO{n}_FUNCTION", 0.0)))
-        if motor is not None and f"{prefix}{n}" in table:
-            held.setdefault(motor, f"{prefix}{n}")
+        if motor is not None and column.format(n) in table:
+            held.setdefault(motor, n)
     count = MOTOR_COUNT.get(vehicle)
     if held:  # all of them, not those of this message alone
         whole = sorted(held) == list(range(1, (count or len(held)) + 1))
         return [held[motor] for motor in sorted(held)] if whole else []
-    have = [f"{prefix}{n}" for n in range(1, MAX_MOTORS + 1) if f"{prefix}{n}" in table]
+    have = [n for n in range(1, MAX_MOTORS + 1) if column.format(n) in table]
     if count is not None:
         return have[:count] if len(have) >= count else []
-    moved = [float(np.ptp(table.value(name))) >= MIN_MOVED_US if len(table) else False for name in have]
+    moved = [float(np.ptp(table.value(column.format(n)))) >= MIN_MOVED_US if len(table) else False for n in have]
     count = next((k for k, moves in enumerate(moved) if not moves), len(have))
     return have[:count] if count == MOTOR_COUNT["quadrotor"] else []
 
@@ -111,12 +120,12 @@ def flight_limits(values: Mapping[str, float]) -> tuple[float, float]:
     return (floor if 0.0 <= floor < 0.5 else THROTTLE_MIN), EXPO_CEILING if "MOT_THST_EXPO" in values else 1.0
 
 
-def function_changes(builder: DataflashBuilder, names: list[str], prefix: str) -> list[tuple[float, str]]:
+def function_changes(log: FlightLog, outputs: list[int]) -> list[tuple[float, str]]:
     """Return when the function of a motor's output was changed after boot, as time and sentence."""
     found = []
-    for motor, name in enumerate(names, 1):
-        parameter = f"SERVO{name.removeprefix(prefix)}_FUNCTION"
-        line = builder.log.parameters.lines.get(parameter)
+    for motor, n in enumerate(outputs, 1):
+        parameter = f"SERVO{n}_FUNCTION"
+        line = log.parameters.lines.get(parameter)
         for k in range(1, 0 if line is None else len(line.value)):
             assert line is not None
             before, after, t = line.value[k - 1], line.value[k], float(line.t[k])

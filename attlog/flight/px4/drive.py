@@ -6,13 +6,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from attlog.flight import limits
-from attlog.flight.builder import columns
-from attlog.flight.drive import MAX_ROTORS, PX4_FRAMES, MotorOutputs, MotorReport, pulse_share, px4_geometry
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.drive import (
+    MAX_ROTORS,
+    PX4_FRAMES,
+    SERVO_OUTPUTS,
+    MotorOutputs,
+    MotorReport,
+    pulse_share,
+    px4_geometry,
+)
 from attlog.flight.model import Array, Stream
 from attlog.flight.px4.imu import TopicBuilder
 from attlog.flight.vehicle import VehicleKind
@@ -22,9 +30,11 @@ from attlog.formats.table import Table
 MOTOR_COUNT = {"quadrotor": 4, "hexarotor": 6, "octorotor": 8}
 # Function of motor 1 in PWM_MAIN_FUNCn.
 FIRST_FUNCTION = 101
-FUNCTION_PARAMETERS = ("PWM_MAIN_FUNC", "PWM_AUX_FUNC", "UAVCAN_EC_FUNC", "HIL_ACT_FUNC")
-# Limits of the pulses by parameter, and without any.
-PULSE_PARAMETERS = (("PWM_MAIN_MIN", "PWM_MAIN_MAX"), ("PWM_MIN", "PWM_MAX"))
+# Groups of outputs, by the start of their parameters; before 1.13 outputs had no functions.
+MAIN, AUX = "PWM_MAIN", "PWM_AUX"
+GROUPS = (MAIN, AUX, "UAVCAN_EC", "HIL_ACT")
+MAX_OUTPUTS = 16
+# Limits of the pulses without parameters.
 USUAL_PULSE_US = (1000.0, 2000.0)
 # Largest normalised output, and largest pulse in us; CAN numbers reach 8191.
 MAX_SHARE, MAX_PULSE_US, CAN_RANGE = 1.05, 2600.0, (0.0, 8191.0)
@@ -44,10 +54,10 @@ def motor_outputs(builder: TopicBuilder) -> MotorOutputs | None:
     names = [f"control[{k}]" for k in range(count)]
     if table is not None and all(name in table for name in names):
         return _outputs(builder, table, columns(table, *names), names, "actuator_motors", True)
-    found, wanted = None, _output_columns(builder.values, count)
-    moved = 0.0
+    found, (group, numbers) = None, motor_numbers(builder.values, count)
+    wanted, moved = [f"output[{n - 1}]" for n in numbers], 0.0
     for instance, each in builder.topics("actuator_outputs").items():
-        if not all(name in each for name in wanted):
+        if not wanted or not all(name in each for name in wanted):
             continue
         x = columns(each, *wanted)
         varies = float(np.median(np.std(np.nan_to_num(x), axis=0))) if len(x) else 0.0
@@ -55,8 +65,24 @@ def motor_outputs(builder: TopicBuilder) -> MotorOutputs | None:
             found, moved = (each, x, f"actuator_outputs:{instance}"), varies
     if found is None:
         return None
-    low, high, known = output_limits(found[1], builder.values)
+    if not group:  # before 1.13 the second instance of a board with IO processor are its auxiliary outputs
+        group = AUX if found[2].endswith(":1") and builder.values.get("SYS_USE_IO", 0.0) else MAIN
+    low, high, known = output_limits(found[1], builder.values, group, numbers)
     return _outputs(builder, found[0], pulse_share(found[1], low, high, 0.0, 1.0), wanted, found[2], known)
+
+
+def telemetry_outputs(builder: LogBuilder, values: Mapping[str, float], table: Table) -> MotorOutputs | None:
+    """Return a multirotor's motor outputs from SERVO_OUTPUT_RAW of PX4, whose first port has the main outputs."""
+    count = motor_count(values, builder.log.vehicle)
+    group, numbers = motor_numbers(values, count)
+    names = [f"servo{n}_raw" for n in numbers]
+    if count < 2 or group not in ("", MAIN) or not all(name in table for name in names):
+        return None
+    x = columns(table, *names)
+    low, high, known = output_limits(x, values, MAIN, numbers)
+    stream = builder.quiet().stream(builder.stamps(table), pulse_share(x, low, high, 0.0, 1.0), "1", SERVO_OUTPUTS)
+    geometry = px4_geometry(values, count)
+    return None if stream is None else MotorOutputs(stream.t, stream.x, stream.source, names, known, geometry)
 
 
 def _outputs(
@@ -79,31 +105,53 @@ def motor_count(values: Mapping[str, float], vehicle: str) -> int:
     return min(count, MAX_ROTORS)
 
 
-def _output_columns(values: Mapping[str, float], count: int) -> list[str]:
-    """Return the columns of ``actuator_outputs`` by motor: by assigned functions, else the first ones."""
-    for name in FUNCTION_PARAMETERS:
-        held = {int(values.get(f"{name}{n}", 0.0)) - FIRST_FUNCTION: n - 1 for n in range(1, 17)}
-        if count and all(motor in held for motor in range(count)):
-            return [f"output[{held[motor]}]" for motor in range(count)]
-    return [f"output[{k}]" for k in range(count)]
+def motor_numbers(values: Mapping[str, float], count: int) -> tuple[str, list[int]]:
+    """Return the group of the motors' outputs and their numbers (motors) from 1, by motor.
+
+    Without assigned functions the first outputs, in no group; no numbers where groups share the motors, since the
+    topic's instances have no names.
+    """
+    shared = False
+    for group in GROUPS:
+        functions = {int(values.get(f"{group}_FUNC{n}", 0.0)) - FIRST_FUNCTION: n for n in range(1, MAX_OUTPUTS + 1)}
+        held = [functions[motor] for motor in range(count) if motor in functions]
+        if len(held) == count:
+            return group, held
+        shared |= bool(held)
+    return "", [] if shared else list(range(1, count + 1))
 
 
-def output_limits(x: Array, values: Mapping[str, float]) -> tuple[float, float, bool]:
-    """Return the outputs at floor and ceiling by their size and the parameters, and whether they are known."""
-    largest = float(np.nanmax(x, initial=0.0))
-    if largest <= MAX_SHARE:
-        return (-1.0 if np.nanmin(x, initial=0.0) < 0.0 else 0.0), 1.0, True
-    if largest > MAX_PULSE_US:
-        return *CAN_RANGE, True
+def output_limits(
+    x: Array, values: Mapping[str, float], group: str, numbers: Sequence[int]
+) -> tuple[Array, Array, bool]:
+    """Return outputs (motors,) at floor and ceiling by size and parameters, and whether they are known."""
+    largest, low, high, known = float(np.nanmax(x, initial=0.0)), *USUAL_PULSE_US, bool(values)  # firmware’s defaults
     positive = x[x > 0.0]
-    if np.mean(positive < MIN_PULSE_US) > MIN_NUMBER_SHARE:
+    if largest <= MAX_SHARE:
+        low, high, known = (-1.0 if np.nanmin(x, initial=0.0) < 0.0 else 0.0), 1.0, True
+    elif largest > MAX_PULSE_US:
+        low, high, known = *CAN_RANGE, True
+    elif np.mean(positive < MIN_PULSE_US) > MIN_NUMBER_SHARE:
         if values.get("DSHOT_CONFIG", 0.0) > 0.0:
-            return values.get("DSHOT_MIN", DSHOT_MIN) * DSHOT_FULL, DSHOT_FULL, True
-        return *CAN_RANGE, values.get("UAVCAN_ENABLE") == CAN_MOTORS
-    for low, high in PULSE_PARAMETERS:
-        if values.get(low, 0.0) > 0.0 and values.get(high, 0.0) > values.get(low, 0.0):
-            return values[low], values[high], True
-    return *USUAL_PULSE_US, bool(values)  # the firmware’s own defaults
+            low, high, known = values.get("DSHOT_MIN", DSHOT_MIN) * DSHOT_FULL, DSHOT_FULL, True
+        else:
+            low, high, known = *CAN_RANGE, values.get("UAVCAN_ENABLE") == CAN_MOTORS
+    else:
+        pairs = np.array([[pulse_limit(values, group, n, end) for end in ("MIN", "MAX")] for n in numbers])
+        if (pairs[:, 1] > pairs[:, 0]).all():
+            return pairs[:, 0], pairs[:, 1], known
+    return np.full(len(numbers), low), np.full(len(numbers), high), known
+
+
+def pulse_limit(values: Mapping[str, float], group: str, number: int, end: str) -> float:
+    """Return the pulse in us of an output at its ``end``, MIN or MAX.
+
+    That of the output itself counts, but where all outputs of the group have a value (up to 1.13), its default yields.
+    """
+    usual = USUAL_PULSE_US[end == "MAX"]
+    common = next((x for name in (f"{group}_{end}", f"PWM_{end}") if (x := values.get(name, 0.0)) > 0.0), 0.0)
+    own = values.get(f"{group}_{end}{number}", 0.0)
+    return own if own > 0.0 and not (common and own == usual) else common or usual
 
 
 def failure_reports(builder: TopicBuilder) -> list[MotorReport]:

@@ -19,7 +19,7 @@ from attlog.formats.mavlink.layout import STAMP_COLUMN
 from attlog.formats.recording import Columns, Key
 from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, ImuStream
-from attlog.simulate.logs.ardupilot import BANNER, copter_parameters, held_numbers
+from attlog.simulate.logs.ardupilot import BANNER, copter_parameters, held_numbers, output_pwm
 from attlog.simulate.logs.records import (
     START_US,
     every,
@@ -111,7 +111,7 @@ def _int16(x: Array) -> Array:
 
 
 def _onboard(flight: Flight) -> Packets:
-    """Return attitude and set-points."""
+    """Return attitude, outputs and set-points."""
     board = flight.onboard
     if len(board.t) == 0:
         return
@@ -124,6 +124,11 @@ def _onboard(flight: Flight) -> Packets:
     t_us, rates = micros(board.t[k]), measured_rates(flight, board.t[k]).T
     angles = dict(zip(("roll", "pitch", "yaw"), to_euler(board.q[k]).T, strict=True))
     yield "ATTITUDE", t_us, {"time_boot_ms": _ms(t_us), **angles, **dict(zip(speeds, rates, strict=True))}
+    if len(board.motors):
+        k = every(board.t, TARGET_HZ)
+        t_us, pwm = micros(board.t[k]), output_pwm(board.motors[k]).T
+        pulses = {f"servo{n}_raw": pulse for n, pulse in enumerate(pwm, 1)}
+        yield "SERVO_OUTPUT_RAW", t_us, {"time_usec": t_us, "port": np.zeros(len(k)), **pulses}
     if len(board.q_setpoint) and len(board.rate_setpoint):
         k = every(board.t, TARGET_HZ)
         t_us = micros(board.t[k])
