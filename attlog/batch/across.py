@@ -15,7 +15,7 @@ from attlog.result import MEASURED_TIMES
 from attlog.words.names import CODES
 from attlog.words.numbers import number, unit_sign
 from attlog.words.ranking import AIR, PHASES, REST
-from attlog.words.table import AXIS_COLUMNS, DRIFT_REST, ERRORS, STEPS
+from attlog.words.table import AXIS_COLUMNS, DRIFT_REST_COLUMN, ERROR_COLUMNS, STEP_COLUMNS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 ALL = ("all", "airborne", "rest")
 # Windows in which a metric is looked up, as on the page of one log: noise by phase, errors and steps in the air.
-WINDOWS = {c.metric: c.windows for c in (*ERRORS, *STEPS, DRIFT_REST, *AXIS_COLUMNS)}
+WINDOWS = {c.metric: c.windows for c in (*ERROR_COLUMNS, *STEP_COLUMNS, DRIFT_REST_COLUMN, *AXIS_COLUMNS)}
 AGAINST_REFERENCE = ("tilt_", "heading_", "total_", "lag_", "step_", "distortion_")
 FAMILIES = (
     ("noise_", PHASES),

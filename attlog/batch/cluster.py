@@ -42,7 +42,7 @@ CHECK_S = 2.0
 CLOSE_S = 5.0
 START = "dask worker tcp://host:8786"
 # Submitted tasks per task that can run at once: workers never wait for the client, and few results pile up.
-AHEAD = 2
+JOBS_AHEAD = 2
 # Attempts at a log whose worker disappeared after its bytes were sent.
 MAX_ATTEMPTS = 3
 
@@ -193,7 +193,7 @@ class _Run:
 
     def _fill(self, todo: Iterator[Job]) -> Record | None:
         """Submit jobs until the cluster is full; return a record finished earlier."""
-        enough = self._at_once or AHEAD * max(sum(self._client.nthreads().values()), 1)
+        enough = self._at_once or JOBS_AHEAD * max(sum(self._client.nthreads().values()), 1)
         while len(self._at_work) < enough and (job := next(todo, None)) is not None:
             if before := done_before(job):
                 return before

@@ -19,7 +19,7 @@ from attlog.formats.ulog.encrypted import ENCRYPTED_HEADER, has_key, is_encrypte
 from attlog.pipeline.config import Config
 
 # Folder for records, plan, lock and work in progress, inside a batch folder.
-INSIDE = ".attlog"
+RECORDS_FOLDER = ".attlog"
 SCHEMA = "attlog-record/1"
 # Exit codes that are reproducible for the same key. Others may change: a timeout, a full disk, a bug.
 FINAL_CODES = frozenset((0, 2, 65))
@@ -103,7 +103,7 @@ class Record:
 
 def record_path(folder: Path, name: str) -> Path:
     """Return the path of the record of a report."""
-    return folder / INSIDE / "records" / f"{name}.json"
+    return folder / RECORDS_FOLDER / "records" / f"{name}.json"
 
 
 def write_record(folder: Path, record: Record) -> None:
@@ -119,7 +119,7 @@ def read_record(folder: Path, name: str) -> Record | None:
 
 def records(folder: Path) -> Iterator[Record]:
     """Yield the records of a batch folder by report name."""
-    for path in sorted((folder / INSIDE / "records").glob("*.json")):
+    for path in sorted((folder / RECORDS_FOLDER / "records").glob("*.json")):
         record = _read(path)
         if record is not None:
             yield record

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from attlog import __version__
-from attlog.batch.job import INSIDE, Job, Record, content_key, done_before, keep, read_record
+from attlog.batch.job import RECORDS_FOLDER, Job, Record, content_key, done_before, keep, read_record
 from attlog.batch.log_file import CHANGED, state
 from attlog.batch.report_files import PRINTED, load_filters, process_log
 from attlog.core import limits
@@ -22,7 +22,7 @@ from attlog.core.workers import Closed, Died, ForkServer, TooLong, TooMuchMemory
 
 # Exit code of a log that exceeded its limit of time or memory.
 LIMIT_REACHED = 75
-# Folder inside :data:`INSIDE` for scratch folders of processes. Runs without records remove those older than a day.
+# Folder inside :data:`RECORDS_FOLDER` for scratch folders of processes. Runs without records remove those a day old.
 SCRATCH = "scratch"
 SCRATCH_S = 86_400.0
 # Modules loaded before the fork, because nearly every log needs them. A process imports others itself.
@@ -64,7 +64,7 @@ def run_one(job: Job, processes: ForkServer | None = None, on_message: OnMessage
     """
     if before := done_before(job):
         return before
-    scratch = job.folder / INSIDE / SCRATCH / secrets.token_hex(8)
+    scratch = job.folder / RECORDS_FOLDER / SCRATCH / secrets.token_hex(8)
     try:
         (scratch / "out").mkdir(parents=True)
         record = _analyse(job, scratch, processes or shared(), on_message or (lambda _: None))
@@ -96,14 +96,14 @@ def tidied(folder: Path) -> Iterator[None]:
 
     Another run may use the folder, so scratch folders of killed runs are removed only when a day old.
     """
-    for scratch in (folder / INSIDE / SCRATCH).glob("*"):
+    for scratch in (folder / RECORDS_FOLDER / SCRATCH).glob("*"):
         before = state(scratch)
         if before is not None and time.time() - before[1] / 1e9 > SCRATCH_S:
             shutil.rmtree(scratch, ignore_errors=True)
     try:
         yield
     finally:
-        for place in (folder / INSIDE / SCRATCH, folder / INSIDE):
+        for place in (folder / RECORDS_FOLDER / SCRATCH, folder / RECORDS_FOLDER):
             if place.is_dir() and not any(place.iterdir()):
                 place.rmdir()
 

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from attlog.batch.index_row import FORM, index_row, numbers, sensors_of
-from attlog.batch.job import INSIDE, Record, records
+from attlog.batch.job import RECORDS_FOLDER, Record, records
 from attlog.core import files
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.core.files import open_atomic
@@ -213,7 +213,7 @@ def _folder_records(folder: Path, is_read: bool, found: BatchNumbers) -> Iterato
 
     Records of a batch are skipped if its results file was read (``is_read``).
     """
-    seen = {path.name for path in (folder / INSIDE / "records").glob("*.json")}
+    seen = {path.name for path in (folder / RECORDS_FOLDER / "records").glob("*.json")}
     outdated = []
     for record in () if is_read else records(folder):
         if not record.done:
@@ -222,7 +222,7 @@ def _folder_records(folder: Path, is_read: bool, found: BatchNumbers) -> Iterato
             yield record
         else:
             outdated.append(folder / f"{record.name}.json")
-    others = [p for p in sorted(folder.rglob("*.json")) if INSIDE not in p.parts and p.name not in seen]
+    others = [p for p in sorted(folder.rglob("*.json")) if RECORDS_FOLDER not in p.parts and p.name not in seen]
     results = [p for p in others if is_result(p)]
     if not results and not seen:
         raise LogUnreadable(f"{folder}: is a folder without a batch or a result of attlog (*.json)")
@@ -264,7 +264,7 @@ def up_to_date(folder: Path) -> Path | None:
     if importlib.util.find_spec("pyarrow") is None or not os.path.isfile(path):
         return None
     written = path.stat().st_mtime_ns
-    newest = max((p.stat().st_mtime_ns for p in (folder / INSIDE / "records").glob("*.json")), default=0)
+    newest = max((p.stat().st_mtime_ns for p in (folder / RECORDS_FOLDER / "records").glob("*.json")), default=0)
     return path if 0 < newest <= written else None
 
 

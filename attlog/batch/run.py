@@ -23,7 +23,7 @@ from typing import IO, Any, Protocol
 from attlog import __version__
 from attlog.batch.index_page import INDEX, write_index
 from attlog.batch.index_row import light
-from attlog.batch.job import INSIDE, Job, Record, read_record, record_path, records, settings_key, size_and_hash
+from attlog.batch.job import RECORDS_FOLDER, Job, Record, read_record, record_path, records, settings_key, size_and_hash
 from attlog.batch.process import SCRATCH, forks, run_one
 from attlog.batch.report_files import report_names
 from attlog.batch.results_file import CSV, PARQUET, write_results
@@ -156,7 +156,7 @@ def locked(folder: Path) -> Iterator[str]:
     OutputError names the other batch, or reports that the folder cannot be written. The lock file stays, because a lock
     on a removed and recreated file would not lock. Yields a warning if the file system cannot lock, else "".
     """
-    place = folder / INSIDE / "lock"
+    place = folder / RECORDS_FOLDER / "lock"
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
         file = place.open("a+")
@@ -228,7 +228,7 @@ def plan_jobs(
 
 
 def _plan_path(folder: Path) -> Path:
-    return folder / INSIDE / "batch.json"
+    return folder / RECORDS_FOLDER / "batch.json"
 
 
 def _earlier_names(folder: Path, fresh: bool, resume: bool) -> dict[str, str]:
@@ -295,9 +295,9 @@ def _remove_batch(folder: Path, names: Iterable[str]) -> None:
 
 def _remove_leftovers(folder: Path) -> None:
     """Remove scratch folders and unfinished files of a killed run."""
-    shutil.rmtree(folder / INSIDE / SCRATCH, ignore_errors=True)
-    remove_unfinished(folder / INSIDE)
-    remove_unfinished(folder / INSIDE / "records")
+    shutil.rmtree(folder / RECORDS_FOLDER / SCRATCH, ignore_errors=True)
+    remove_unfinished(folder / RECORDS_FOLDER)
+    remove_unfinished(folder / RECORDS_FOLDER / "records")
     remove_unfinished(folder, INDEX, PARQUET, CSV)
 
 

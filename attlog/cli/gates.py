@@ -33,7 +33,7 @@ GatesFile = Annotated[
 # First bytes of a summary.
 HEADING = b"## "
 # Value of ``--summary`` without a file.
-ANYWHERE = "-"
+ANY_PLACE = "-"
 
 
 def report_refusal(why: str, words: Sequence[str]) -> None:
@@ -93,10 +93,10 @@ class GateOptions:
     ] = None
 
     def __post_init__(self) -> None:
-        if self.summary not in (None, ANYWHERE) and not str(self.summary).endswith(".md"):
+        if self.summary not in (None, ANY_PLACE) and not str(self.summary).endswith(".md"):
             raise UsageError(f"--summary {self.summary}: the name of a Markdown file ends with .md")
         for option, place in (("--junit", self.junit), ("--summary", self.summary)):
-            if place not in (None, ANYWHERE) and os.path.isdir(str(place)):
+            if place not in (None, ANY_PLACE) and os.path.isdir(str(place)):
                 raise UsageError(f"{option} {place}: is a folder; use the name of a file")
 
     @property
@@ -146,7 +146,7 @@ class GateReport:
             self.judge(Record("command line", name, code=error.exit_code, message=str(error)))
         logs = self.gating.in_order([*missing, *names])
         named = self._options.summary
-        summary = False if named is None else named == ANYWHERE or Path(named)
+        summary = False if named is None else named == ANY_PLACE or Path(named)
         codes = {1} if any(log.failed for log in logs) else set[int]()
         try:
             publish(logs, self._options.junit, summary)

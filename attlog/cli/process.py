@@ -85,7 +85,7 @@ def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
     return code
 
 
-FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE, errno.EBADF))
+WRITE_ERRORS = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE, errno.EBADF))
 
 
 def show_everything() -> None:
@@ -115,7 +115,7 @@ def _reopen_closed() -> None:
 
 def is_of_a_stream(error: BaseException) -> bool:
     """Return True for an error of a standard stream, which has no file name."""
-    return isinstance(error, OSError) and error.filename is None and error.errno in FULL
+    return isinstance(error, OSError) and error.filename is None and error.errno in WRITE_ERRORS
 
 
 def flushed(code: int) -> int:

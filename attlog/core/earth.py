@@ -15,6 +15,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+TESLA_PER_GAUSS, TESLA_PER_MILLIGAUSS, GAUSS_PER_TESLA = 1e-4, 1e-7, 1e4
 # WGS 84.
 ROTATION_RATE_RAD_S = 7.292115e-5
 # From WMM-2010 to the end of WMM-2025's life span.

@@ -36,7 +36,7 @@ BARO, AIRSPEED, AT_REST = 9, 10, 11
 # Elements of ``aid``.
 SIZE = 12
 # No low-pass ahead of a logger is later: one at 10 Hz is late by 23 ms.
-LONGEST_LAG_S = 0.1
+MAX_LAG_S = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,8 +111,8 @@ class Aids:
             if field.shape != (3,) or not np.isfinite(field).all():
                 raise UsageError(f"aids: field must be (3,), north-east-down in T, not {field.shape}")
             object.__setattr__(self, "field", field)
-        if len(self.lag) != 2 or not all(0.0 <= s < LONGEST_LAG_S for s in self.lag):
-            raise UsageError(f"aids: lag must be two times in s from 0 to {LONGEST_LAG_S}, not {self.lag}")
+        if len(self.lag) != 2 or not all(0.0 <= s < MAX_LAG_S for s in self.lag):
+            raise UsageError(f"aids: lag must be two times in s from 0 to {MAX_LAG_S}, not {self.lag}")
         three, one = ((3,), ()), ((), ())
         shapes = {"position": ((3,), (2,)), "velocity": three, "baro": one, "airspeed": one, "mag": three}
         for name, (values, sigmas) in shapes.items():
@@ -253,43 +253,45 @@ def _arrivals(
 # Source: centripetal correction of Premerlani2009, and the change of airspeed.
 
 # Offsets in the state: V of (1) [m/s], V' [m/s^2], the low-passed reading, the last one, its age [s].
-AIR_SPEED, AIR_CHANGE, AIR_HEARD, AIR_TOLD, AIR_AGE = 0, 1, 2, 3, 4
+TRUE_AIRSPEED, AIRSPEED_RATE, AIRSPEED_LOWPASSED, AIRSPEED_READING, AIRSPEED_AGE = 0, 1, 2, 3, 4
 # Below the first [m/s] a pitot tube does not count, from the second on it counts in full.
-SLOWEST, SURE = 1.0, 3.0
+MIN_AIRSPEED, FULL_AIRSPEED = 1.0, 3.0
 # Time constant of the low-pass [s], largest change accepted [m/s^2], how long a reading holds [s].
-FOLLOW_TIME, STEEPEST, AIR_LOST = 0.3, 10.0, 2.0
+AIRSPEED_LOWPASS_S, MAX_AIRSPEED_RATE, MAX_AIRSPEED_AGE_S = 0.3, 10.0, 2.0
 NEVER = 1e9
 
 
-def update_airspeed(state: Any, at: int, dt: float, told: float, still: bool) -> None:
-    """Update the airspeed at ``at`` after another ``dt`` by a reading ``told`` in m/s, NaN for none.
+def update_airspeed(state: Any, at: int, dt: float, reading: float, still: bool) -> None:
+    """Update the airspeed at ``at`` after another ``dt`` by its ``reading`` in m/s, NaN for none.
 
     The first reading counts at once. While the body is ``still`` the reading is followed and no acceleration
     concluded: tubes read anything before they are set to zero.
     """
-    first = state[at + AIR_AGE] >= NEVER
-    state[at + AIR_AGE] += dt
-    if told == told:
-        state[at + AIR_TOLD] = told
-        state[at + AIR_AGE] = 0.0
-    state[at + AIR_SPEED] = 0.0
-    state[at + AIR_CHANGE] = 0.0
-    if state[at + AIR_AGE] > AIR_LOST:
-        state[at + AIR_HEARD] = 0.0
-        state[at + AIR_AGE] = NEVER
+    first = state[at + AIRSPEED_AGE] >= NEVER
+    state[at + AIRSPEED_AGE] += dt
+    if reading == reading:
+        state[at + AIRSPEED_READING] = reading
+        state[at + AIRSPEED_AGE] = 0.0
+    state[at + TRUE_AIRSPEED] = 0.0
+    state[at + AIRSPEED_RATE] = 0.0
+    if state[at + AIRSPEED_AGE] > MAX_AIRSPEED_AGE_S:
+        state[at + AIRSPEED_LOWPASSED] = 0.0
+        state[at + AIRSPEED_AGE] = NEVER
     elif first or still:
-        state[at + AIR_HEARD] = state[at + AIR_TOLD]
+        state[at + AIRSPEED_LOWPASSED] = state[at + AIRSPEED_READING]
     else:
-        before = weighted_airspeed(state[at + AIR_HEARD])
-        step = (1.0 - math.exp(-dt / FOLLOW_TIME)) * (state[at + AIR_TOLD] - state[at + AIR_HEARD])
-        state[at + AIR_HEARD] += min(max(step, -STEEPEST * dt), STEEPEST * dt)
-        state[at + AIR_SPEED] = weighted_airspeed(state[at + AIR_HEARD])
-        state[at + AIR_CHANGE] = (state[at + AIR_SPEED] - before) / dt
+        before = weighted_airspeed(state[at + AIRSPEED_LOWPASSED])
+        step = (1.0 - math.exp(-dt / AIRSPEED_LOWPASS_S)) * (
+            state[at + AIRSPEED_READING] - state[at + AIRSPEED_LOWPASSED]
+        )
+        state[at + AIRSPEED_LOWPASSED] += min(max(step, -MAX_AIRSPEED_RATE * dt), MAX_AIRSPEED_RATE * dt)
+        state[at + TRUE_AIRSPEED] = weighted_airspeed(state[at + AIRSPEED_LOWPASSED])
+        state[at + AIRSPEED_RATE] = (state[at + TRUE_AIRSPEED] - before) / dt
 
 
 def weighted_airspeed(speed: float) -> float:
     """Return the part of an airspeed in m/s that counts: none of a breeze, all of a flight."""
-    share = min(max((speed - SLOWEST) / (SURE - SLOWEST), 0.0), 1.0)
+    share = min(max((speed - MIN_AIRSPEED) / (FULL_AIRSPEED - MIN_AIRSPEED), 0.0), 1.0)
     return share * share * (3.0 - 2.0 * share) * speed
 
 
@@ -297,5 +299,5 @@ def without_acceleration(state: Any, at: int, acc: Any, wy: float, wz: float) ->
     """Return the specific force less v' of (2); a missing sample (zero) stays one. ``w`` rad/s without bias."""
     if acc[0] == 0.0 and acc[1] == 0.0 and acc[2] == 0.0:
         return 0.0, 0.0, 0.0
-    speed = state[at + AIR_SPEED]
-    return acc[0] - state[at + AIR_CHANGE], acc[1] - wz * speed, acc[2] + wy * speed
+    speed = state[at + TRUE_AIRSPEED]
+    return acc[0] - state[at + AIRSPEED_RATE], acc[1] - wz * speed, acc[2] + wy * speed

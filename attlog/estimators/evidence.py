@@ -24,13 +24,13 @@ from attlog.core import rotation
 Array = NDArray[np.float64]
 
 # A window is 8 parts of 0.25 s; one begins with every second part.
-PARTS, PART_S, EVERY = 8, 0.25, 2
+WINDOW_PARTS, PART_S, STRIDE_PARTS = 8, 0.25, 2
 EXCURSION_DEG, SPREAD_M_S2, DIRECTION_DEG = 0.3, 0.05, 0.5
-G_M_S2, NEAR_M_S2 = 9.8, 0.6
-STILL_WINDOW_S = PARTS * PART_S
+G_M_S2, MAX_G_DIFFERENCE_M_S2 = 9.8, 0.6
+STILL_WINDOW_S = WINDOW_PARTS * PART_S
 
 
-def still_windows(t: Array, gyr: Array, acc: Array, near_m_s2: float = NEAR_M_S2) -> Array:
+def still_windows(t: Array, gyr: Array, acc: Array, near_m_s2: float = MAX_G_DIFFERENCE_M_S2) -> Array:
     """Return begin and end (k, 2) s of the windows in which the body was still; they overlap.
 
     ``t`` (n,) s ascending, gyro rad/s and specific force m/s^2 (n, 3) in body axes; the mean force lies within
@@ -40,17 +40,19 @@ def still_windows(t: Array, gyr: Array, acc: Array, near_m_s2: float = NEAR_M_S2
     good = np.isfinite(t) & rotation.finite_rows(gyr) & rotation.finite_rows(acc)
     if not good.all():
         t, gyr, acc = t[good], gyr[good], acc[good]
-    if len(t) < PARTS:
+    if len(t) < WINDOW_PARTS:
         return np.zeros((0, 2))
     number = np.floor((t - t[0]) / PART_S).astype(np.int64)
     first = np.flatnonzero(np.concatenate([[True], np.diff(number) != 0]))
     count = np.diff(np.append(first, len(t)))[:, None]
     part, rate, force = number[first], _sums(gyr, first) / count, _sums(acc, first) / count
-    begin = np.arange(len(part) - PARTS + 1)
-    begin = begin[(part[begin] % EVERY == 0) & (part[begin + PARTS - 1] - part[begin] == PARTS - 1)]
+    begin = np.arange(len(part) - WINDOW_PARTS + 1)
+    begin = begin[
+        (part[begin] % STRIDE_PARTS == 0) & (part[begin + WINDOW_PARTS - 1] - part[begin] == WINDOW_PARTS - 1)
+    ]
     if not len(begin):
         return np.zeros((0, 2))
-    eighths = begin[:, None] + np.arange(PARTS)
+    eighths = begin[:, None] + np.arange(WINDOW_PARTS)
     still = _steady_force(force[eighths], near_m_s2) & (_excursion_deg(rate[eighths]) < EXCURSION_DEG)
     start = t[0] + PART_S * part[begin[still]]
     return np.column_stack([start, start + STILL_WINDOW_S])
@@ -102,7 +104,7 @@ def _steady_force(force: Array, near_m_s2: float) -> NDArray[np.bool_]:
     size = rotation.length(mean)
     spread = np.sqrt(np.sum(force.var(axis=1), axis=1))
     steady: NDArray[np.bool_] = (spread < SPREAD_M_S2) & (np.abs(size - G_M_S2) < near_m_s2)
-    whole = np.repeat(mean[steady, None], PARTS, axis=1)
+    whole = np.repeat(mean[steady, None], WINDOW_PARTS, axis=1)
     across = rotation.length(np.cross(force[steady], whole))
     angle = np.degrees(np.arctan2(across, np.sum(force[steady] * whole, axis=2)))
     steady[steady] = angle.max(axis=1, initial=0.0) < DIRECTION_DEG
@@ -134,15 +136,15 @@ DELAYS_S, STEP_S = (-0.25, 0.6), 0.025
 # A delay is known where the residual so far beside it is so many times larger, else known to so many seconds.
 BESIDE_S, PEAK_RATIO = 0.15, 1.5
 SIGMA_DELAY_S, FLOOR_DEG = 0.02, 0.3
-ROUNDS, OUTLIER, LEAST_M_S = 3, 4.0, 0.05
+ROUNDS, OUTLIER, MIN_M_S = 3, 4.0, 0.05
 # Median of the length of a plane vector of normal errors of sigma 1.
 MEDIAN_OF_LENGTH = 1.18
-LEAST_CORRELATION, SCALES, MOST_SIGMA_DEG = 0.7, (0.7, 1.3), 10.0
-LEAST_BLOCKS, LEAST_BLOCKS_OF_SEGMENT = 1.8, 2.5
+MIN_CORRELATION, SCALES, MAX_SIGMA_DEG = 0.7, (0.7, 1.3), 10.0
+MIN_BLOCKS, MIN_BLOCKS_OF_SEGMENT = 1.8, 2.5
 WRONG_DEG, WRONG_SIGMAS = 8.0, 3.0
 SOUND_DEG, SOUND_SIGMAS, SOUND_SIGMA_DEG = 3.0, 2.0, 2.0
 # Fewer in 30 s fit any rotation.
-LEAST_WINDOWS = 4
+MIN_WINDOWS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,17 +227,17 @@ def both(
 ) -> tuple[HeadingOffset, list[HeadingOffset]]:
     """:func:`heading_offset` and :func:`pieces` for the work of one."""
     steps = velocity_steps(t, acc, q, fixes_t, velocity, spans)
-    if len(steps.t0) < LEAST_WINDOWS:
+    if len(steps.t0) < MIN_WINDOWS:
         return _none("no GNSS velocity beside samples of the IMU"), []
     begin = float(steps.t0[0])
     segments = _of_segments(np.floor_divide(steps.t0 - begin, SEGMENT_S).astype(np.int64))
     delay = _delay_of(steps, segments)
-    whole = _fitted(steps, segments, delay, LEAST_BLOCKS)
+    whole = _fitted(steps, segments, delay, MIN_BLOCKS)
     parts = []
     for k in range(int((steps.t0[-1] - begin) // EVERY_S) + 1):
         a, b = np.searchsorted(steps.t0, [begin + k * EVERY_S, begin + k * EVERY_S + SEGMENT_S])
-        if b - a >= LEAST_WINDOWS:
-            parts.append(_fitted(steps, [np.arange(a, b)], delay, LEAST_BLOCKS_OF_SEGMENT))
+        if b - a >= MIN_WINDOWS:
+            parts.append(_fitted(steps, [np.arange(a, b)], delay, MIN_BLOCKS_OF_SEGMENT))
     return whole, parts
 
 
@@ -306,7 +308,7 @@ def _inside(spans: Array, t0: Array, t1: Array) -> NDArray[np.bool_]:
 def _of_segments(number: Index) -> list[Index]:
     """Return the windows of each 30 s that hold enough of them."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1, [len(number)]])
-    return [np.arange(a, b) for a, b in pairwise(edges.tolist()) if b - a >= LEAST_WINDOWS]
+    return [np.arange(a, b) for a, b in pairwise(edges.tolist()) if b - a >= MIN_WINDOWS]
 
 
 def _delay_of(steps: VelocitySteps, segments: list[Index]) -> _Delay:
@@ -370,7 +372,7 @@ def _without_outliers(a: Complex, b: Complex) -> NDArray[np.bool_]:
         x, y = a - a[keep].mean(), b - b[keep].mean()
         turn = np.sum(y[keep].conj() * x[keep]) / max(float(np.sum(np.abs(y[keep]) ** 2)), 1e-12)
         residual = np.abs(x - turn * y)
-        keep = residual <= OUTLIER * max(float(np.median(residual[keep])) / MEDIAN_OF_LENGTH, LEAST_M_S)
+        keep = residual <= OUTLIER * max(float(np.median(residual[keep])) / MEDIAN_OF_LENGTH, MIN_M_S)
     return keep
 
 
@@ -400,13 +402,13 @@ def _spread(t: Array, a: Complex, b: Complex) -> tuple[float, float]:
 
 def _why_not(found: HeadingOffset, least_blocks: float) -> str:
     """Return the reason why an offset does not count, empty where it does."""
-    if found.correlation < LEAST_CORRELATION:
+    if found.correlation < MIN_CORRELATION:
         return f"GNSS and force do not show one motion: correlation {found.correlation:.2f}"
     if not SCALES[0] <= found.scale <= SCALES[1]:
         return f"GNSS shows {found.scale:.2g} times the acceleration of the force"
     if found.blocks < least_blocks:
         return "one movement alone bears it"
-    if found.sigma_deg > MOST_SIGMA_DEG:
+    if found.sigma_deg > MAX_SIGMA_DEG:
         return f"too little acceleration: it is known to {found.sigma_deg:.0f} deg (sigma)"
     return ""
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.earth import TESLA_PER_GAUSS, TESLA_PER_MILLIGAUSS
 from attlog.flight.vehicle import version_number
 
 Array = NDArray[np.float64]
@@ -128,8 +129,6 @@ class Calibration:
 # SCAL``, then turned by AHRS_ORIENTATION.
 
 Values = Mapping[str, float]
-# Tesla per milligauss, the unit of COMPASS_OFS and COMPASS_MOT.
-MILLIGAUSS = 1e-7
 ARDUPILOT_SLOTS = 3
 # Range in which ArduPilot applies COMPASS_SCALE (COMPASS_MIN_SCALE_FACTOR, COMPASS_MAX_SCALE_FACTOR); 0 is "not set".
 SCALE_RANGE = (1.0 / 1.5, 1.5)
@@ -198,9 +197,9 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
     power = ARDUPILOT_MOTOR_POWERS.get(int(values.get("COMPASS_MOTCT", 0)), "")
     if index == 0 and values.get("COMPASS_PMOT_EN"):
         power = ""  # per-motor compensation replaces COMPASS_MOT
-    motor_matrix = MILLIGAUSS * (np.eye(3) if scale in values else matrix)
+    motor_matrix = TESLA_PER_MILLIGAUSS * (np.eye(3) if scale in values else matrix)
     motor = motor_matrix @ parameter_vector(values, motors) if power else np.zeros(3)
-    correction = Correction(matrix, MILLIGAUSS * parameter_vector(values, offsets), motor)
+    correction = Correction(matrix, TESLA_PER_MILLIGAUSS * parameter_vector(values, offsets), motor)
     every = [
         f"COMPASS_{kind}{slot_suffix(n)}"
         for n in range(1, ARDUPILOT_SLOTS + 1)
@@ -215,7 +214,7 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
     names = (*offsets, *diagonal, *others, scale, *motors, "COMPASS_MOTCT")
     units = dict.fromkeys(offsets, "mG") | dict.fromkeys(motors, "mG/A" if power == "current" else "mG")
     return Calibration(
-        correction, offsets, MILLIGAUSS, names, fixed, units, ARDUPILOT_DIGITS, motors, motor_matrix, power
+        correction, offsets, TESLA_PER_MILLIGAUSS, names, fixed, units, ARDUPILOT_DIGITS, motors, motor_matrix, power
     )
 
 
@@ -324,8 +323,6 @@ def ardupilot_gyro(values: Values, index: int, version: str) -> Calibration:
 # board, and after it the board's fine offsets. Slots are found by device id, never by instance number (PX4
 # src/lib/sensor_calibration). Since 1.13 the firmware also subtracts from a compass what it learned before arming.
 
-# Tesla per gauss, the unit of CAL_MAGn_*OFF.
-GAUSS = 1e-4
 # CAL_MAGn_*COMP is gauss per kA of current, or gauss at full throttle.
 KILOAMPERE = 1e3
 # Values of CAL_MAG_COMP_TYP; 3, the current of a second battery, is treated as current.
@@ -417,20 +414,20 @@ def px4_compass(values: Values, device_id: int) -> Calibration:
     motors = px4_axis_names("MAG", n, "COMP")
     power = PX4_MOTOR_POWERS.get(int(values.get("CAL_MAG_COMP_TYP", 0)), "current")
     per = KILOAMPERE if power == "current" else 1.0
-    motor = matrix @ parameter_vector(values, motors) * GAUSS / per if power else np.zeros(3)
-    correction = Correction(matrix, -GAUSS * _px4_offset("MAG", values, n), motor)
+    motor = matrix @ parameter_vector(values, motors) * TESLA_PER_GAUSS / per if power else np.zeros(3)
+    correction = Correction(matrix, -TESLA_PER_GAUSS * _px4_offset("MAG", values, n), motor)
     named = [name for kind in ("OFF", "SCALE", "ODIAG", "COMP") for name in px4_axis_names("MAG", n, kind)]
     return Calibration(
         correction,
         px4_axis_names("MAG", n, "OFF"),
-        -GAUSS,
+        -TESLA_PER_GAUSS,
         (*named, f"CAL_MAG{n}_ROT", "CAL_MAG_COMP_TYP"),
         (*(f"CAL_MAG{k}_ID" for k in range(PX4_SLOTS)), *BOARD_PARAMETERS),
         dict.fromkeys(px4_axis_names("MAG", n, "OFF"), "G")
         | dict.fromkeys(motors, "G/kA" if power == "current" else "G"),
         PX4_DIGITS,
         motors,
-        GAUSS / per * matrix,
+        TESLA_PER_GAUSS / per * matrix,
         power,
     )
 

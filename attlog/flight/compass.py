@@ -15,8 +15,6 @@ from attlog.flight.frozen import turned_deg
 from attlog.flight.imu import as_sentence
 from attlog.flight.model import Array, FlightLog, Imu, Mag, Severity, Stream
 
-# Tesla per gauss and per milligauss.
-GAUSS, MILLIGAUSS = 1e-4, 1e-7
 # Factor between a record's norm and the median of its neighbours above which (or below its inverse) it is a spike.
 SPIKE_FACTOR = 3.0
 # Spikes beyond both this number and share are a warning, fewer a note.

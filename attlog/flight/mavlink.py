@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.earth import TESLA_PER_GAUSS, TESLA_PER_MILLIGAUSS
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.core.timestamps import Stamps, changed_records
 from attlog.flight import limits, parameters
@@ -24,7 +25,7 @@ from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.ardupilot import vehicle
 from attlog.flight.ardupilot.imu import filter_cutoffs
 from attlog.flight.builder import LogBuilder, Part, columns, from_euler, optional_column
-from attlog.flight.compass import GAUSS, MILLIGAUSS, build_mag, choose_mag
+from attlog.flight.compass import build_mag, choose_mag
 from attlog.flight.drive import SERVO_OUTPUTS, MotorOutputs
 from attlog.flight.gnss import build_gnss
 from attlog.flight.imu import ImuCandidate, add_imus, best_per_unit, low_pass_delay, validate_candidate
@@ -207,7 +208,7 @@ def magnetometers(builder: TelemetryBuilder) -> list[Mag]:
         table = builder.packets(name)
         if table is None or any(m.index == unit for m in found):
             continue
-        scale = GAUSS if name == "HIGHRES_IMU" else MILLIGAUSS
+        scale = TESLA_PER_GAUSS if name == "HIGHRES_IMU" else TESLA_PER_MILLIGAUSS
         field_t, t = columns(table, "xmag", "ymag", "zmag") * scale, builder.stamps(table)
         if unit and not field_t.any():
             continue  # a unit without compass sends zeros

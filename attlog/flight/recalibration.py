@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.earth import TESLA_PER_MILLIGAUSS
 from attlog.flight import calibration
 from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag, Problem, Stream
@@ -226,10 +227,10 @@ def _check_logged_offsets(log: FlightLog, mag: Mag, found: Calibration) -> None:
         raise CalibrationUnknownError(f"{mag.field.source} does not hold the offsets that flew.")
     begin, end = armed_span(log)
     before = mag.offsets.t <= end
-    flew = np.round((mag.offsets.x[before] if before.any() else mag.offsets.x)[-1] / calibration.MILLIGAUSS)
+    flew = np.round((mag.offsets.x[before] if before.any() else mag.offsets.x)[-1] / TESLA_PER_MILLIGAUSS)
     if ((mag.offsets.t > begin) & (mag.offsets.t < end - STATUS_LAG_S)).any():
         raise CalibrationUnknownError(f"The offsets of {mag.field.source} changed during the flight.")
-    held = found.correction.offset / calibration.MILLIGAUSS
+    held = found.correction.offset / TESLA_PER_MILLIGAUSS
     if (np.trunc(held + np.copysign(1e-3, held)) != flew).any():
         sizes = [", ".join(f"{x:.0f}" for x in three) for three in (flew, held)]
         raise CalibrationUnknownError(

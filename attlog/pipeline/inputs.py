@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from attlog.core import earth, spans
 from attlog.estimators import Aids, LogFacts, LogInfo, Measurements
-from attlog.estimators.aids import LONGEST_LAG_S
+from attlog.estimators.aids import MAX_LAG_S
 from attlog.flight.model import FIX_3D, FlightLog, Gnss, Imu, Mag, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
 # Shortest rest over which noise is estimated.
-LEAST_REST_S = 2.0
+MIN_REST_S = 2.0
 
 
 def facts_of(log: FlightLog, segments: Segments, imu: Imu, declination_deg: float | None = None) -> LogFacts:
@@ -55,7 +55,7 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
     pair = rest[1:] & rest[:-1] & (step > 0.0)
     pair &= step < 2.0 * np.median(step) if len(step) else False
     seconds = float(step[pair].sum())
-    if seconds < LEAST_REST_S:
+    if seconds < MIN_REST_S:
         return None, None, seconds
     density = []
     for x in (imu.gyro.x, imu.acc.x):
@@ -104,7 +104,7 @@ def _lag(stream: Stream) -> float:
 
     The lag is limited, because damaged parameters may give any value.
     """
-    return float(np.clip(stream.delay, 0.0, 0.99 * LONGEST_LAG_S))
+    return float(np.clip(stream.delay, 0.0, 0.99 * MAX_LAG_S))
 
 
 def _position(g: Gnss) -> Measurements | None:

@@ -18,7 +18,7 @@ from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages, prepared
 
 # Shortest time span for which a message rate is computed.
-SHORTEST_S = 1.0
+MIN_S = 1.0
 
 
 def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -> dict[str, Any]:
@@ -76,4 +76,4 @@ def _rate(count: int, ends: tuple[int, int] | None) -> float | None:
     if ends is None or count < 2:
         return None
     span = (float(ends[1]) - float(ends[0])) / 1e6
-    return (count - 1) / span if span >= SHORTEST_S else None
+    return (count - 1) / span if span >= MIN_S else None

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog import estimators, reference
 from attlog.core import rotation
+from attlog.core.earth import GAUSS_PER_TESLA
 from attlog.core.errors import UsageError
 from attlog.estimators.ekf2.parameters import TABLE as EKF2
 from attlog.estimators.ekf3.parameters import TABLE as EKF3
@@ -35,7 +36,6 @@ MAX_TILT_MEDIAN_DEG, MAX_TILT_P95_DEG, MAX_HEADING_MEDIAN_DEG = 0.5, 1.5, 2.0
 MIN_AIRBORNE_S = 5.0
 # Fewest records of the onboard attitude for a comparison.
 MIN_RECORDS = 20
-GAUSS_PER_TESLA = 1e4
 
 
 # Estimator that re-runs the filter of each firmware.

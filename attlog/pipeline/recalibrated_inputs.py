@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.earth import GAUSS_PER_TESLA
 from attlog.estimators.ekf2.parameters import era_of
 from attlog.estimators.ekf2.parameters import settings_of as ekf2_settings
 from attlog.estimators.ekf2.run import predict_seconds
@@ -23,7 +24,6 @@ from attlog.flight.calibration import CalibrationUnknownError
 from attlog.flight.model import FlightLog, Mag
 
 Array = NDArray[np.float64]
-GAUSS_PER_TESLA = 1e4
 # Parameters that calibrate a sensor, by the firmwares' names.
 SENSOR_PARAMETERS = {
     "gyro": re.compile(r"INS\d?_GYR\d?OFFS_.|CAL_GYRO\d_.OFF"),

@@ -354,7 +354,7 @@ def _flight_figure(seed: int) -> PaperFigure:
     )
 
 
-HARDLY = 1.5
+MAX_COST_RATIO = 1.5
 
 
 def flight_claim(found: Seeds) -> Claim:
@@ -402,9 +402,9 @@ def cost_claim(spent: dict[str, list[float]]) -> Claim:
         "cost",
         "The improved filter costs the processor hardly more.",
         "section 4",
-        f"{COST_METHOD} Hardly more is less than half more: holds if the interval of the ratio is below {HARDLY:g}.",
+        f"{COST_METHOD} Hardly more is less than half more: holds if the ratio's interval is below {MAX_COST_RATIO:g}.",
         (one, *each),
-        below(one, HARDLY),
+        below(one, MAX_COST_RATIO),
         f"The size of the error and the ratio of (17) add {quantity(more, 'ns')} to {quantity(each[1].value, 'ns')}. "
         "Times are of this machine.",
     )
@@ -420,7 +420,7 @@ def range_words(numbers: list[PaperNumber], unit: str) -> str:
 
 
 # Ratio of spreads visible in a figure: 2 %.
-QUIETER = 0.98
+MAX_QUIETER_RATIO = 0.98
 # Differences visible in a figure.
 SOONER_S, CLOSER_DEG = -0.1, -0.1
 
@@ -497,7 +497,7 @@ def _rest_claim(found: Seeds) -> Claim:
         "At rest the angles of the improved filter scatter less than those of the traditional one.",
         "fig. 4",
         "Standard deviation of roll and pitch at rest, both filters on the same samples. Holds if the whole "
-        f"interval of the ratio is below {QUIETER:g}.",
+        f"interval of the ratio is below {MAX_QUIETER_RATIO:g}.",
         (
             *numbers,
             equal,
@@ -507,7 +507,7 @@ def _rest_claim(found: Seeds) -> Claim:
             PaperNumber("largest |e| at rest, of 1", largest, ""),
             PaperNumber("mean |e| under vibration, of 1", shaken_e, ""),
         ),
-        combine_verdicts([below(n, QUIETER) for n in numbers]),
+        combine_verdicts([below(n, MAX_QUIETER_RATIO) for n in numbers]),
         f"The two are equal to the last bit in {quantity(equal.value, 'pct')} of the seeds. The integral fades above "
         f"|e| = {ERR1:g}; at rest |e| stays below {math.ceil(100 * largest) / 100:g}. Without any integral the spread "
         f"is {quantity(none.value, 'ratio')} as large. With {SHAKEN_M_S2:g} m/s^2 (RMS) of vibration the mean "

@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 A_M, F = 6378137.0, 1 / 298.257223563
 E2 = F * (2 - F)
 # The standard atmosphere below 11 km (ISO 2533).
-SEA_PRESSURE_PA, SEA_KELVIN, LAPSE, EXPONENT = 101325.0, 288.15, 0.0065, 5.255877
+SEA_PRESSURE_PA, SEA_KELVIN, LAPSE_K_PER_M, PRESSURE_EXPONENT = 101325.0, 288.15, 0.0065, 5.255877
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +58,7 @@ def environment(scenario: Scenario) -> Environment:
             f"place.date: no magnetic model covers {place.date:%Y-%m-%d}; "
             f"take {earth.FIRST_YEAR} to {earth.LAST_YEAR - 1}"
         )
-    kelvin = SEA_KELVIN - LAPSE * place.alt_m
+    kelvin = SEA_KELVIN - LAPSE_K_PER_M * place.alt_m
     return Environment(
         gravity=earth.gravity(place.lat_deg, place.alt_m),
         field_t=field.ned_t,
@@ -78,12 +78,12 @@ def field_at(scenario: Scenario, home: Environment, p: Array) -> Array:
 
 def pressure(height: Array) -> Array:
     """Return the pressure (n,) [Pa] at heights above the sea (n,) [m] in the standard atmosphere."""
-    return SEA_PRESSURE_PA * (1.0 - LAPSE * height / SEA_KELVIN) ** EXPONENT
+    return SEA_PRESSURE_PA * (1.0 - LAPSE_K_PER_M * height / SEA_KELVIN) ** PRESSURE_EXPONENT
 
 
 def height_of(pressure_pa: Array) -> Array:
     """Return heights above the sea (n,) [m] of pressures (n,) [Pa] in the standard atmosphere."""
-    return SEA_KELVIN / LAPSE * (1.0 - (pressure_pa / SEA_PRESSURE_PA) ** (1.0 / EXPONENT))
+    return SEA_KELVIN / LAPSE_K_PER_M * (1.0 - (pressure_pa / SEA_PRESSURE_PA) ** (1.0 / PRESSURE_EXPONENT))
 
 
 def geodetic(scenario: Scenario, ned: Array) -> tuple[Array, Array, Array]:

@@ -26,9 +26,9 @@ CLIMB_M_S, SINK_M_S, LAND_M_S = 2.0, 1.5, 0.6
 ACCELERATION_M_S2 = 5.0
 # Acceleration of the point that is followed.
 BRAKING_M_S2 = 1.5
-LEAST_THRUST, MOST_THRUST = 0.08, 0.95
+MIN_THRUST, MAX_THRUST = 0.08, 0.95
 # Landed: no sinking for so long although it is wanted.
-TOUCH_S, LEAST_CLIMB_M_S = 0.6, 0.2
+TOUCH_S, MIN_CLIMB_M_S = 0.6, 0.2
 MODES = {"attitude": "STABILIZE", "track": "STABILIZE", "hold": "POSCTL", "velocity": "POSCTL", "land": "LAND"}
 
 
@@ -89,7 +89,7 @@ class Guidance:
             roll, pitch = _lean(north, east, self._g + vertical, self._heading, self._gains.tilt_max_deg)
         self._set(roll, pitch, self._heading)
         share = self._hover * (1.0 + vertical / self._g) / max(tilt, 0.3)
-        self.command[THRUST] = min(max(share, LEAST_THRUST), MOST_THRUST)
+        self.command[THRUST] = min(max(share, MIN_THRUST), MAX_THRUST)
         self.command[ENGAGED] = 1.0
         if now.do == "land":
             self._touch(t, dt, speed)
@@ -203,7 +203,7 @@ class Guidance:
 
     def _touch(self, t: float, dt: float, v: list[float]) -> None:
         """Detect the landing: no sinking although it is wanted."""
-        sinking = v[2] > LEAST_CLIMB_M_S
+        sinking = v[2] > MIN_CLIMB_M_S
         self._touching = 0.0 if sinking or t - self._since < 1.0 else self._touching + dt
         if self._touching > TOUCH_S:
             self.landed, self._since, self._touching = True, t, 0.0

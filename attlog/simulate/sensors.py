@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.flight.calibration import MOUNTING_EULER_DEG, euler_matrix
-from attlog.simulate.environment import LAPSE, SEA_KELVIN, generator, geodetic, height_of, pressure
+from attlog.simulate.environment import LAPSE_K_PER_M, SEA_KELVIN, generator, geodetic, height_of, pressure
 from attlog.simulate.flight import BaroStream, BatteryStream, Fix, GnssStream, MagStream, RpmStream, Truth
 from attlog.simulate.scenario import PlantedFault, Scenario
 from attlog.simulate.sensor_settings import Span
@@ -354,5 +354,5 @@ class BaroSensor(SlowSensor):
         keep = np.flatnonzero(self.kept[: self.next])
         p = self.pressure[keep]
         height = height_of(p)
-        warm = SEA_KELVIN - 273.15 - LAPSE * height + 20.0
+        warm = SEA_KELVIN - 273.15 - LAPSE_K_PER_M * height + 20.0
         return BaroStream(self.number, self.rate_hz, self.t[keep], self.t_sample[keep], p, height, warm)

@@ -59,13 +59,16 @@ NOISE_TITLES = {
     "idle": "Noise added idling",
 }
 
-ERRORS = (
+ERROR_COLUMNS = (
     TableColumn("Tilt error RMS", "tilt_rmse_deg", AIR, short="Tilt"),
     TableColumn("Heading error RMS", "heading_rmse_deg", AIR, spare=2, short="Heading"),
 )
-STEPS = (TableColumn("Lag", "lag_ms", AIR, short="Lag"), TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1))
-DRIFT_REST = TableColumn("Drift at rest", "drift_rest_deg_per_min", REST, short="Drift")
-COST = TableColumn("Cost", "cost_ns", ALL, contest=False, spare=4)
+STEP_COLUMNS = (
+    TableColumn("Lag", "lag_ms", AIR, short="Lag"),
+    TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1),
+)
+DRIFT_REST_COLUMN = TableColumn("Drift at rest", "drift_rest_deg_per_min", REST, short="Drift")
+COST_COLUMN = TableColumn("Cost", "cost_ns", ALL, contest=False, spare=4)
 
 
 # Lag, gain and shape of the steps by axis.
@@ -93,7 +96,7 @@ def table_columns(result: Result) -> list[TableColumn]:
     reference = quoted_heading_reference(result)
     title = f"Air drift by {heading_reference_short(reference)}"
     air = TableColumn(title, f"{DRIFT_AIR}.{reference}", AIR, spare=2, short="Drift")
-    return [*ERRORS, *noise, *STEPS, DRIFT_REST, air, COST]
+    return [*ERROR_COLUMNS, *noise, *STEP_COLUMNS, DRIFT_REST_COLUMN, air, COST_COLUMN]
 
 
 # Answer as a cell: number and interval, or a word for a missing value; marked best or not ranked.
@@ -190,7 +193,7 @@ def main_table(result: Result, window: str = "all") -> FilterTable:
     chosen = table_columns(result)
     if window != "all":
         chosen = [dataclasses.replace(c, windows=(window,)) for c in chosen if c.metric != NOISE]
-        chosen.insert(len(ERRORS), TableColumn("Noise", NOISE, (window,), short="Noise"))
+        chosen.insert(len(ERROR_COLUMNS), TableColumn("Noise", NOISE, (window,), short="Noise"))
     return fill_table(result, chosen)
 
 

@@ -16,11 +16,11 @@ from attlog.core.errors import UsageError
 from attlog.estimators import Aids, Measurements, estimate
 from attlog.estimators import aids as airspeed
 from attlog.estimators.aids import (
-    AIR_AGE,
-    AIR_CHANGE,
-    AIR_HEARD,
-    AIR_SPEED,
+    AIRSPEED_AGE,
+    AIRSPEED_LOWPASSED,
+    AIRSPEED_RATE,
     NEVER,
+    TRUE_AIRSPEED,
     update_airspeed,
     without_acceleration,
 )
@@ -164,7 +164,7 @@ def pitot(t: Array, noise: float = 0.5) -> Measurements:
 def listening(told: float = np.nan) -> Array:
     """A state that heard that much at once, or nothing yet."""
     state = np.zeros(5)
-    state[AIR_AGE] = NEVER
+    state[AIRSPEED_AGE] = NEVER
     update_airspeed(state, 0, DT, told, False)
     return state
 
@@ -181,7 +181,7 @@ def test_less_the_flights_own_acceleration_force_is_gravity_in_any_turn() -> Non
     state = np.zeros(5)
     found = np.empty_like(m.acc)
     for k in range(len(m.t)):
-        state[AIR_SPEED], state[AIR_CHANGE] = speed(m.t[k]), 0.8 * np.cos(0.2 * m.t[k])
+        state[TRUE_AIRSPEED], state[AIRSPEED_RATE] = speed(m.t[k]), 0.8 * np.cos(0.2 * m.t[k])
         w = rate[k] + rolling[k]
         found[k] = without_acceleration(state, 0, m.acc[k], w[1], w[2])
     noise = CONSUMER_NOISE.acc * 10.0
@@ -196,9 +196,9 @@ def test_a_missing_force_stays_missing() -> None:
 
 def test_the_first_reading_counts_at_once_and_is_no_acceleration() -> None:
     state = listening(22.0)
-    assert (state[AIR_SPEED], state[AIR_CHANGE]) == (0.0, 0.0)
+    assert (state[TRUE_AIRSPEED], state[AIRSPEED_RATE]) == (0.0, 0.0)
     update_airspeed(state, 0, DT, np.nan, False)
-    assert (state[AIR_SPEED], state[AIR_CHANGE]) == (22.0, 0.0)
+    assert (state[TRUE_AIRSPEED], state[AIRSPEED_RATE]) == (22.0, 0.0)
 
 
 def test_what_a_tube_tells_at_rest_moves_nothing() -> None:
@@ -206,9 +206,9 @@ def test_what_a_tube_tells_at_rest_moves_nothing() -> None:
     state = listening(63.5)
     for told in (63.5, 63.5, 1.0, 0.5):
         update_airspeed(state, 0, DT, told, True)
-        assert (state[AIR_SPEED], state[AIR_CHANGE]) == (0.0, 0.0)
+        assert (state[TRUE_AIRSPEED], state[AIRSPEED_RATE]) == (0.0, 0.0)
     update_airspeed(state, 0, DT, np.nan, False)
-    assert state[AIR_SPEED] == 0.0
+    assert state[TRUE_AIRSPEED] == 0.0
 
 
 def test_changes_add_up_to_the_speed_and_spikes_are_cut() -> None:
@@ -216,17 +216,17 @@ def test_changes_add_up_to_the_speed_and_spikes_are_cut() -> None:
     total, steepest = 0.0, 0.0
     for k in range(600):
         update_airspeed(state, 0, DT, 18.0 if k % 20 == 0 else np.nan, False)
-        total += DT * state[AIR_CHANGE]
-        steepest = max(steepest, state[AIR_HEARD] / (DT * (k + 1)))
-    assert total == pytest.approx(state[AIR_SPEED], abs=1e-9)
-    assert state[AIR_SPEED] == pytest.approx(18.0, abs=0.01)
-    assert steepest == pytest.approx(airspeed.STEEPEST, rel=1e-9)
+        total += DT * state[AIRSPEED_RATE]
+        steepest = max(steepest, state[AIRSPEED_LOWPASSED] / (DT * (k + 1)))
+    assert total == pytest.approx(state[TRUE_AIRSPEED], abs=1e-9)
+    assert state[TRUE_AIRSPEED] == pytest.approx(18.0, abs=0.01)
+    assert steepest == pytest.approx(airspeed.MAX_AIRSPEED_RATE, rel=1e-9)
 
 
 def test_a_breeze_is_no_flight() -> None:
     assert airspeed.weighted_airspeed(0.9) == 0.0
     assert 0.0 < airspeed.weighted_airspeed(2.0) < 2.0
-    assert airspeed.weighted_airspeed(airspeed.SURE) == airspeed.SURE
+    assert airspeed.weighted_airspeed(airspeed.FULL_AIRSPEED) == airspeed.FULL_AIRSPEED
     assert airspeed.weighted_airspeed(-5.0) == 0.0
 
 
@@ -235,10 +235,10 @@ def test_a_tube_that_falls_silent_tells_nothing_after_two_seconds() -> None:
     silent = []
     for _ in range(250):
         update_airspeed(state, 0, DT, np.nan, False)
-        silent.append(state[AIR_SPEED])
+        silent.append(state[TRUE_AIRSPEED])
     assert silent[190] == 20.0
     assert silent[-1] == 0.0
-    assert state[AIR_CHANGE] == 0.0
+    assert state[AIRSPEED_RATE] == 0.0
 
 
 @pytest.mark.parametrize(("name", "tilt", "heading"), [("mekf", 1.0, 3.0), ("smoother", 0.7, 2.0)])

@@ -241,3 +241,13 @@ def test_a_barometer_without_values_is_no_question() -> None:
     log = flight()
     log.baro = [Stream(np.arange(100.0), np.full((100, 1), np.nan), "m", "", "BARO:0")]
     assert baro.barometer_noise(case(log)) == []
+
+
+def test_a_barometer_that_drifts_against_gnss_says_by_how_much() -> None:
+    log = flight()
+    receiver, t = log.gnss[0], np.arange(0.0, SECONDS, 0.1)
+    receiver.alt = 500.0 + 8.0 * np.sin(0.2 * receiver.t)
+    log.baro = [Stream(t, 8.0 * np.sin(0.2 * t)[:, None] + 0.1 * t[:, None], "m", "", "BARO:0")]
+    (one,) = baro.barometer_noise(case(log))
+    # 10 cm/s over 88 s (both ends of the flight left out), of which nine tenths count
+    assert one.evidence == ["Its height and that of GNSS move 7.9 m against each other in flight (90 %)."]

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from attlog.core import rotation
 from attlog.core.earth import MagneticField
 from attlog.flight.calibration import mounting_matrix
+from attlog.flight.model import Firmware, FlightLog
 from attlog.reference import compass_orientation as orientation
 from attlog.reference.compass_orientation import Orientation, Window
+from attlog.reference.compass_windows import use_spans
+from attlog.segments.model import Segment, Segments
 
 EARTH = MagneticField(4.0, 63.0, 48e-6, "made")
 HZ = 8.0
@@ -136,3 +141,20 @@ def test_every_mounting_is_tried_once_and_the_present_one_first() -> None:
     apart = np.abs(orders[:, None] - orders[None]).max(axis=(2, 3))
     assert (apart[~np.eye(len(orders), dtype=bool)] > 1e-6).all()
     assert all(orientation.mounting_number(order, 6) is not None for order in orders)
+
+
+@pytest.mark.parametrize(
+    ("airborne", "crash_s", "used"),
+    [
+        ([(10.0, 11.5), (20.0, 80.0)], None, [(21.0, 79.0)]),
+        ([(20.0, 80.0)], 50.0, [(21.0, 50.0)]),
+        ([(10.0, 11.5), (20.0, 30.0)], None, [(-np.inf, 100.0)]),
+    ],
+    ids=["a hop has no middle", "nothing after a crash", "all of a short flight"],
+)
+def test_a_compass_is_judged_in_the_middle_of_flights(airborne: list, crash_s: float | None, used: list) -> None:
+    log = FlightLog(Path("made"), "made", 0, 0, Firmware("PX4"), "quadrotor")
+    log.seconds = 100.0
+    phases = [Segment("airborne", a, b) for a, b in airborne]
+    phases += [Segment("impact", crash_s, crash_s + 0.1)] if crash_s else []
+    assert use_spans(log, Segments(phases)) == used

@@ -190,7 +190,7 @@ def test_px4s_mode_numbers_are_those_of_vehicle_status() -> None:
     alike = {"ALT_HOLD": "ALTCTL", "LOITER": "POSCTL", "GUIDED": "OFFBOARD", "AUTO": "MISSION"}
     assert {mode: stated[alike.get(mode, mode)] for mode in px4.MODES} == px4.MODES
     assert px4.RELEASE == 0x0110_00FF
-    assert px4.GAUSS == 1e-4
+    assert px4.TESLA_PER_GAUSS == 1e-4
 
 
 def flown(**given: Any) -> Any:

@@ -66,7 +66,6 @@ MIN_ATTITUDE_VARIANCE = 1e-9
 GRID_DEG = 10.0
 TABLE_EPOCHS = (((4, 1), 2018.0), ((4, 7), 2023.0), ((99, 0), 2025.5))
 COMPASS_SCALE_LIMITS = (0.8, 1.3)
-GAUSS_PER_TESLA = 1e4
 # Seconds in the air after which the vehicle's word counts as flight, and height that ends a take-off.
 FLYING_S, LEFT_M = 5.0, 0.5
 OUT_COLUMNS = 52
@@ -357,7 +356,7 @@ def table_field(inputs: Ekf3Inputs, lat: float, lon: float) -> tuple[float, floa
             return None
         parts = np.array([math.radians(node.declination_deg), math.radians(node.inclination_deg), node.strength_t])
         total += weight * parts
-    return float(total[0]), float(total[1]), float(total[2]) * GAUSS_PER_TESLA
+    return float(total[0]), float(total[1]), float(total[2]) * earth.GAUSS_PER_TESLA
 
 
 def known_facts(

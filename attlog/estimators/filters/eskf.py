@@ -56,7 +56,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
     name: {"constants": name} for name in ("fixed", "whole_log", "whole_log_biases")
 }
 # A shorter GNSS shows neither delay nor noise.
-LEAST_GNSS_S = 30.0
+MIN_GNSS_S = 30.0
 # Aids act this much after they were true at least: rest is known half a second later.
 MARGIN_S = 0.6
 
@@ -65,7 +65,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     """Filter one segment without gaps: the attitude at ``t`` (n,); ``mag`` has NaN rows where it has no sample."""
     clock = time.thread_time()
     fixes, constants = aids.velocity, str(params["constants"])
-    if constants in AHEAD and (fixes is None or fixes.t[-1] - fixes.t[0] < LEAST_GNSS_S):
+    if constants in AHEAD and (fixes is None or fixes.t[-1] - fixes.t[0] < MIN_GNSS_S):
         constants = "fixed"
     ahead = constants in AHEAD
     inputs = prepare_inputs(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=ahead)

@@ -72,7 +72,7 @@ STATE = {
 }
 
 # Sigma of a heading of which nothing is known, a whole turn, limit of y^T S^-1 y (5 sigma), least variance.
-UNKNOWN, TURN, CLIP, MIN_VARIANCE = math.pi / math.sqrt(3.0), 2.0 * math.pi, 25.0, 1e-6
+UNKNOWN_HEADING, TURN, MAX_NIS, MIN_VARIANCE = math.pi / math.sqrt(3.0), 2.0 * math.pi, 25.0, 1e-6
 RAD = math.pi / 180.0
 # A step of the past, the longest time that one force counts, and when airspeed is lost [s].
 BIN_S, HELD_S, AIR_LOST_S = 0.0095, 0.2, 5.0
@@ -141,7 +141,7 @@ def begin_hypotheses(state: Any, vn: float, ve: float, var: float) -> None:
         state[p + 3] = var
         state[p + 5] = (math.pi / N) ** 2
     state[S.runs] = 1.0
-    state[S.sigma_heading] = math.sqrt(spread(state))
+    state[S.sigma_heading] = math.sqrt(heading_variance(state))
 
 
 def predict_hypothesis(state: Any, params: Any, i: int, dn: float, de: float, dt: float) -> None:
@@ -175,11 +175,11 @@ def correct_hypothesis(state: Any, i: int, vn: float, ve: float, var: float) -> 
     zn = vn - state[S.v + 2 * i]
     ze = ve - state[S.v + 2 * i + 1]
     square = zn * (inn * zn + ine * ze) + ze * (ine * zn + iee * ze)
-    if square > CLIP:
-        shorter = math.sqrt(CLIP / square)
+    if square > MAX_NIS:
+        shorter = math.sqrt(MAX_NIS / square)
         zn *= shorter
         ze *= shorter
-        square = CLIP
+        square = MAX_NIS
     # The gains of v_N, v_E and psi, then P - K S K^T with S K^T the columns before.
     kn0, kn1 = nn * inn + ne * ine, nn * ine + ne * iee
     ke0, ke1 = ne * inn + ee * ine, ne * ine + ee * iee
@@ -209,10 +209,10 @@ def mix(state: Any) -> None:
     state[S.mean + 1] = math.cos(x)
     state[S.mean + 2] = math.sin(x)
     turn_heading(state, math.cos(half), math.sin(half))
-    state[S.sigma_heading] = math.sqrt(spread(state))
+    state[S.sigma_heading] = math.sqrt(heading_variance(state))
 
 
-def spread(state: Any) -> float:
+def heading_variance(state: Any) -> float:
     """Return the variance [rad^2] of the heading: of the hypotheses about their mean, and their own."""
     var = 0.0
     for i in range(N):
@@ -230,7 +230,7 @@ def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """Return the state: attitude, equal weights, no fix yet."""
     state = np.zeros(sum(STATE.values()))
     state[0:4] = q0
-    state[S.sigma_heading] = UNKNOWN
+    state[S.sigma_heading] = UNKNOWN_HEADING
     state[S.weights : S.weights + N] = 1.0 / N
     state[S.mean + 1] = 1.0
     state[S.force : S.force + 3] = acc
@@ -346,7 +346,7 @@ def pass_on(state: Any, params: Any) -> None:
         if state[S.runs] > 0.0:
             for i in range(N):
                 predict_hypothesis(state, params, i, state[old], state[old + 1], state[old + 2])
-            state[S.sigma_heading] = math.sqrt(spread(state))
+            state[S.sigma_heading] = math.sqrt(heading_variance(state))
         state[S.past_s] -= state[old + 2]
         state[S.first] = float((int(state[S.first]) + 1) % BINS)
         state[S.count] -= 1.0

@@ -40,7 +40,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog.estimators.aids import AIR_AGE, AIR_SPEED, AIRSPEED, NEVER, update_airspeed, without_acceleration
+from attlog.estimators.aids import AIRSPEED, AIRSPEED_AGE, NEVER, TRUE_AIRSPEED, update_airspeed, without_acceleration
 from attlog.estimators.filters.inertial.compass import (
     add_slow_variance,
     correct_reach,
@@ -92,9 +92,9 @@ PRESETS: dict[str, dict[str, float | str]] = {
 EXPECT_EVERY = 5.0
 # Widest prior of an accelerometer bias [m/s^2]; wider ones took what a hand or an alias did for 1.4 m/s^2 (9 deg).
 # EuRoC's raw 0.1 m/s^2 is found all the same.
-WIDEST_BIAS = 0.05
+MAX_ACC_BIAS_SIGMA = 0.05
 # Random walk of the air about a plane [m/s/sqrt(s)]: gusts of 1 m/s that last for 10 s.
-GUSTS = 0.4
+WIND_WALK = 0.4
 # At rest: sigma of velocity [m/s], noise density of the rate [rad/s*sqrt(s)].
 REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 
@@ -102,7 +102,7 @@ REST_VELOCITY, REST_RATE = 0.02, 0.06 * RAD
 def start(params: Any, acc: Any, mag: Any, q0: Any) -> Any:
     """Return the state before the first sample; the alignment finds all but the attitude."""
     state = np.zeros(sum(STATE.values()))
-    state[S.air + AIR_AGE] = NEVER
+    state[S.air + AIRSPEED_AGE] = NEVER
     state[0:4] = q0
     state[S.attitude : S.M] = q0
     state[S.sigma_tilt] = math.sqrt(2.0) * RAD * params[K.tilt_sigma]
@@ -215,7 +215,7 @@ def predict(state: Any, params: Any) -> None:
     for i in range(3):
         state[S.P + (N + 1) * i] += noise
         state[S.P + (N + 1) * (E.bias + i)] += walk
-    gusts = GUSTS if state[S.air + AIR_SPEED] > 0.0 else 0.0
+    gusts = WIND_WALK if state[S.air + TRUE_AIRSPEED] > 0.0 else 0.0
     for i in range(E.v, E.d):
         state[S.P + (N + 1) * i] += (square(params[K.velocity_noise]) + square(gusts)) * time
     state[S.P + (N + 1) * E.d] += square(RAD * params[K.field_sigma]) * (1.0 - keep * keep)
@@ -281,7 +281,7 @@ def expect(state: Any, params: Any) -> None:
     new = square(params[K.acc_bias_sigma])
     for i in range(3):
         new += square(state[S.ba + i]) + state[S.P + (N + 1) * (E.ba + i)]
-    new = min(0.25 * new, max(square(WIDEST_BIAS), square(params[K.acc_bias_sigma])))
+    new = min(0.25 * new, max(square(MAX_ACC_BIAS_SIGMA), square(params[K.acc_bias_sigma])))
     if abs(new - old) < 0.01 * old:
         return
     spread = 1.0 / (1.0 / new - 1.0 / old)

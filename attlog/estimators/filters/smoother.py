@@ -60,7 +60,7 @@ HeadingFrom = Literal["both", "compass", "motion", "none"]
 # Joint sigmas between two headings of which one shares every sensor with the other. Up to the first no compass is
 # suspect. Up to the second, the 95 % limit, it is open which run errs: sound compasses reach 1.3, and a gyro scale of
 # 3 % or an accelerometer bias mislead the run without compass. Then the one with it counts if the field fits it.
-AGREEMENT, OPEN = 1.0, 2.0
+AGREEING_SIGMAS, SUSPECT_SIGMAS = 1.0, 2.0
 # Of a field that fits, so many test ratios (squared innovation over the gate) are below 1: sound compasses have 0.4 to
 # 0.7 there, turned by 5 deg or more and offset by 100 mG 0.7 to 100.
 FITTING_PCT = 95.0
@@ -89,12 +89,12 @@ def choose_heading(with_compass: Estimate, without: Estimate) -> Estimate:
     differ = differences(with_compass, without)
     disagreement = rms(differ[1] / _joint_sigma(with_compass, without, "sigma_heading"))
     tilt, heading = (rms(x) for x in differ)
-    agree = disagreement <= AGREEMENT
+    agree = disagreement <= AGREEING_SIGMAS
     quality: dict[str, float | str] = {"compass_disagreement": disagreement}
     if own_deg(without) <= SURE_DEG:
-        agree |= disagreement <= OPEN and field_fits(with_compass)
+        agree |= disagreement <= SUSPECT_SIGMAS and field_fits(with_compass)
         chosen = with_compass if agree else without
-        chosen = _widened(chosen, tilt, heading) if disagreement <= OPEN else chosen
+        chosen = _widened(chosen, tilt, heading) if disagreement <= SUSPECT_SIGMAS else chosen
         return _with_heading(chosen, "both" if agree else "motion", quality)
     chosen = _widened(with_compass, tilt, 0.0)
     if agree and own_deg(with_compass) <= SURE_DEG:
@@ -209,13 +209,13 @@ PRESETS: dict[str, dict[str, float | str]] = {}
 
 BEFORE_IMPACT_S = 0.2
 # A shorter part before an impact is no flight of its own.
-LEAST_S = 5.0
+MIN_S = 5.0
 
 
 def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mapping[str, float | str]) -> Estimate:
     """Smooth one segment without gaps: the attitude at ``t`` (n,); ``mag`` has NaN rows where it has no sample."""
     end = np.inf if aids.impact is None else aids.impact - BEFORE_IMPACT_S
-    if not t[0] + LEAST_S < end <= t[-1]:
+    if not t[0] + MIN_S < end <= t[-1]:
         return smooth_part(t, gyr, acc, mag, aids, params)
     k = int(np.searchsorted(t, end))
     cuts = [slice(0, k), slice(k, len(t))]

@@ -16,12 +16,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.earth import TESLA_PER_MILLIGAUSS
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder, own_time, replay_frame_stamps, source_name
 from attlog.flight.builder import columns, optional_column
 from attlog.flight.calibration import compass_device
-from attlog.flight.compass import MILLIGAUSS, build_mag
+from attlog.flight.compass import build_mag
 from attlog.flight.gnss import build_gnss
 from attlog.flight.model import Array, Burst, Clipping, Gnss, Imu, Mag, OnboardVibration, Stream
 from attlog.flight.timestamps import gps_time_us, read_stamps
@@ -50,12 +51,12 @@ def magnetometers(builder: DataflashBuilder) -> list[Mag]:
         enabled = builder.values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0) != 0
         device = compass_device(builder.values, unit)
         mag = build_mag(
-            builder, unit, t, field * MILLIGAUSS, source, t_sample_us=sampled, device=device, enabled=enabled
+            builder, unit, t, field * TESLA_PER_MILLIGAUSS, source, t_sample_us=sampled, device=device, enabled=enabled
         )
         if mag is not None:
             if offsets is not None:
                 new = np.concatenate([np.ones(min(len(t), 1), bool), np.diff(offsets, axis=0).any(axis=1)])
-                mag.offsets = builder.quiet().stream(t[new], offsets[new] * MILLIGAUSS, "T", source)
+                mag.offsets = builder.quiet().stream(t[new], offsets[new] * TESLA_PER_MILLIGAUSS, "T", source)
             found.append(mag)
     return found or replay_magnetometers(builder)
 
@@ -69,7 +70,7 @@ def replay_magnetometers(builder: DataflashBuilder) -> list[Mag]:
             continue
         t = replay_frame_stamps(frames, table)
         updated = t - (t - table["LU"].astype(np.int64)) % _WRAP_US
-        field = columns(table, "FX", "FY", "FZ") * MILLIGAUSS
+        field = columns(table, "FX", "FY", "FZ") * TESLA_PER_MILLIGAUSS
         new = np.concatenate([[True], np.diff(updated) != 0]) if len(t) else np.zeros(0, bool)
         use = bool("UFY" not in table or (table["UFY"] != 0).any())
         mag = build_mag(builder, unit, updated[new], field[new], f"RMGI:{unit}", enabled=use)

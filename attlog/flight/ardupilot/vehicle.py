@@ -288,7 +288,7 @@ class EventMeaning:
 
 
 # Meanings of ERR records by subsystem and code.
-ERRORS: dict[tuple[int, int], EventMeaning] = {
+SUBSYSTEM_ERRORS: dict[tuple[int, int], EventMeaning] = {
     (1, 1): EventMeaning("note", "The main loop waited for the inertial sensor"),
     (2, 2): EventMeaning("note", "Radio frames came late for 2 s"),
     (3, 1): EventMeaning("warning", "The compass failed to start", "compass"),
@@ -388,4 +388,4 @@ def error_meaning(subsystem: int, code: int) -> EventMeaning | None:
     if subsystem == FENCE:
         crossed = " and ".join(n for bit, n in FENCE_BITS.items() if code & bit) or f"code {code}"
         return EventMeaning("warning", f"The fence was crossed ({crossed})")
-    return ERRORS.get((subsystem, code), EventMeaning("note", f"Subsystem {subsystem} reported error {code}"))
+    return SUBSYSTEM_ERRORS.get((subsystem, code), EventMeaning("note", f"Subsystem {subsystem} reported error {code}"))

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.core.earth import TESLA_PER_GAUSS
 from attlog.core.timestamps import changed_records
 from attlog.flight import limits
 from attlog.flight.builder import columns, optional_column
 from attlog.flight.calibration import compass_priority, px4_calibrate, px4_slot
-from attlog.flight.compass import GAUSS, build_mag
+from attlog.flight.compass import build_mag
 from attlog.flight.gnss import build_gnss
 from attlog.flight.model import Gnss, Mag, OnboardSpectrum, OnboardVibration, Stream, TimeLine
 from attlog.flight.px4.imu import TopicBuilder, sample_stamps, topic_device
@@ -41,7 +42,7 @@ def published_magnetometers(builder: TopicBuilder) -> list[Mag]:
     found = []
     for i, table in builder.topics("vehicle_magnetometer").items():
         device, source = topic_device(table), f"vehicle_magnetometer:{i}"
-        field, sampled = columns(table, "magnetometer_ga") * GAUSS, sample_stamps(table)
+        field, sampled = columns(table, "magnetometer_ga") * TESLA_PER_GAUSS, sample_stamps(table)
         name = str(device) if device else None
         mag = build_mag(builder, i, builder.stamps(table), field, source, t_sample_us=sampled, device=name)
         if mag is not None:
@@ -57,7 +58,7 @@ def uncalibrated_field(builder: TopicBuilder, device: int) -> Stream | None:
         if topic_device(table) != device or "x" not in table:
             continue
         some = table.rows(np.unique(np.linspace(0, len(table) - 1, RAW_RECORDS).astype(np.int64)))
-        field, sampled = columns(some, "x", "y", "z") * GAUSS, sample_stamps(some)
+        field, sampled = columns(some, "x", "y", "z") * TESLA_PER_GAUSS, sample_stamps(some)
         return builder.quiet().stream(builder.stamps(some), field, "T", f"sensor_mag:{i}", t_sample_us=sampled)
     return None
 
@@ -67,7 +68,7 @@ def combined_magnetometer(builder: TopicBuilder) -> list[Mag]:
     table = builder.table("sensor_combined")
     if table is None or "magnetometer_ga" not in table:
         return []
-    field, t = columns(table, "magnetometer_ga") * GAUSS, builder.stamps(table)
+    field, t = columns(table, "magnetometer_ga") * TESLA_PER_GAUSS, builder.stamps(table)
     if "magnetometer_timestamp_relative" in table:
         t = t + table["magnetometer_timestamp_relative"].astype(np.int64)
     new = changed_records(field, t)
@@ -88,7 +89,7 @@ def raw_magnetometers(builder: TopicBuilder, known: set[str | None], taken: set[
             builder,
             i if i not in taken else max(taken) + 1,
             builder.stamps(table),
-            field * GAUSS,
+            field * TESLA_PER_GAUSS,
             source,
             t_sample_us=sample_stamps(table),
             calibrated=calibrated,

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.earth import TESLA_PER_MILLIGAUSS
 from attlog.core.rotation import rotate_inverse, to_euler
 from attlog.flight.ardupilot.vehicle import ARMED_EVENT, DISARMED_EVENT, LANDED_EVENT, NOT_LANDED_EVENT
 from attlog.flight.timestamps import GPS_EPOCH_S, LEAP_SECONDS
@@ -93,7 +94,6 @@ Array = NDArray[np.float64]
 MODES = {"STABILIZE": 0, "ACRO": 1, "ALTCTL": 2, "ALT_HOLD": 2, "AUTO": 3, "MISSION": 3, "GUIDED": 4, "OFFBOARD": 4,
          "POSCTL": 5, "LOITER": 5, "RTL": 6, "LAND": 9, "HOLD": 17, "TAKEOFF": 4}
 BANNER = "ArduCopter V4.6.0-simulated"
-MILLIGAUSS = 1e-7
 # A faster unit is logged in GYR and ACC.
 RAW_HZ = 500.0
 PWM_MIN, PWM_MAX = 1000, 2000
@@ -151,7 +151,7 @@ def _increments(imu: ImuStream, k: NDArray[np.int64]) -> tuple[Key, Columns]:
 def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     """Return compasses, barometers, receivers, battery and rotor speeds."""
     for mag in flight.mags:
-        x, y, z = (mag.field / MILLIGAUSS).T
+        x, y, z = (mag.field / TESLA_PER_MILLIGAUSS).T
         sampled = micros(mag.t_sample) & np.uint64(0xFFFFFFFF)
         own = CALIBRATED_MG if flight.scenario.sensors.mag[mag.instance].is_external else (0, 0, 0)
         yield message("MAG", mag.instance, micros(mag.t), I=mag.instance, MagX=x, MagY=y, MagZ=z, OfsX=own[0],

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.earth import TESLA_PER_MILLIGAUSS
 from attlog.core.rotation import rotate_inverse, to_euler
 from attlog.formats import Recording, Text
 from attlog.formats.mavlink.layout import STAMP_COLUMN
@@ -37,7 +38,7 @@ from attlog.simulate.logs.records import (
 Array = NDArray[np.float64]
 SENDER = 1 * 256 + 1
 IMU_HZ, QUATERNION_HZ, ATTITUDE_HZ, TARGET_HZ, TRUTH_HZ, SLOW_HZ, STATES_HZ = 50.0, 25.0, 10.0, 10.0, 25.0, 5.0, 1.0
-MILLI_G, MILLIGAUSS = 9.80665e-3, 1e-7
+MILLI_G = 9.80665e-3
 ARMED_FLAG, CUSTOM_MODE = 128, 1
 ON_GROUND, IN_AIR = 1, 2
 
@@ -75,7 +76,7 @@ def _inertial(flight: Flight) -> Packets:
         mags = [m for m in flight.mags if m.instance == imu.instance and len(m.t)]
         if mags:
             field = mags[0].field[last_before(mags[0].t, t)]
-            columns |= dict(zip(("xmag", "ymag", "zmag"), _int16(field / MILLIGAUSS), strict=True))
+            columns |= dict(zip(("xmag", "ymag", "zmag"), _int16(field / TESLA_PER_MILLIGAUSS), strict=True))
         columns["temperature"] = temperature * 100.0
         yield name, t_us, columns
     if flight.imus:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from attlog import __version__
 from attlog.core import rotation
+from attlog.core.earth import TESLA_PER_GAUSS
 from attlog.core.rotation import to_euler
 from attlog.formats import MessageLayout, ParamChange, Recording
 from attlog.formats.recording import Columns, Key
@@ -186,7 +187,6 @@ def px4_parameters(flight: Flight) -> list[ParamChange]:
 # nav_state.
 MODES = {"STABILIZE": 15, "ALTCTL": 1, "ALT_HOLD": 1, "POSCTL": 2, "LOITER": 2, "GUIDED": 14, "OFFBOARD": 14,
          "AUTO": 3, "MISSION": 3, "HOLD": 4, "RTL": 5, "ACRO": 10, "TAKEOFF": 17, "LAND": 18}
-GAUSS = 1e-4
 RELEASE = 1 << 24 | 16 << 16 | 255
 STATES_HZ, STATUS_HZ = 2.0, 1.0
 
@@ -274,7 +274,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     for mag in flight.mags:
         yield message("vehicle_magnetometer", mag.instance, timestamp=micros(mag.t),
                       timestamp_sample=micros(mag.t_sample), device_id=MAGS[min(mag.instance, len(MAGS) - 1)],
-                      magnetometer_ga=mag.field / GAUSS, calibration_count=1)
+                      magnetometer_ga=mag.field / TESLA_PER_GAUSS, calibration_count=1)
     for gnss in flight.gnss:
         lat, lon, alt, vel = place_while_lost(gnss)
         speed = np.hypot(vel[:, 0], vel[:, 1])

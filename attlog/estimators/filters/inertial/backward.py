@@ -23,7 +23,7 @@ import numpy as np
 
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, IOut1, Out1, Out2, aligned_zeros
-from attlog.estimators.aids import SURE, Measurements
+from attlog.estimators.aids import FULL_AIRSPEED, Measurements
 from attlog.estimators.filters import mekf
 from attlog.estimators.filters.inertial.compass import EXCESS_TIME
 from attlog.estimators.filters.inertial.model import ALIGNING, MOVING_RATE, E, K, N, S
@@ -40,12 +40,12 @@ MAX_BLOCKS = 20_000
 MIN_TILT_SIGMA = np.deg2rad(0.3)
 # What the model does not know of a smoothed tilt: the accelerometer's scale (0.5 % of g), and the time of a sample.
 LATE_S = 0.002
-SUMS = 41
+SUM_COLUMNS = 41
 # After the sums of a block: excess and heading doubt, then D (3 N) before and after what was measured.
-BEFORE, AFTER = SUMS + 2, SUMS + 2 + 3 * N
-RECORDED = SUMS + 2 + 6 * N
+BEFORE, AFTER = SUM_COLUMNS + 2, SUM_COLUMNS + 2 + 3 * N
+RECORDED = SUM_COLUMNS + 2 + 6 * N
 # Blocks whose gains are found at once.
-CHUNK = 500
+BLOCKS_PER_CHUNK = 500
 
 
 class RecordedSamples(NamedTuple):
@@ -135,7 +135,7 @@ def record(state: Out1, params: F1, data: RecordedSamples, keep: bool, q: Out2, 
             q[k, j] = state[at + j]
         if ends:
             if count > 0:
-                for j in range(SUMS):
+                for j in range(SUM_COLUMNS):
                     out.sums[row, j] = state[S.seconds + j]
                 predict(state, params)
                 for j in range(3 * N):
@@ -146,8 +146,8 @@ def record(state: Out1, params: F1, data: RecordedSamples, keep: bool, q: Out2, 
                 for j in range(N):
                     out.error[row, j] = state[S.x + j]
                 finish(state, params)
-            out.sums[row, SUMS] = state[S.excess]
-            out.sums[row, SUMS + 1] = state[S.heading_doubt]
+            out.sums[row, SUM_COLUMNS] = state[S.excess]
+            out.sums[row, SUM_COLUMNS + 1] = state[S.heading_doubt]
             for j in range(3 * N):
                 out.sums[row, AFTER + j] = state[S.reach + j]
             for j in range(N * N):
@@ -289,7 +289,7 @@ def smooth(
     heading = np.sqrt(heading[block] ** 2 + late)
     if len(fields) == 0:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])
-    aids = [*["mag"] * (len(fields) > 0), *["airspeed"] * bool(np.any(air >= SURE)), "rest"]
+    aids = [*["mag"] * (len(fields) > 0), *["airspeed"] * bool(np.any(air >= FULL_AIRSPEED)), "rest"]
     return Estimate(
         t=t,
         q=q,
@@ -331,7 +331,7 @@ def acc_bias_spread(run: ForwardRecord, expected: float) -> float:
     sensor keeps a tight prior, a raw one (EuRoC: 0.1 m/s^2) gets the room it needs.
     """
     found = run.state[S.ba : S.ba + 3] ** 2 + np.diag(run.blocks.after[-1].reshape(N, N))[E.ba : E.v]
-    return min(float(np.sqrt((found.sum() + expected**2) / 4.0)), max(mekf.WIDEST_BIAS, expected))
+    return min(float(np.sqrt((found.sum() + expected**2) / 4.0)), max(mekf.MAX_ACC_BIAS_SIGMA, expected))
 
 
 def forward(data: list[Array], values: Array, known: Array | None, keep: bool = True) -> ForwardRecord:
@@ -397,8 +397,8 @@ def backward(run: ForwardRecord, values: Array) -> Corrections:
     reach_before, reach_after = (np.ascontiguousarray(ends.sums[:, k : k + 3 * N]) for k in (BEFORE, AFTER))
     reach = reach_after[-1].copy()
     scratch = aligned_zeros(N * N), aligned_zeros(N * N), aligned_zeros(N), aligned_zeros(N)
-    for b in range(m, 1, -CHUNK):
-        a = max(b - CHUNK, 1)
+    for b in range(m, 1, -BLOCKS_PER_CHUNK):
+        a = max(b - BLOCKS_PER_CHUNK, 1)
         own, earlier = slice(a, b), slice(a - 1, b - 1)
         found = gains(run, values, a, b).reshape(-1, N * N)
         blocks = Blocks(
@@ -423,10 +423,10 @@ def own_sigmas(run: ForwardRecord, back: Corrections, values: Array) -> tuple[Ar
     sums = run.blocks.sums
     # A running mean of that length is that much late.
     centred = np.minimum(np.arange(len(sums)) + int(EXCESS_TIME / values[K.block]), len(sums) - 1)
-    excess = np.maximum(sums[centred, SUMS], 1.0)
+    excess = np.maximum(sums[centred, SUM_COLUMNS], 1.0)
     bias = values[K.acc_bias_considered] ** 2 * back.considered
     # Smoothed, every field counts at every time.
-    doubt = float(np.mean(sums[:, SUMS + 1]))
+    doubt = float(np.mean(sums[:, SUM_COLUMNS + 1]))
     tilt, heading = np.sqrt(np.maximum(back.variance, 0.0)).T
     return np.sqrt(excess * tilt**2 + bias[:, 0]), np.sqrt(heading**2 + bias[:, 1] + doubt)
 

@@ -50,7 +50,7 @@ from attlog.estimators.vectors import cross
 # Corrections add up over that long [s]; the excess is a mean over that long. 3 to 10 and 10 to 30 s give the same.
 SLOW_TIME, EXCESS_TIME = 5.0, 20.0
 # Rooms and currents bend a sound field by that much; sigma [rad] of a heading of which nothing is known.
-SOUND_FIELD, LOST = math.radians(12.0), math.radians(104.0)
+SOUND_FIELD, UNKNOWN_HEADING = math.radians(12.0), math.radians(104.0)
 # Seconds of motion over which the field is compared with itself; before that much the heading is its first.
 FIELD_MEMORY, FIELD_KNOWN = 30.0, 20.0
 # A field at one place says no more about north than this: buildings bend it by a few degrees from place to place.
@@ -66,13 +66,13 @@ FIELD_FOLLOW_S, ROTATION_RATE = 0.05, 20.0 * RAD
 # After so many seconds of refusal a field counts again, with this weight.
 REFUSED_S, REFUSED_WEIGHT = 60.0, 1.0 / 16.0
 # Sigmas of heading by which a steady field may differ before the heading is opened.
-ALARM = 4.0
+REOPEN_SIGMAS = 4.0
 # Deviation of the field in space, and its walk per sqrt(s) of motion (relative).
 FIELD_NOISE, FIELD_WALK = 0.023, 0.01
 # A field fixed to the body is taken off as far as it exceeds this many of its sigmas.
-SIGNIFICANT = 4.0
+BODY_FIELD_SIGMAS = 4.0
 # Largest slope of the field that carries tilt into heading: beyond it the field is too steep to show north.
-MAX_LEAN = 6.0
+MAX_FIELD_SLOPE = 6.0
 
 
 def correct_reach(state: Any, k: int, s: float) -> None:
@@ -129,7 +129,7 @@ def watch_field(state: Any, value: float) -> None:
     state[S.field_off] += share * (value * value - state[S.field_off])
     spread = (state[S.level_spread] + state[S.down_spread]) / max(square(state[S.level]), 1e-30)
     spread = max(spread, state[S.field_off])
-    state[S.field_doubt] = min(max(spread - square(SOUND_FIELD), 0.0), square(LOST))
+    state[S.field_doubt] = min(max(spread - square(SOUND_FIELD), 0.0), square(UNKNOWN_HEADING))
     if state[S.field_clock] < FIELD_KNOWN:
         state[S.heading_doubt] = state[S.field_doubt]
 
@@ -193,7 +193,7 @@ def calibrated(state: Any, params: Any, x: float, y: float, z: float) -> tuple[f
     tau = time * state[S.cal + 6]
     unit = state[S.unit] / time
     size = square(state[S.cal + 3]) + square(state[S.cal + 4]) + square(state[S.cal + 5])
-    doubt = square(SIGNIFICANT) * (state[S.cal_P + 24] + state[S.cal_P + 32] + state[S.cal_P + 40])
+    doubt = square(BODY_FIELD_SIGMAS) * (state[S.cal_P + 24] + state[S.cal_P + 32] + state[S.cal_P + 40])
     weight = 1.0 - doubt / size if size > doubt else 0.0
     ox, oy, oz = product(state, S.A, weight * state[S.cal + 3], weight * state[S.cal + 4], weight * state[S.cal + 5])
     return x - unit * (ox + tau * lx), y - unit * (oy + tau * ly), z - unit * (oz + tau * lz)
@@ -359,7 +359,7 @@ def candidate(state: Any, time: float, good: bool) -> bool:
         state[S.norm] = math.sqrt(square(level) + square(state[S.candidate_field + 2]))
         state[S.dip] = math.atan2(state[S.candidate_field + 2], level)
         state[S.undisturbed] = UNDISTURBED_TIME
-    if abs(psi) > ALARM * math.sqrt(heading_variance(state) + square(4.0 * RAD)):
+    if abs(psi) > REOPEN_SIGMAS * math.sqrt(heading_variance(state) + square(4.0 * RAD)):
         state[S.P + 2 * (N + 1)] += psi * psi
         copy_field(state)
     return True
@@ -403,7 +403,7 @@ def turn_pair(state: Any, at: int, by: int, c: float, s: float) -> None:
 
 def first_heading(state: Any, params: Any, level: float, down: float) -> None:
     """Set the variance of a heading from the field: its own, the tilt's part, and that of d, the same error."""
-    lean = min(max(down / level, -MAX_LEAN), MAX_LEAN)
+    lean = min(max(down / level, -MAX_FIELD_SLOPE), MAX_FIELD_SLOPE)
     offset = square(RAD * params[K.field_sigma])
     for j in range(N):
         state[S.P + 2 * N + j] = lean * state[S.P + j]

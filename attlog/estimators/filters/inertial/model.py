@@ -9,8 +9,8 @@ from attlog.estimators.interface import Parameter
 from attlog.estimators.vectors import multiplied, places, quaternion
 
 # Errors that the covariance holds: attitude (earth axes), gyro bias, gyro matrix, accelerometer bias, velocity, field.
-ERRORS = {"theta": 3, "bias": 3, "M": 9, "ba": 3, "v": 2, "d": 1}
-N = sum(ERRORS.values())
+ERROR_SIZES = {"theta": 3, "bias": 3, "M": 9, "ba": 3, "v": 2, "d": 1}
+N = sum(ERROR_SIZES.values())
 STATE = {
     "q": 4,
     "bias": 3,
@@ -110,7 +110,7 @@ PARAMETERS = (
     Parameter("moving_sigma", 4.0, "deg", 0.01, 90, "tilt error after a start in motion", TRUTH),
 )
 # Where each part of state, error and parameters begins.
-S, E, K = places(STATE), places(ERRORS), places({p.name: 1 for p in PARAMETERS})
+S, E, K = places(STATE), places(ERROR_SIZES), places({p.name: 1 for p in PARAMETERS})
 
 RAD = math.pi / 180.0
 # Stages: the first seconds, no heading from a field yet, everything runs.

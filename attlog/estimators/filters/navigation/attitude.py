@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.estimators.filters.navigation import turns
-from attlog.estimators.filters.navigation.inputs import LEAST_R, Inputs, NoiseLevels
+from attlog.estimators.filters.navigation.inputs import MIN_R, Inputs, NoiseLevels
 from attlog.estimators.filters.navigation.jumps import Jump
 from attlog.estimators.filters.navigation.model import MEM, E
 from attlog.estimators.filters.navigation.passes import Solution
@@ -17,10 +17,10 @@ from attlog.estimators.filters.navigation.solve import Pass
 from attlog.estimators.interface import Array
 
 # The model's own spread is that much too small (measured on flights with truth).
-HONEST = 1.2
-LEAST_TILT, LEAST_HEADING = np.deg2rad(0.03), np.deg2rad(0.04)
-LEAST_TIME_S = 1.5e-3
-WORST_RATIO, MOST_SOFT_PCT, MOST_OPENINGS = 3.0, 40.0, 5
+SIGMA_FACTOR = 1.2
+MIN_TILT, MIN_HEADING = np.deg2rad(0.03), np.deg2rad(0.04)
+MIN_TIME_S = 1.5e-3
+WORST_RATIO, MAX_SOFT_PCT, MAX_OPENINGS = 3.0, 40.0, 5
 # A reference must be surer than this in tilt and in heading (root mean square over the run).
 SURE_DEG = 1.0
 # Samples worked on at once: a long log must not take many times its size.
@@ -75,10 +75,10 @@ def sigmas(inputs: Inputs, found: Pass, spread: Array, jumps: Sequence[Jump] = (
     Within two sigma of the time of a jump of the gyro bias, what it turns in one sigma of it is added.
     """
     at = inputs.sensed_at[found.schedule.node_at]
-    rate = np.sqrt(np.sum(inputs.gyr**2, axis=1)) * LEAST_TIME_S
+    rate = np.sqrt(np.sum(inputs.gyr**2, axis=1)) * MIN_TIME_S
     three = [np.interp(inputs.t, at, np.maximum(spread[:, i], 0.0)) for i in range(3)]
-    tilt = HONEST**2 * (three[0] + three[1]) + LEAST_TILT**2 + rate**2
-    heading = HONEST**2 * three[2] + LEAST_HEADING**2 + rate**2
+    tilt = SIGMA_FACTOR**2 * (three[0] + three[1]) + MIN_TILT**2 + rate**2
+    heading = SIGMA_FACTOR**2 * three[2] + MIN_HEADING**2 + rate**2
     for jump in jumps:
         near = np.flatnonzero(np.abs(inputs.sensed_at - jump.t) <= 2.0 * jump.t_sigma)
         turned = rotation.rotate(found.q[near], np.tile(jump.size * jump.t_sigma, (len(near), 1)))
@@ -136,7 +136,7 @@ def quality(inputs: Inputs, found: Pass, tuned: NoiseLevels, tilt: Array, headin
 
 def quality_of_passes(solution: Solution) -> dict[str, float | str]:
     """Return quality numbers of passes: how many, which was kept, the worst misfit of a noise level."""
-    at_floor = solution.tuned.r <= np.array(LEAST_R) * 1.001
+    at_floor = solution.tuned.r <= np.array(MIN_R) * 1.001
     known = np.where(at_floor, np.minimum(solution.ratios, 1.0), solution.ratios)
     known = known[:7][np.isfinite(known[:7])]
     return {
@@ -204,8 +204,8 @@ def refusal(numbers: dict[str, float | str]) -> str:
         ("sigma_tilt_deg", SURE_DEG, "its own tilt sigma is {:.1f} deg"),
         ("sigma_heading_deg", SURE_DEG, heading),
         ("worst_ratio", WORST_RATIO, "an aid does not fit: residuals {:.1f} times the calibrated noise (squared)"),
-        ("soft_gated_pct", MOST_SOFT_PCT, "{:.0f} % of the GNSS velocities do not fit"),
-        ("openings", MOST_OPENINGS, "it lost an aid {:.0f} times"),
+        ("soft_gated_pct", MAX_SOFT_PCT, "{:.0f} % of the GNSS velocities do not fit"),
+        ("openings", MAX_OPENINGS, "it lost an aid {:.0f} times"),
     ):
         value = numbers.get(name, 0.0)
         if isinstance(value, float) and value > limit:

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from attlog.estimators.filters.navigation.inputs import (
-    LEAST_R,
+    MIN_R,
     REST_MEAN_S,
     Inputs,
     NoiseLevels,
@@ -34,7 +34,7 @@ from attlog.estimators.interface import Array
 MEDIAN_OF_SQUARE = 0.4549
 SOFT_COUNTS = 9.0
 WIDE_CLIP, NARROW_CLIP = 50.0, 5.0
-LEAST_UPDATES, LEAST_FLIGHT_S = 20, 10.0
+MIN_UPDATES, MIN_FLIGHT_S = 20, 10.0
 FIXED_GROUP = 7
 GYRO_RANGE, ACC_RANGE = (2e-5, 3e-2), (1e-3, 1.0)
 # State rows, and the range of the random walk as parts of its start.
@@ -53,11 +53,11 @@ SPREADS = {
 }
 DECLINATION_RANGE = (np.deg2rad(0.6), np.deg2rad(3.0))
 PRIOR_WEIGHT = 0.5
-QUIETEST_GYRO, QUIETEST_ACC = 1e-4, 3e-3
+MIN_GYRO_NOISE, MIN_ACC_NOISE = 1e-4, 3e-3
 WHITE_FACTOR = 1.5
-USUAL_S, USUAL_SIGMA_S = 0.12, 0.08
-LONGEST_S, LONGEST_MAG_S = 0.6, 0.15
-MOST_STEPS = 4
+PRIOR_DELAY_S, PRIOR_DELAY_SIGMA_S = 0.12, 0.08
+MAX_DELAY_S, MAX_MAG_DELAY_S = 0.6, 0.15
+MAX_STEPS = 4
 # Fixes this near to the ends are left out of the search: all delays must see the same ones.
 MARGIN_S = 0.7
 
@@ -73,14 +73,14 @@ def first_guess(inputs: Inputs, tuned: NoiseLevels) -> NoiseLevels:
         second = x[2:] - 2.0 * x[1:-1] + x[:-2]
         sd = np.median(np.abs(second), axis=0) / (0.6745 * np.sqrt(6.0))
         levels.append(float(np.sqrt(np.mean(sd**2) * dt)))
-    gyro, acc = max(WHITE_FACTOR * levels[0], QUIETEST_GYRO), max(WHITE_FACTOR * levels[1], QUIETEST_ACC)
+    gyro, acc = max(WHITE_FACTOR * levels[0], MIN_GYRO_NOISE), max(WHITE_FACTOR * levels[1], MIN_ACC_NOISE)
     r = tuned.r.copy()
     looks = rest_times(inputs)
     if len(looks) > 5:
         means = RunningMean(inputs.sensed_at, inputs.gyr).mean(looks - REST_MEAN_S, looks)
         spread = np.median(np.abs(np.diff(means, axis=0)), axis=0) / (0.6745 * np.sqrt(2.0))
-        r[6] = max(float(np.sqrt(np.mean(spread**2))), LEAST_R[6])
-    return replace(tuned, gyro=gyro, acc=acc, acc_rest=max(2.0 * acc, QUIETEST_ACC), r=r)
+        r[6] = max(float(np.sqrt(np.mean(spread**2))), MIN_R[6])
+    return replace(tuned, gyro=gyro, acc=acc, acc_rest=max(2.0 * acc, MIN_ACC_NOISE), r=r)
 
 
 def ratios(found: Pass) -> Array:
@@ -89,7 +89,7 @@ def ratios(found: Pass) -> Array:
     score = np.where(found.soft == 1, np.maximum(found.score, SOFT_COUNTS), found.score)
     for g in range(GROUPS):
         mine = score[found.group == g]
-        if len(mine) >= LEAST_UPDATES:
+        if len(mine) >= MIN_UPDATES:
             out[g] = float(np.median(mine)) / MEDIAN_OF_SQUARE
     return out
 
@@ -100,9 +100,9 @@ def calibrated(found: Pass, tuned: NoiseLevels, begun: NoiseLevels, flight_s: fl
     r = tuned.r.copy()
     for g, ratio in enumerate(ratios(found)):
         if g != FIXED_GROUP and np.isfinite(ratio):
-            r[g] = max(r[g] * np.sqrt(np.clip(ratio, 1.0 / clip, clip)), LEAST_R[g])
+            r[g] = max(r[g] * np.sqrt(np.clip(ratio, 1.0 / clip, clip)), MIN_R[g])
     tuned = replace(tuned, r=r)
-    if flight_s < LEAST_FLIGHT_S:
+    if flight_s < MIN_FLIGHT_S:
         return tuned
 
     def step(row: int, count: int) -> float:
@@ -146,8 +146,8 @@ def delays_by_state(found: Pass, tuned: NoiseLevels) -> NoiseLevels:
     """Move delays by their smoothed states, each prior fixed (0.12 s for GNSS, 0 for the field)."""
     values: dict[str, Any] = {}
     for name, row, usual, sigma, most in (
-        ("gnss_delay", E.gnss_delay, USUAL_S, tuned.prior.gnss_delay, LONGEST_S),
-        ("mag_delay", E.mag_delay, 0.0, tuned.prior.mag_delay, LONGEST_MAG_S),
+        ("gnss_delay", E.gnss_delay, PRIOR_DELAY_S, tuned.prior.gnss_delay, MAX_DELAY_S),
+        ("mag_delay", E.mag_delay, 0.0, tuned.prior.mag_delay, MAX_MAG_DELAY_S),
     ):
         spread = float(found.first_spread[row])
         if spread <= 0.0 or sigma <= 0.0:
@@ -176,11 +176,11 @@ def delay_by_likelihood(
             tau = tuned.gnss_delay + k * step
             schedule = runner.timetable.scheduled(replace(tuned, gnss_delay=tau), within=inner)
             found = runner.forward(schedule, held, par)
-            known[k] = found.likelihood - 0.5 * ((tau - USUAL_S) / USUAL_SIGMA_S) ** 2
+            known[k] = found.likelihood - 0.5 * ((tau - PRIOR_DELAY_S) / PRIOR_DELAY_SIGMA_S) ** 2
         return known[k]
 
     best = max((-1, 0, 1), key=value)
-    for _ in range(MOST_STEPS):
+    for _ in range(MAX_STEPS):
         beyond = max((best - 1, best, best + 1), key=value)
         if beyond == best:
             break
@@ -189,4 +189,4 @@ def delay_by_likelihood(
     bend = left - 2.0 * middle + right
     shift = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
     tau = tuned.gnss_delay + (best + float(np.clip(shift, -1.0, 1.0))) * step
-    return replace(tuned, gnss_delay=float(np.clip(tau, -LONGEST_S, LONGEST_S)))
+    return replace(tuned, gnss_delay=float(np.clip(tau, -MAX_DELAY_S, MAX_DELAY_S)))

@@ -46,7 +46,7 @@ from attlog.estimators.filters.navigation.model import (
     turn_earth,
 )
 
-MOST_SKIPS, MOST_SKIPS_MAG = 25.0, 100.0
+MAX_SKIPS, MAX_SKIPS_MAG = 25.0, 100.0
 OPEN_PHI = 0.05
 OPEN_HARD_G, KICK_G = 0.010, 0.020
 KICK_MEAN, KICK_AFTER, KICK_EVERY_S, KICK_CLIP, KICK_WEIGHT = 12.0, 4.0, 0.5, 60.0, 0.15
@@ -241,7 +241,7 @@ def refused(kind: int, c: float, r: Any, par: Any, memory: Any, P: Any) -> int:
         memory[MEM.skips + kind] = max(memory[MEM.skips + kind] - 2.0, 0.0)
         return 0
     memory[MEM.skips + kind] += 1.0
-    if memory[MEM.skips + kind] <= (MOST_SKIPS_MAG if kind == MAG else MOST_SKIPS):
+    if memory[MEM.skips + kind] <= (MAX_SKIPS_MAG if kind == MAG else MAX_SKIPS):
         return 1
     open_covariance(P, kind, r)
     memory[MEM.skips + kind] = 0.0

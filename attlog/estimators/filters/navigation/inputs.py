@@ -31,7 +31,7 @@ WANDER_S, WANDER_M = 100.0, 1.0
 JUMP_RAD_S = np.deg2rad(3.0)
 REST_SPEED, REST_EVERY_S, REST_MEAN_S = 0.02, 0.2, 0.2
 # Receivers are never better: a GNSS of 4 mm/s would make timing errors look like information. m/s, m, m, G, rad/s.
-LEAST_R = (0.02, 0.02, 0.03, 0.03, 0.02, 0.001, 1e-6, REST_SPEED)
+MIN_R = (0.02, 0.02, 0.03, 0.03, 0.02, 0.001, 1e-6, REST_SPEED)
 START_R = (0.1, 0.1, 0.5, 0.5, 0.3, 0.010, 1e-4, REST_SPEED)
 
 
@@ -103,7 +103,7 @@ def started(params: Mapping[str, float | str]) -> NoiseLevels:
     return replace(NoiseLevels(), prior=prior)
 
 
-assert len(START_R) == len(LEAST_R) == GROUPS
+assert len(START_R) == len(MIN_R) == GROUPS
 
 
 # What a run was given, made ready: inertial samples at their own times, and aids in local axes with block means.
@@ -114,13 +114,13 @@ assert len(START_R) == len(LEAST_R) == GROUPS
 GRAVITY = 9.80665
 TYPICAL_FIELD_G = 0.5
 # Samples further from the median are faults; a median further from the model is a unit or scale fault.
-ODD_FIELD, SCALED_FIELD = 0.6, 0.07
+MAX_FIELD_DEVIATION, MAX_FIELD_BIAS = 0.6, 0.07
 EQUATOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563
-LEAST_FIXES = 5
+MIN_FIXES = 5
 # Take-off and touch-down stay out of rest.
 REST_EDGE_S = 0.5
 # Short means of the gyro that differ by more than this from the first few are no rest.
-SHORT_S, FEW, STANDS_RAD_S = 0.2, 3, np.deg2rad(3.0)
+SHORT_S, FIRST_MEANS, MAX_REST_DIFFERENCE_RAD_S = 0.2, 3, np.deg2rad(3.0)
 # What a run may know of a sensor's level before it begins, where it may not look ahead.
 FIRST_S = 2.0
 
@@ -243,8 +243,8 @@ def resting(t: Array, gyr: Array, spans: Array | None) -> tuple[NDArray[np.int8]
             continue
         grid = np.arange(t[k], t[e - 1], SHORT_S)
         mean = RunningMean(t[k:e], gyr[k:e]).mean(grid, grid + SHORT_S)
-        begin = np.mean(mean[:FEW], axis=0)
-        turning = np.flatnonzero(np.sqrt(np.sum((mean - begin) ** 2, axis=1)) > STANDS_RAD_S)
+        begin = np.mean(mean[:FIRST_MEANS], axis=0)
+        turning = np.flatnonzero(np.sqrt(np.sum((mean - begin) ** 2, axis=1)) > MAX_REST_DIFFERENCE_RAD_S)
         end = b if len(turning) == 0 else float(grid[turning[0]]) - SHORT_S
         begins = int(np.searchsorted(t, a + REST_EDGE_S, side="right")) if a > t[0] + REST_EDGE_S else 0
         rest[max(begins, k) : np.searchsorted(t, end - REST_EDGE_S, side="right")] = True
@@ -262,12 +262,12 @@ def gnss(aids: Aids, declination: float, t: Array, ahead: bool) -> tuple[Measure
     turn[:2, :2] = [[c, s], [-s, c]]
     v, p = aids.velocity, aids.position
     velocity = None
-    if v is not None and len(v.t) >= LEAST_FIXES:
+    if v is not None and len(v.t) >= MIN_FIXES:
         velocity = Measurements(
             v.t, v.x @ turn.T if not np.isnan(v.x).any() else _turned(v.x, turn), _shape(v.sigma, len(v.t), 1, ahead)
         )
     position = None
-    if p is not None and len(p.t) >= LEAST_FIXES:
+    if p is not None and len(p.t) >= MIN_FIXES:
         origin = p.x[0]
         height = p.x[np.isfinite(p.x[:, 2]), 2]
         lat = np.radians(origin[0])
@@ -314,7 +314,7 @@ def _shape(sigma: Array | None, n: int, columns: int, ahead: bool) -> Array:
 
 
 def _baro(aids: Aids) -> Measurements | None:
-    if aids.baro is None or len(aids.baro.t) < LEAST_FIXES:
+    if aids.baro is None or len(aids.baro.t) < MIN_FIXES:
         return None
     t, x, _ = blocks(aids.baro.t, aids.baro.x[:, None], BARO_BLOCK_S)
     return Measurements(t, x[:, 0] - x[0, 0])
@@ -331,9 +331,9 @@ def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measurements
     level = float(np.median(known))
     wanted = TYPICAL_FIELD_G if field is None else float(np.sqrt(np.sum(field * field)))
     scale = 1e4
-    if field is None or abs(level * scale / wanted - 1.0) > SCALED_FIELD:
+    if field is None or abs(level * scale / wanted - 1.0) > MAX_FIELD_BIAS:
         scale = wanted / level
-    usual = np.abs(size[good] / level - 1.0) < ODD_FIELD
+    usual = np.abs(size[good] / level - 1.0) < MAX_FIELD_DEVIATION
     if np.count_nonzero(usual) < 2:
         return None
     at, x, _ = blocks(at[usual], scale * mag[good][usual], MAG_BLOCK_S)

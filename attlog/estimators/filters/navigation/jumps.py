@@ -34,7 +34,7 @@ MAX_JUMPS = 4
 EDGE_S = 2.0
 # What is smaller the bias' random walk follows; what is larger is a blow or a clipped gyro, what is less sure no step
 # of a constant bias.
-SMALLEST_RAD_S, LARGEST_RAD_S, LEAST_SURE_RAD_S = np.deg2rad(0.2), np.deg2rad(10.0), np.deg2rad(0.3)
+MIN_JUMP_RAD_S, MAX_JUMP_RAD_S, MIN_SURE_RAD_S = np.deg2rad(0.2), np.deg2rad(10.0), np.deg2rad(0.3)
 # Two runs agree on a jump within so many joint sigmas and this much.
 AGREE_SIGMAS, SAME_RAD_S = 3.0, np.deg2rad(0.1)
 # A gyro's bias drifts less in a flight, unless it jumps; each rest shows it for so long at least.
@@ -42,7 +42,7 @@ BIAS_CHANGED_DPS, MIN_REST_S = 0.5, 2.0
 # Steps in s by which the time of a jump is moved while that is likelier.
 PLACED_S = (0.4, 0.2, 0.1, 0.05)
 # Two sigma from its best time the logarithm of the likelihood has fallen by 2; none is looked at further away.
-FALL, FURTHEST_S = 2.0, 26.0
+LOG_LIKELIHOOD_FALL, MAX_TIME_SEARCH_S = 2.0, 26.0
 Times = tuple[float, ...]
 
 
@@ -58,12 +58,12 @@ class Jump:
     @property
     def counts(self) -> bool:
         """Return whether the jump is large enough to report."""
-        return bool(self.rate > SMALLEST_RAD_S)
+        return bool(self.rate > MIN_JUMP_RAD_S)
 
     @property
     def believable(self) -> bool:
         """Return whether a bias can step so."""
-        return bool(self.rate < LARGEST_RAD_S and np.max(self.sigma) < LEAST_SURE_RAD_S)
+        return bool(self.rate < MAX_JUMP_RAD_S and np.max(self.sigma) < MIN_SURE_RAD_S)
 
     @property
     def rate(self) -> float:
@@ -88,7 +88,7 @@ def candidate(found: Pass, when: Array, known: Times) -> tuple[float, float]:
     for t in known:
         usable &= np.abs(when - t) > EDGE_S
     gain, size = gains(found.shocks)
-    usable &= np.sum(size**2, axis=1) > SMALLEST_RAD_S**2
+    usable &= np.sum(size**2, axis=1) > MIN_JUMP_RAD_S**2
     if not usable.any():
         return float(when[0]), 0.0
     k = int(np.argmax(np.where(usable, gain, -np.inf)))
@@ -117,7 +117,10 @@ def placed(times: Times, likelihood: Callable[[Times], float]) -> tuple[Times, T
                 times, best = _with_moved_time(times, k, step), value
         far = [PLACED_S[-1], PLACED_S[-1]]
         for side, sign in enumerate((1.0, -1.0)):
-            while far[side] < FURTHEST_S and likelihood(_with_moved_time(times, k, sign * far[side])) > best - FALL:
+            while (
+                far[side] < MAX_TIME_SEARCH_S
+                and likelihood(_with_moved_time(times, k, sign * far[side])) > best - LOG_LIKELIHOOD_FALL
+            ):
                 far[side] *= 2.0
         sigmas.append(0.5 * max(far))
     return times, tuple(sigmas)
@@ -164,14 +167,14 @@ def bias_change_dps(inputs: Inputs) -> float:
 # How often the filter asks, and how far back it looks.
 EVERY_S, WINDOW_S = 1.0, 10.0
 # Mean square, over the gate's, of the worst of three innovations of velocity or field: 0.3 where noise levels fit.
-GROWN = 0.5
+LARGE_INNOVATION = 0.5
 # Least gain in log likelihood, and what a filter that a bad compass misleads would take for a jump.
 ONLINE_MIN_GAIN, ONLINE_MAX_JUMP_RAD_S = 40.0, np.deg2rad(4.0)
 # Groups of GNSS velocities and positions, and what they must gain at least: -3 and more for real jumps on 24 flights (a
 # plane's -12 in the first second), -6 to -32 in 11 of the 18 copies where a compass feigned one.
 GNSS, GNSS_GAIN = slice(0, 4), -5.0
 # After so many looks in vain it looks in every fifth second only: aids that stay bad must not cost minutes.
-LOOKS, SELDOM = 5, 5
+VAIN_SEARCHES, SLOW_SEARCH_S = 5, 5
 # How well the time of a jump is known, about.
 UNSURE_S = 0.5
 # So near to the end a jump looks like a single odd fix.
@@ -193,13 +196,13 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
             begun.pop(0)
         runner.run(int(a), int(b), found, state, begin, par, None, None)
         looks = looks + 1 if grown(found.ratio[a:b]) else 0
-        if looks == 0 or (looks > LOOKS and second % SELDOM):
+        if looks == 0 or (looks > VAIN_SEARCHES and second % SLOW_SEARCH_S):
             continue
         first, before = begun[0]
         shocks, _, without = runner.shocks(schedule, begin, par, before, first, int(b))
         gain, size = gains(shocks)
         rate = np.sqrt(np.sum(size**2, axis=1))
-        gain[(when[first:b] > when[b - 1] - FRESH_S) | (rate < SMALLEST_RAD_S)] = -np.inf
+        gain[(when[first:b] > when[b - 1] - FRESH_S) | (rate < MIN_JUMP_RAD_S)] = -np.inf
         k = int(np.argmax(gain))
         if gain[k] < ONLINE_MIN_GAIN or rate[k] > ONLINE_MAX_JUMP_RAD_S or len(accepted) == MAX_JUMPS:
             continue
@@ -226,6 +229,6 @@ def grown(ratio: Array) -> bool:
     """Return whether velocities or fields did not fit of late; ``ratio`` (k, 4) at some nodes, NaN without an aid."""
     for column in (0, 3):
         known = ratio[np.isfinite(ratio[:, column]), column]
-        if len(known) and float(np.mean(np.minimum(known, 9.0))) > GROWN:
+        if len(known) and float(np.mean(np.minimum(known, 9.0))) > LARGE_INNOVATION:
             return True
     return False

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from attlog.core.jit import B1, F1, F2, I1, Cells, IOut1, Out1, Out2
 from attlog.estimators.vectors import cross, matrix, multiplied, places, quaternion
 
-ERRORS = {
+ERROR_SIZES = {
     "phi": 3,
     "v": 3,
     "pos": 3,
@@ -33,7 +33,7 @@ ERRORS = {
     "arm": 3,
     "scale": 3,
 }
-E, N = places(ERRORS), sum(ERRORS.values())
+E, N = places(ERROR_SIZES), sum(ERROR_SIZES.values())
 # Entries of the symmetric soft iron, row by row.
 SYMMETRIC = ((0, 3, 4), (3, 1, 5), (4, 5, 2))
 

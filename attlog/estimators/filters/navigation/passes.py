@@ -342,7 +342,7 @@ FIRST_S, FURTHER = 10.0, 1.6
 GRID_S = 15.0
 # A rate in rad/s, the mean between two fixes, and the longest time between these that counts.
 FASTEST, FIXES_S = 1.0, 2.0
-LEAST_FIXES_S = 10.0
+MIN_FIXES_S = 10.0
 LEARNING_PASSES = 3
 # Noise of gyro and accelerometer counts as learnt by that much motion: at take-off it is still that of rest.
 DOUBT_S = 40.0
@@ -362,7 +362,7 @@ def stages(inputs: Inputs) -> list[tuple[int, int]]:
     looks, seconds = [0], FIRST_S
     while seconds < min(motion[-1], MAX_LEARNING_S):
         k = int(np.searchsorted(motion, seconds))
-        if inputs.velocity is not None and inputs.sensed_at[k] - inputs.velocity.t[0] >= LEAST_FIXES_S:
+        if inputs.velocity is not None and inputs.sensed_at[k] - inputs.velocity.t[0] >= MIN_FIXES_S:
             looks.append(k)
         seconds *= FURTHER
     return list(pairwise([*looks, len(inputs.t)]))

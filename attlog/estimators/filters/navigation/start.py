@@ -29,7 +29,7 @@ from attlog.estimators.interface import Array
 STATIC_S, QUIET_S, MOTION_S, TURNED_S = 2.0, 0.6, 8.0, 2.0
 QUIET_RAD_S, QUIET_M_S2, QUIET_M_S = np.deg2rad(3.0), 0.4, 1.0
 PAIR_S = (0.9, 2.1)
-LEAST_PAIRS = 3
+MIN_PAIRS = 3
 NEAR_FIX_S = 2.0
 FIELD_WEIGHT = 20.0
 ACC_NOISE = {"static": 0.05, "quiet": 0.5, "motion": 0.7}
@@ -149,7 +149,7 @@ def _in_motion(inputs: Inputs, tuned: NoiseLevels) -> Array:
         if m is not None:
             k = np.clip(np.searchsorted(t[:n], m.t - tuned.mag_delay), 0, n - 1)
             fields = rotation.rotate(q[k], m.x)
-    if pairs < LEAST_PAIRS:
+    if pairs < MIN_PAIRS:
         b = min(float(t[0]) + TURNED_S, float(t[n - 1]))
         mean = force.mean(np.array([t[0]]), np.array([b]))[0]
         return from_vectors(mean, np.mean(fields, axis=0) if len(fields) else None, inputs.field)

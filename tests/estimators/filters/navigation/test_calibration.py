@@ -13,7 +13,7 @@ from scipy import stats
 from attlog.estimators import Aids, Measurements
 from attlog.estimators.filters.navigation import calibration
 from attlog.estimators.filters.navigation.calibration import WHITE_FACTOR, first_guess
-from attlog.estimators.filters.navigation.inputs import LEAST_R, NoiseLevels, prepare_inputs
+from attlog.estimators.filters.navigation.inputs import MIN_R, NoiseLevels, prepare_inputs
 from attlog.estimators.filters.navigation.start import StartState
 
 
@@ -75,7 +75,7 @@ def test_noise_follows_the_root_of_its_ratio_within_the_clip_and_above_the_least
     want = tuned.r * np.sqrt([2.0, 1.0, clip, 1.0 / clip, 1.0, 0.0, 1.0, 1.0])
     want[5] = 0.001
     assert found.r == pytest.approx(want, rel=1e-3)
-    assert (found.r >= LEAST_R).all()
+    assert (found.r >= MIN_R).all()
     assert found.gyro == tuned.gyro
 
 
