@@ -293,14 +293,16 @@ class Power:
 class Parameters:
     """Parameters of the vehicle by name, and the trim and declination they set.
 
-    ``lines``: values over time. ``defaults``: as logged. ``given``: values from a ground station's file. ``filled``:
-    names that are only in this file. ``trim`` (3,) rad: rotation between IMU and vehicle, removed from attitudes with
-    ``has_trim``. ``declination`` (deg, east positive): as set in the autopilot. Both are None if the parameters in
-    ``trim_source`` and ``declination_source`` are not logged.
+    ``lines``: values over time. ``defaults``: as logged, the airframe's where it differs from the firmware's.
+    ``of_airframe``: names with a logged default of the firmware alone, because their value is the airframe's default.
+    ``given``: values from a ground station's file. ``filled``: names that are only in this file. ``trim`` (3,) rad:
+    rotation between IMU and vehicle, removed from attitudes with ``has_trim``. ``declination`` (deg, east positive): as
+    set in the autopilot. Both are None if the parameters in ``trim_source`` and ``declination_source`` are not logged.
     """
 
     lines: dict[str, TimeLine] = field(default_factory=dict)
     defaults: dict[str, float] = field(default_factory=dict)
+    of_airframe: frozenset[str] = frozenset()
     given: dict[str, float] = field(default_factory=dict)
     filled: frozenset[str] = frozenset()
     trim: Array | None = None

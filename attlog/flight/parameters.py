@@ -9,8 +9,10 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from itertools import accumulate, chain
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -77,12 +79,62 @@ def add_values(builder: LogBuilder, declinations: Mapping[str, float]) -> None:
     """
     log = builder.log
     changes = builder.messages.params
-    log.parameters.defaults = {c.name: c.value for c in changes if c.is_default and math.isfinite(c.value)}
+    logged = [c for c in changes if c.is_default and math.isfinite(c.value)]
+    of_vehicle = {c.name: c.value for c in logged if not c.firmware_only}
+    of_firmware = {c.name: c.value for c in logged if c.firmware_only}
+    log.parameters.defaults = of_firmware | of_vehicle
+    log.parameters.of_airframe = frozenset(of_firmware) - frozenset(of_vehicle)
     for name, to_deg in declinations.items():
         value = log.param(name)
         if value is not None and UNSET_DECLINATION_DEG < abs(value * to_deg) <= 180.0:
             log.parameters.declination, log.parameters.declination_source = float(value) * to_deg, name
             return
+
+
+# Origin of a parameter's value at the start of the log: a default, a setting, unknown, or a file of the user.
+Origin = Literal["default", "airframe", "set", "unknown", "file"]
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterHistory:
+    """Parameter of a vehicle: value at the start of the log, and changes (t in s, value) after it.
+
+    ``default``: None if unknown. ``origin``: ``airframe`` is that of the airframe's configuration, where ``default`` is
+    the firmware's; ``file``: only in the user's parameter file.
+    """
+
+    name: str
+    value: float
+    default: float | None
+    origin: Origin
+    changes: list[tuple[float, float]] = field(default_factory=list)
+
+
+def parameter_histories(log: FlightLog) -> list[ParameterHistory]:
+    """Return every parameter of a log by name, with its default and its changes.
+
+    ULog logs no default for a parameter at its default.
+    """
+    own = log.parameters
+    found = []
+    for name, line in sorted(own.lines.items()):
+        if not line.value:
+            continue
+        value = line.at(0.0)
+        known = own.defaults.get(name, value if own.defaults and log.format == "ulog" else None)
+        default = None if name in own.filled else known
+        changed = [(t, v) for t, v in zip(line.t.tolist(), line.value, strict=True) if t > 0.0 and len(line.value) > 1]
+        found.append(ParameterHistory(name, value, default, _origin(log, name, value, default), changed))
+    return found
+
+
+def _origin(log: FlightLog, name: str, value: float, default: float | None) -> Origin:
+    """Return where the value of a parameter comes from."""
+    if name in log.parameters.filled:
+        return "file"
+    if default is None:
+        return "unknown"
+    return "default" if value == default else "airframe" if name in log.parameters.of_airframe else "set"
 
 
 def looks_up_declination(log: FlightLog) -> bool:

@@ -29,7 +29,8 @@ PART_FAILED = "part_failed"
 class ParamChange(NamedTuple):
     """A parameter value in the log; ``t_us`` is None before the first data.
 
-    A tuple, because logs hold thousands and these are made four times as fast.
+    ``firmware_only``: a default of the firmware, in place of which the airframe has its own. A tuple, because logs hold
+    thousands and these are made four times as fast.
     """
 
     name: str
@@ -37,6 +38,7 @@ class ParamChange(NamedTuple):
     t_us: int | None = None
     is_default: bool = False
     offset: int = 0
+    firmware_only: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from attlog.core.machine import versions
 from attlog.estimators.filters.smoother import OWN_HEADING
 from attlog.estimators.rerun import INNOVATION
 from attlog.flight.model import FlightLog, Problem, guarded_part
+from attlog.flight.parameters import parameter_histories
 from attlog.health import (
     Check,
     Finding,
@@ -268,6 +269,7 @@ def without_replay(
         traces=drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         gyro_bias=[] if case is None else list(case.gyro_bias.values()),
+        parameters=guarded_part(log, "Parameters", partial(parameter_histories, log), list),
         timing=stage.seconds,
     )
 
@@ -335,6 +337,7 @@ def evaluate(
         segments=sorted(case.segments.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         reference=summarize(case.reference),
         gyro_bias=list(case.gyro_bias.values()),
+        parameters=guarded_part(case.log, "Parameters", partial(parameter_histories, case.log), list),
         estimators=lines,
         not_rerun=not_rerun,
         alike=measurement.alike(),

@@ -11,6 +11,7 @@ from typing import Any
 from attlog.core import earth
 from attlog.core.errors import LogUnreadable
 from attlog.flight.model import FlightLog, Stream, TimeLine, guarded_part
+from attlog.flight.parameters import parameter_histories
 from attlog.segments.model import Segments
 
 
@@ -81,6 +82,7 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         "choices": dict(log.choices),
         "params": part("Parameters", lambda: _params(log), {}),
         "params_changed": part("Parameters", lambda: _changed(log), {}),
+        "params_in_flight": part("Parameters", lambda: _changed_in_flight(log), {}),
     }
 
 
@@ -155,3 +157,8 @@ def _changed(log: FlightLog) -> dict[str, list[Any]]:
         if default is not None and value is not None and value != default:
             out[name] = [value, default]
     return out
+
+
+def _changed_in_flight(log: FlightLog) -> dict[str, list[list[float]]]:
+    """Return parameters that were set after the start of the log: name -> [[t, value], ...]."""
+    return {one.name: [[t, value] for t, value in one.changes] for one in parameter_histories(log) if one.changes}

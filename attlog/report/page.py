@@ -31,6 +31,7 @@ from attlog.words.flight import (
 )
 from attlog.words.names import duplicate_rows_text
 from attlog.words.numbers import counted, duration, moment, number, quantity, unit_sign
+from attlog.words.parameters import parameter_counts, parameter_lines
 from attlog.words.table import axis_table, main_table, window_tables
 from attlog.words.text import plain_value, typeset
 
@@ -68,7 +69,7 @@ def render(
     whole = result.to_dict(deterministic) if document is None else document
     result = without_times(result) if deterministic else result
     source = FigureSource.of(result)
-    look, figures = source.styles, sections(source)
+    look, figures, lines = source.styles, sections(source), parameter_lines(result)
     return shell.render(
         "page.html",
         rows=source.rows,
@@ -76,6 +77,7 @@ def render(
         document=whole,
         filters=FILTERS,
         marks=source.marks,
+        more={"parameters": [line.for_script for line in lines]},
         log=file_stem(result),
         plot=plot,
         result=result,
@@ -98,6 +100,8 @@ def render(
         axes=axis_table(result),
         windows=window_tables(result),
         sections=figures,
+        parameters=lines,
+        parameter_counts=parameter_counts(lines),
         checks=shown_checks(result.checks),
         param_file=param_file(result.log, agreed_settings(result.checks)),
         file_stem=file_stem(result),

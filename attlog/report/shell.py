@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, FileSystemBytecodeCache, FileSystemLoader, Template
@@ -23,7 +24,7 @@ from attlog.words.text import clean, cleaned, typeset
 
 WEB = Path(__file__).parent / "web"
 # Scripts of the page, joined in this order; a page's own scripts are inserted before the last.
-SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "spreadsheet.js", "export.js", "page.js")
+SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "spreadsheet.js", "export.js", "signals.js", "page.js")
 # Empty marks of the time axis, for pages of several flights.
 MARKS = ("modes", "armed", "airborne", "texts", "rest", "impact", "gaps", "resets")
 NO_MARKS: dict[str, Any] = {"range": [0, 1], **{name: [] for name in MARKS}}
@@ -41,6 +42,7 @@ def render(
     styles: Sequence[str] = (),
     filters: dict[str, Callable[..., Any]] = FILTERS,
     marks: dict[str, Any] = NO_MARKS,
+    more: Mapping[str, Any] = MappingProxyType({}),
     log: str = "",
     plot: Bundle | None = None,
     **words: Any,
@@ -48,7 +50,8 @@ def render(
     """Return the page as text.
 
     ``template``, ``scripts`` and ``styles`` are in ``folder``, else in this package. ``document``: plain values, the
-    JSON that can be saved from the page. ``log`` begins the names of saved files. ``words``: variables of the template.
+    JSON that can be saved from the page. ``more``: other values for the script. ``log`` begins the names of saved
+    files. ``words``: variables of the template.
     """
     plot, packer = plot or bundle(), ArrayPacker()
     header = {
@@ -56,7 +59,7 @@ def render(
         "log": log,
         "marks": cleaned(marks),
         "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(figure_data(f.data, packer)) for f in figures},
-    }
+    } | cleaned(more)
     own = folder or WEB
     style = "".join(file.read_text(encoding="utf-8") for file in (WEB / "style.css", *(own / name for name in styles)))
     *drawing, start = [WEB / name for name in SCRIPTS]

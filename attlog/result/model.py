@@ -18,6 +18,7 @@ from attlog.core.files import read_settings_bytes
 from attlog.core.limits import MAX_RESULT_BYTES
 from attlog.core.plain import IN_JSON, NullAsNaN
 from attlog.flight.model import TruthFit
+from attlog.flight.parameters import ParameterHistory
 from attlog.health.check import Check
 from attlog.health.findings import Finding
 from attlog.metrics.gyro_bias import CommonBias
@@ -170,6 +171,8 @@ class Result:
     timing: dict[str, float] = field(default_factory=dict)
     schema: str = SCHEMA
     traces: list[Trace] = field(default_factory=list, metadata={IN_JSON: False})
+    # Every parameter; the JSON's ``log`` has those that differ from their default, and what was set in flight.
+    parameters: list[ParameterHistory] = field(default_factory=list, metadata={IN_JSON: False})
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid", "arbitrary_types_allowed": True}
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import re
 
 import pytest
 
+from attlog.flight.parameters import ParameterHistory
 from attlog.report import write_report
 from attlog.result import Result
 from attlog.result.document import read
@@ -357,6 +358,30 @@ def test_the_parameters_to_set_can_be_saved_as_a_file(visit, report):
 
 
 @pytest.mark.slow
+def test_parameters_are_found_by_name_and_by_what_was_set_during_the_log(visit, tmp_path):
+    result = make_result()
+    result.parameters = [
+        ParameterHistory("BAT_LOW", 3.5, 3.5, "default"),
+        ParameterHistory("BAT_N", 1015294, 1.0, "set"),
+        ParameterHistory("RATE_P", 0.15, 0.15, "default", [(103.4, 0.21)]),
+    ]
+    write_report(result, tmp_path / "report.html")
+    page = visit(tmp_path / "report.html").page
+    rows = "() => [...document.querySelectorAll('#parameters tbody tr')].map((r) => r.innerText.split(/\\s*\\t\\s*/))"
+    assert len(page.locator("#parameters tbody tr").all()) == 2  # without script those that were set
+    page.locator("#parameters > summary").click()
+    assert [row[0] for row in page.evaluate(rows)] == ["BAT_LOW", "BAT_N", "RATE_P"]
+    page.get_by_label("Search").fill("bat n")
+    assert page.evaluate(rows) == [["BAT_N", "1015294", "1", ""]]
+    assert page.inner_text("#parameter-count") == "1 of 3"
+    page.get_by_label("Search").fill("")
+    page.locator("#parameter-kind").select_option("during")
+    assert page.evaluate(rows) == [["RATE_P", "0.15", "0.15", "103.4 s: 0.21 in the air"]]
+    page.locator("#parameters a").click()
+    low, high = page.evaluate("document.getElementById('attitude').layout.xaxis.range")
+    assert (low + high) / 2 == pytest.approx(103.4, abs=1e-3)
+
+
 def test_axes_have_colours_of_their_own_that_no_filter_has(visit, report):
     page = visit(report).page
     lines = page.evaluate(

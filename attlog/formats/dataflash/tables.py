@@ -226,11 +226,11 @@ def read_params(messages: Messages, timeline: Timeline) -> list[ParamChange]:
     names = decode_texts(table["Name"])
     values = table["Value"].tolist()
     times, offsets = _record_times(table, timeline), table.offsets.tolist()
-    changes = map(ParamChange._make, zip(names, values, times, repeat(False), offsets, strict=False))
+    changes = map(ParamChange._make, zip(names, values, times, repeat(False), offsets, repeat(False), strict=False))
     if not has_number(table, "Default"):
         return list(changes)
     logged: list[float] = table["Default"].tolist()
-    defaults = map(ParamChange._make, zip(names, logged, times, repeat(True), offsets, strict=False))
+    defaults = map(ParamChange._make, zip(names, logged, times, repeat(True), offsets, repeat(False), strict=False))
     pairs = zip(defaults, changes, strict=True)
     return [c for default, change in pairs for c in ((default, change) if isfinite(default.value) else (change,))]
 

@@ -173,7 +173,7 @@ def _read_params(messages: Messages, system: int, clock: Timeline) -> list[Param
         names = decode_texts(table["param_id"])
         values = decode_parameter_values(table["param_value"], table["param_type"], bitwise)
         times = times_before(table.offsets, clock)
-        rows = zip(names, values, times, repeat(False), table.offsets.tolist(), strict=False)
+        rows = zip(names, values, times, repeat(False), table.offsets.tolist(), repeat(False), strict=False)
         result += map(ParamChange._make, rows)
     result.sort(key=lambda p: p.offset)
     return result[:MAX_PARAM_CHANGES]

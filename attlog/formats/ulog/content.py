@@ -17,7 +17,14 @@ from attlog.core.limits import MAX_DROPOUTS, MAX_INFO, MAX_LAYOUTS, MAX_PARAM_CH
 from attlog.core.timestamps import Offsets, far_from_median
 from attlog.formats.file_bytes import gather
 from attlog.formats.table import DamageLog, Field, ParamChange, Table, Text
-from attlog.formats.ulog.layout import TopicLayout, decode_ulog_text, info_value, parameter_value, split_key
+from attlog.formats.ulog.layout import (
+    AIRFRAME_DEFAULT,
+    TopicLayout,
+    decode_ulog_text,
+    info_value,
+    parameter_value,
+    split_key,
+)
 from attlog.formats.ulog.walk import DATA_HEADER_BYTES, Bytes
 
 # Start times from here on do not fit the clocks of a flight.
@@ -110,7 +117,8 @@ class Content:
         is_default = kind == ord("Q")
         changed = self.in_data and not is_default
         t_us = (self._time_before(position) or self._start_us) if changed else None
-        self.params.append(ParamChange(name, value, t_us, is_default, position))
+        firmware_only = is_default and not payload[0] & AIRFRAME_DEFAULT
+        self.params.append(ParamChange(name, value, t_us, is_default, position, firmware_only))
 
     def _take_text(self, kind: int, payload: bytes, position: int) -> None:
         self.in_data = True

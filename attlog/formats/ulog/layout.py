@@ -237,6 +237,8 @@ SYNC_MARK = b"\x08\x00S" + SYNC
 MAX_UNKNOWN_BYTES = 10_000
 # Letters of a topic's name, as in file systems and keys.
 MAX_TOPIC_LETTERS = 255
+# Bits of a default's kind: of the firmware, and of the airframe's configuration.
+FIRMWARE_DEFAULT, AIRFRAME_DEFAULT = 1, 2
 # Longer messages must be ASCII to differ from garbage.
 MAX_BINARY_TEXT_BYTES = 1024
 # Bytes of a payload that are checked: every byte of garbage may claim a record of 64 kB.

@@ -15,7 +15,7 @@ from attlog.core.errors import UsageError
 from attlog.core.files import write_atomic
 from attlog.formats.recording import Columns, Key, Recording, merge_records, require_only
 from attlog.formats.table import ParamChange, Text
-from attlog.formats.ulog.layout import BASIC_TYPES, MAGIC
+from attlog.formats.ulog.layout import AIRFRAME_DEFAULT, BASIC_TYPES, FIRMWARE_DEFAULT, MAGIC
 
 _TYPES = {np.dtype(code): name for name, code in BASIC_TYPES.items() if name != "bool"} | {np.dtype(bool): "bool"}
 _FIELD_NAME = re.compile(r"[A-Za-z_]\w*")
@@ -80,7 +80,10 @@ def _parameter(change: ParamChange) -> bytes:
         payload = _key("int32_t", change.name) + _int32(change.name, value)
     else:
         payload = _key("float", change.name) + np.float32(value).tobytes()
-    return _record("Q", b"\x01" + payload) if change.is_default else _record("P", payload)
+    if not change.is_default:
+        return _record("P", payload)
+    kind = FIRMWARE_DEFAULT if change.firmware_only else FIRMWARE_DEFAULT | AIRFRAME_DEFAULT
+    return _record("Q", bytes([kind]) + payload)
 
 
 def _text(message: Text, start: int) -> bytes:

@@ -134,10 +134,12 @@ function printed() {
 
 // a time in a list or a problem shows its surroundings in the figures
 function jumps() {
-  document.querySelectorAll('a[data-t]').forEach((link) => link.addEventListener('click', () => {
+  document.addEventListener('click', (e) => {
+    const link = e.target.closest('a[data-t]');
+    if (!link) return;
     const t = +link.dataset.t, around = Math.max(5, (full[1] - full[0]) / 60);
     zoom([t - around, t + around]);
-  }));
+  });
 }
 
 function copies() {
@@ -191,7 +193,7 @@ async function start() {
   if (!('DecompressionStream' in window)) throw new Error('this browser is too old (it lacks DecompressionStream)');
   await startData();
   full = D.marks.range; home = range = D.marks.first || full;
-  legend(); selectors(); copies();
+  legend(); selectors(); copies(); parameters();
   await startPlotly();
   if (!window.Plotly) throw new Error('plotly.js could not be loaded; it has to lie beside this file');
   printed(); resized(); jumps(); exports();

@@ -118,10 +118,10 @@ def test_long_texts_and_short_names_are_no_damage(tmp_path: Path) -> None:
     assert np.array_equal(mine["topic", 0]["x"], theirs.get_dataset("topic").data["x"])
 
 
-def test_a_default_is_that_of_the_system_for_the_official_library(tmp_path: Path) -> None:
+def test_a_default_is_that_of_firmware_and_airframe_for_the_official_library(tmp_path: Path) -> None:
     stamps = {("status", 0): {"timestamp": np.arange(1000, 5000, 1000, dtype=np.uint64), "x": np.zeros(4, np.float32)}}
     params = [ParamChange("A", 7), ParamChange("A", 5, is_default=True)]
     formats.write(tmp_path / "x.ulg", Recording(stamps, params, [], {"sys_name": "PX4"}))
     log = ULog(str(tmp_path / "x.ulg"))
-    assert (log.get_default_parameters(0), log.get_default_parameters(1)) == ({"A": 5}, {})
+    assert (log.get_default_parameters(0), log.get_default_parameters(1)) == ({"A": 5}, {"A": 5})
     assert log.initial_parameters == {"A": 7}
