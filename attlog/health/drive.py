@@ -67,6 +67,6 @@ def fault_check(question: str, faults: list[DriveFault]) -> Check:
     check = Check(question, "fault", first.text, first.value, first.unit, LIMITS[question], first.t, count)
     weak = first.kind == "no_thrust_left" and first.motor is not None
     check.t_end, check.cause, check.source = first.t_end, first.cause, SOURCE
-    check.action = WEAK_MOTOR_ACTION if weak else ACTIONS[first.kind]
+    check.action = first.action or (WEAK_MOTOR_ACTION if weak else ACTIONS[first.kind])
     check.evidence = [*first.evidence, *(f"Also: {fault.text}" for fault in others[:3])]
     return check

@@ -154,6 +154,9 @@ def _board_check(log: FlightLog, segments: Segments) -> list[Check]:
     over = log.power.overcurrent
     on = over is not None and bool(over.x[inside(over.t, segments.spans("armed") or [(-np.inf, np.inf)])].any())
     on = on and over is not None and not bool(over.x.all())  # on in every record: the pin is not connected
+    if least == most and not on:
+        why = f"Every record of the board's supply reads {middle:.2f} V: a constant is no measurement."
+        return [unknown("board_supply", why, LIMITS["board_supply"], sensor=stream.source, source=SOURCE)]
     what = ""
     if middle < LOW_BOARD_V:
         what = "is low"

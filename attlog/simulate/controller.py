@@ -15,6 +15,7 @@ gives up yaw first, then thrust, roll and pitch last.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,6 +74,14 @@ class Gains:
         """Return the array (k,) that :func:`control` takes."""
         parts = (self.angle_kp, self.angle_ki, self.rate_kp, self.rate_ki, self.rate_kd, self.rate_limit)
         return np.array([*sum((*parts, self.angle_part, self.rate_part), ()), self.derivative_hz, self.idle])
+
+
+def scaled_rate_gains(gains: Array, factors: Sequence[float]) -> Array:
+    """Return packed gains with those of the rate loop of roll, pitch and yaw times a factor each."""
+    found = gains.copy()
+    for axis, factor in enumerate(factors):
+        found[[RATE_KP + axis, RATE_KI + axis, RATE_KD + axis]] *= factor
+    return found
 
 
 def mixer(positions: Any, spins: Any) -> Array:

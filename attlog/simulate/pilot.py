@@ -63,6 +63,7 @@ class Pilot:
         self._mag: Array | None = None
         self._kept: list[Array] = []
         self._outputs = [f for f in scenario.fault if f.part == "output"]
+        self._gain_faults = [f for f in scenario.fault if f.part == "gain"]
         self._sent = np.zeros(ROTORS)
         self._lines: dict[str, list[tuple[float, bool | str]]] = {
             "armed": [(0.0, False)],
@@ -85,6 +86,8 @@ class Pilot:
         if self._ready:
             guidance.step(t, self._dt, self._q, p, v, placed)
         self._attitude[:], self._rate[:] = self._q, rate
+        if self._gain_faults:
+            self._packed[:] = controller.scaled_rate_gains(self._gains.pack(), self._factors(t))
         self._control()
         motors = self._out[:ROTORS].copy()
         if guidance.armed and guidance.landed:
@@ -95,6 +98,14 @@ class Pilot:
         self._sent = motors
         self._note(t, motors)
         return motors
+
+    def _factors(self, t: float) -> list[float]:
+        """Return the factors of the rate gains of roll, pitch and yaw at ``t``."""
+        factors = [1.0, 1.0, 1.0]
+        for fault in self._gain_faults:
+            if fault.holds(t):
+                factors[fault.instance] *= fault.factor
+        return factors
 
     def onboard(self) -> Onboard:
         """Return estimates and set-points of every step."""

@@ -256,7 +256,7 @@ class PrescribedMotion:
     move: tuple[Move, ...] = ()
 
 
-Part = Literal["gyro", "acc", "mag", "gnss", "baro", "rotor", "output", "heading"]
+Part = Literal["gyro", "acc", "mag", "gnss", "baro", "rotor", "output", "heading", "gain"]
 Kind = Literal[
     "stuck", "silent", "zero", "offset", "ramp", "scale", "noise", "spikes", "flipped", "off", "stopped", "unbalanced"
 ]
@@ -273,6 +273,7 @@ class PlantedFault:
     thrust, its propeller lost), ``stopped`` (its motor dead), ``scale`` d in thrust at once or by ``ramp``, or
     ``unbalanced``: it shakes every IMU ``factor`` times as much. ``output``: what the autopilot sends to a motor is
     ``stuck`` or ``zero``. ``heading``: the onboard one is off by the first ``value`` [deg], set-points with it.
+    ``gain``: the rate gains of the axis ``instance`` (roll, pitch, yaw) are a ``scale`` times those of the controller.
     """
 
     t: NotNegative
@@ -308,6 +309,7 @@ MAX_STEPS = 20_000_000
 ROTOR_FAULTS = ("off", "stopped", "scale", "ramp", "unbalanced")
 OUTPUT_FAULTS = ("stuck", "zero")
 HEADING_FAULTS = ("offset", "ramp")
+GAIN_FAULTS = ("scale",)
 
 
 @dataclass(frozen=True, config=STRICT)
@@ -420,6 +422,7 @@ def _impossible_faults(scenario: Scenario) -> Iterator[str]:
         "rotor": 4,
         "output": 4,
         "heading": 1,
+        "gain": 3,
     }
     for k, fault in enumerate(scenario.fault):
         if fault.instance >= counts[fault.part]:
@@ -430,6 +433,8 @@ def _impossible_faults(scenario: Scenario) -> Iterator[str]:
             yield f"fault[{k}].kind: an output can be {' or '.join(OUTPUT_FAULTS)}, not {fault.kind}"
         if fault.part == "heading" and fault.kind not in HEADING_FAULTS:
             yield f"fault[{k}].kind: a heading can have an {' or '.join(HEADING_FAULTS)}, not {fault.kind}"
+        if fault.part == "gain" and fault.kind not in GAIN_FAULTS:
+            yield f"fault[{k}].kind: a gain can have a {' or '.join(GAIN_FAULTS)}, not {fault.kind}"
         if fault.part != "rotor" and fault.kind in ("off", "stopped"):
             yield f"fault[{k}].kind: only a rotor is {fault.kind}; a sensor that sends nothing is silent"
         if fault.part != "rotor" and fault.kind == "unbalanced":

@@ -124,7 +124,9 @@ PEAK_BINS, MIN_AMPLITUDE_DPS, MIN_BAND_SHARE, MIN_ALL_SHARE = 2, 8.0, 0.6, 0.3
 # Windows in a row, half overlapped, with frequencies within this share, and the time that they take.
 IN_A_ROW, SAME_FREQUENCY = 4, 0.15
 IN_A_ROW_S = 0.5 * WINDOW_S * (IN_A_ROW + 1)
-# Below this rate of the gyro a frequency may be an alias.
+# A pause of the gyro: an interval above so many sampling intervals.
+MAX_PAUSE_STEPS = 5.0
+# Below this rate of the gyro a frequency may be an alias: the autopilots' low-pass (20 Hz and more) passes its mirror.
 ALIAS_HZ = 50.0
 
 
@@ -194,7 +196,9 @@ def _peaks(t: Array, rate: Array, a: float, b: float) -> tuple[Array, Array, Arr
         return starts, none, none
     times = np.arange(a, b, step)
     even = np.column_stack([np.interp(times, at, column) for column in x.T])
-    pauses = at[:-1][np.diff(at) > 5.0 * step]
+    edges = np.concatenate([[a], at, [b]])
+    paused = np.diff(edges) > MAX_PAUSE_STEPS * step
+    pauses = np.column_stack([edges[:-1][paused], edges[1:][paused]])
     every = max(int(1.0 / step / AVERAGED_HZ), 1)
     n = len(even) // every
     mean = even[: n * every].reshape(n, every, 3).mean(axis=1)
@@ -209,7 +213,7 @@ def _peaks(t: Array, rate: Array, a: float, b: float) -> tuple[Array, Array, Arr
     i, j = first * every, (first + size) * every
     whole = (squares[j] - squares[i]) / (size * every) - ((sums[j] - sums[i]) / (size * every)) ** 2
     hz, dps = _window_peaks(blocks, step * every, whole)
-    broken = np.array([bool(np.any((pauses >= w) & (pauses < w + WINDOW_S))) for w in starts])
+    broken = np.array([bool(np.any((pauses[:, 0] < w + WINDOW_S) & (pauses[:, 1] > w))) for w in starts])
     hz[broken] = np.nan
     return starts, hz, dps
 
@@ -252,6 +256,7 @@ def _window_peaks(blocks: Array, step: float, whole: Array) -> tuple[Array, Arra
 QUESTIONS = ("rate_tracking", "oscillation")
 NO_SETPOINT = "No rate set-point is logged at 8 Hz or more (ArduPilot RATE, PX4 vehicle_rates_setpoint)."
 LITTLE_MOVED = "The set-point moves too little: three windows of 4 s with 15 deg/s (standard deviation) are needed."
+ALIAS_ACTION = "Log the gyro at 50 Hz or more, fly again, and then lower the rate gains if the frequency stays."
 SHORT_FLIGHT = f"{IN_A_ROW_S:.0f} s in the air are needed."
 NO_FAST_GYRO = "No gyro is logged at 20 Hz or more."
 
@@ -300,10 +305,17 @@ def tracking_fault(one: Tracking) -> DriveFault:
 
 
 def oscillation_fault(one: Oscillation, rate_hz: float) -> DriveFault:
-    """Convert an oscillation to a fault."""
-    alias = f" The gyro is logged at {rate_hz:.0f} Hz, so this may be an alias." if rate_hz < ALIAS_HZ else ""
-    text = f"{AXES[one.axis]} oscillated at {one.hz:.1f} Hz from {one.t:.1f} s: amplitude {one.dps:.0f}°/s, "
+    """Convert an oscillation to a fault; below 50 Hz of the gyro with the frequency that has the same samples."""
+    alias = rate_hz < ALIAS_HZ
+    which = f"{one.hz:.1f} Hz or {rate_hz - one.hz:.1f}" if alias else f"{one.hz:.1f}"
+    text = f"{AXES[one.axis]} oscillated at {which} Hz from {one.t:.1f} s: amplitude {one.dps:.0f}°/s, "
     text += f"{100.0 * one.share:.0f} % of the flight."
-    cause = f"Gains too high, a filter too slow, or a loose part.{alias}"
-    value, evidence = round(one.dps, 1), [f"gyro at {rate_hz:.0f} Hz"]
-    return DriveFault("oscillation", "control", one.t, one.t_end, text, value, "°/s", cause=cause, evidence=evidence)
+    cause = "Gains too high, a filter too slow, or a loose part."
+    evidence = [f"gyro at {rate_hz:.0f} Hz"]
+    if alias:
+        cause += " Or vibration: at this rate of the gyro its alias looks the same."
+        evidence = [f"gyro at {rate_hz:.0f} Hz, which cannot separate {which} Hz"]
+    value, action = round(one.dps, 1), ALIAS_ACTION if alias else ""
+    return DriveFault(
+        "oscillation", "control", one.t, one.t_end, text, value, "°/s", cause=cause, action=action, evidence=evidence
+    )

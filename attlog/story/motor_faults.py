@@ -35,6 +35,7 @@ class DriveFault:
 
     ``text``: a sentence whose part before the colon suffices alone. ``motor``: number from 1, None where no motor is
     named; ``position``: as "rear left". ``part``: what failed, as motor, output, thrust. ``cause``: what may have.
+    ``action``: empty for the usual one of the kind.
     """
 
     kind: str
@@ -48,6 +49,7 @@ class DriveFault:
     position: str = ""
     cause: str = ""
     evidence: list[str] = field(default_factory=list)
+    action: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,8 +132,17 @@ def test_a_constant_voltage_is_no_measurement() -> None:
 def test_a_board_that_is_low_or_dips_is_noted(volts: float, dip: float, noted: bool) -> None:
     log = hovering((0.5, 0.5, 0.5, 0.5))
     t = np.arange(0.0, SECONDS, 0.1)
-    log.power.board = Stream(t, np.where((t > 60.0) & (t < 62.0), dip, volts)[:, None], "V", "", "POWR.Vcc")
+    moves = 0.01 * np.sin(t)
+    log.power.board = Stream(t, (np.where((t > 60.0) & (t < 62.0), dip, volts) + moves)[:, None], "V", "", "POWR.Vcc")
     assert (found(log)["board_supply"].verdict == "warning") is noted
+
+
+def test_a_constant_board_supply_is_no_measurement() -> None:
+    log = hovering((0.5, 0.5, 0.5, 0.5))
+    log.power.board = Stream(np.arange(0.0, SECONDS, 0.1), np.full((round(10 * SECONDS), 1), 5.0), "V", "", "POWR.Vcc")
+    assert found(log)["board_supply"].verdict == "unknown"
+    log.power.overcurrent = Stream(np.array([40.0, 60.0]), np.array([[1.0], [0.0]]), "1", "", "POWR.Flags")
+    assert found(log)["board_supply"].verdict == "warning"
 
 
 def test_a_voltage_below_that_of_the_flight_is_none_at_rest() -> None:

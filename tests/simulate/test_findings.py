@@ -26,6 +26,7 @@ OWN = {
     "mag-anomaly": {"compass"},
     "compass-turned": {"compass", "crash"},
     "gnss-loss": {"gnss"},
+    "oscillation": {"control"},
     "vibration": {"vibration"},
 }
 # Judged by part and time in tests/story/test_known_parts.py.

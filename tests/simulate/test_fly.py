@@ -284,6 +284,7 @@ WANTED = {
     "parameters-in-flight",
     "gyro-scale",
     "heading-step",
+    "oscillation",
 }
 FLOWN = sorted(WANTED - {"static", "lift-drop", "rotation", "flip", "no-liftoff"})
 

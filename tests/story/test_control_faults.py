@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from attlog import story
+from attlog import flight, story
 from attlog.flight.model import Firmware, FlightLog, Imu, Problem, Stream
+from attlog.segments import build
 from attlog.segments.model import Segments
+from attlog.simulate.controller import Gains, LoopAxis, margins
+from attlog.simulate.fly import fly
+from attlog.simulate.logs import write
+from attlog.simulate.scenario import Controller, Vehicle, build_scenario
 from attlog.story.control_faults import study_control
+from tests.simulate.plant import authority
 from tests.story.falling import segments
 
 SECONDS = 60.0
@@ -88,11 +95,12 @@ def shaken(
 def test_an_oscillation_has_axis_frequency_amplitude_and_share(axis: int, hz: float, rate: float) -> None:
     log, spans = shaken(axis, hz, 40.0, 20.0, 40.0, rate)
     (found,) = study_control(log, spans).faults["oscillation"]
-    assert found.text.startswith(f"{('Roll', 'Pitch', 'Yaw')[axis]} oscillated at {hz:.1f} Hz from ")
+    mirror = f" or {rate - hz:.1f} Hz" if rate < 50.0 else ""
+    assert found.text.startswith(f"{('Roll', 'Pitch', 'Yaw')[axis]} oscillated at {hz:.1f} Hz{mirror} from ")
     assert found.value == pytest.approx(40.0, rel=0.05)
     assert found.t == pytest.approx(20.0, abs=2.1)
     assert found.t_end == pytest.approx(40.0, abs=2.1)
-    assert ("alias" in found.cause) is (rate < 50.0)
+    assert ("alias" in found.cause) is bool(found.action) is bool(mirror)
     (event,) = [e for e in story.events(log, spans) if e.kind == "oscillation"]
     assert (event.part, event.severity) == ("control", "warning")
 
@@ -109,6 +117,42 @@ def test_two_frequencies_or_a_sweep_are_no_oscillation() -> None:
     t = log.imus[0].gyro.t
     log.imus[0].gyro.x[:, 0] += np.radians(30.0 * np.sin(2.0 * np.pi * 12.0 * t))
     assert study_control(log, spans).faults["oscillation"] == []
+
+
+def test_a_window_that_begins_within_a_pause_of_the_gyro_shows_nothing() -> None:
+    log, spans = shaken(0, 6.0, 40.0, 20.0, 42.0)
+    gyro = log.imus[0].gyro
+    keep = (gyro.t < 29.0) | (gyro.t > 33.0)
+    gyro.t, gyro.x = gyro.t[keep], gyro.x[keep]
+    log.imus[0].acc.t = gyro.t
+    # 9 s on either side of the pause are no 10 s in a row.
+    assert study_control(log, spans).faults["oscillation"] == []
+
+
+@pytest.mark.parametrize("suffix", [".ulg", ".bin"])
+def test_a_rate_gain_above_the_gain_margin_oscillates_at_the_phase_crossover(suffix: str, tmp_path: Path) -> None:
+    """Frequency by the loop's transfer function: saturation lowers the gain to the margin and leaves the phase."""
+    axis, begin, end, late = 1, 12.0, 26.0, 0.015
+    values = {
+        "seconds": 32.0,
+        "command": [{"t": 4, "do": "arm"}, {"t": 5, "do": "takeoff", "up_m": 4}, {"t": 10, "do": "hold"}],
+        "fault": [{"t": begin, "seconds": end - begin, "part": "gain", "kind": "scale", "instance": axis, "factor": 4}],
+        "sensors": {"imu": [{"delay_s": late}]},
+        "estimator": {"name": "mekf"},
+        "logging": {"truth": False},
+    }
+    write(tmp_path / f"x{suffix}", fly(build_scenario(values), 3))
+    log = flight.read(tmp_path / f"x{suffix}")
+    (found,) = study_control(log, build(log)).faults["oscillation"]
+    vehicle = Vehicle()
+    # The gyro's delay and one period of the loop, which computes and holds.
+    loop = LoopAxis(float(authority(vehicle)[axis]), vehicle.motor_lag_s, Gains.of(Controller()), axis, late + 0.0025)
+    margin = margins(loop)
+    assert 1.0 < margin.gain < 4.0
+    said = re.match(r"Pitch oscillated at ([\d.]+) Hz from ", found.text)
+    assert said is not None
+    assert float(said[1]) == pytest.approx(margin.gain_at / (2.0 * np.pi), rel=0.05)
+    assert (found.t, found.t_end) == (pytest.approx(begin, abs=2.1), pytest.approx(end, abs=2.1))
 
 
 @pytest.mark.parametrize(("hz", "top"), [(200.0, "20"), (25.0, "10.5")])
