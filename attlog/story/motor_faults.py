@@ -314,6 +314,9 @@ def _no_thrust_fault(
 OFF, OFF_S, OTHER_DRIVES = -0.1, 0.3, 0.35
 # A frozen output: range, time, records, and the movement of another one meanwhile.
 FROZEN_RANGE, FROZEN_S, FROZEN_RECORDS, OTHER_MOVES = 0.001, 0.8, 8, 0.1
+# With less movement it is frozen where chance repeats the value so often in fewer than one of 1e6 flights: a motor
+# seldom keeps its value while the others change theirs.
+OTHER_STIRS, FROZEN_CHANCE = 0.02, 1e-6
 # A frozen output lies this far within floor and ceiling.
 FROZEN_MIN, FROZEN_BELOW_CEILING = 0.03, 0.02
 OUTPUT_CAUSE = "The output was disabled or reassigned, or the mixer stopped."
@@ -354,11 +357,19 @@ def _frozen_runs(outputs: MotorOutputs, mask: Mask, row: NDArray[np.int64], i: i
     still = np.zeros(len(x), bool)
     still[1:] = np.abs(np.diff(x)) <= FROZEN_RANGE
     within = mask & (x >= FROZEN_MIN) & (x <= ceiling - FROZEN_BELOW_CEILING)
+    moved = np.abs(np.diff(np.delete(outputs.x, i, axis=1), axis=0)) > FROZEN_RANGE  # NaN is not
+    stirred = within.copy()  # all but one of the others changed since the record before, if at all
+    stirred[1:] &= within[:-1] & (np.diff(row) == 0) & (moved.sum(axis=1) >= max(outputs.motors - 2, 1))
     for a, b in runs_in_a_row(within & still, row):
         a = max(a - 1, 0) if within[max(a - 1, 0)] and row[max(a - 1, 0)] == row[a] else a
         if b - a < FROZEN_RECORDS or outputs.t[b - 1] - outputs.t[a] < FROZEN_S or np.ptp(x[a:b]) > FROZEN_RANGE:
             continue
-        if (np.ptp(np.delete(outputs.x[a:b], i, axis=1), axis=0) >= OTHER_MOVES).any():  # NaN is not
+        most = float(np.nanmax(np.ptp(np.delete(outputs.x[a:b], i, axis=1), axis=0), initial=0.0))
+        rest = stirred.copy()
+        rest[a + 1 : b] = False
+        keeps = (np.count_nonzero(rest & still) + 1) / (np.count_nonzero(rest) + 1)  # share of records that repeat
+        chance = outputs.x.size * keeps ** np.count_nonzero(stirred[a + 1 : b])
+        if most >= OTHER_MOVES or (most >= OTHER_STIRS and chance < FROZEN_CHANCE):
             yield a, b
 
 

@@ -164,6 +164,22 @@ def test_an_output_off_or_frozen_in_flight_is_named(value: float, kind: str) -> 
     assert found.t == pytest.approx(6.1, abs=0.11)
 
 
+@pytest.mark.parametrize(("stir", "step", "count"), [(0.02, 0.0, 1), (0.002, 0.0, 0), (0.02, 0.04, 0)])
+def test_a_value_repeated_in_quiet_hover_is_frozen_where_chance_does_not_repeat_it(
+    stir: float, step: float, count: int
+) -> None:
+    log, spans = Fall(lost=0.0, seconds=60.0).flown()
+    outputs = log.power.outputs
+    assert outputs is not None
+    outputs.x = 0.5 + stir * np.random.default_rng(3).uniform(-1.0, 1.0, outputs.x.shape)
+    if step:  # a coarse output keeps its value often
+        outputs.x[:, 2] = step * np.round(outputs.x[:, 2] / step)
+    outputs.x[(outputs.t > 20.0) & (outputs.t < 22.0), 2] = 0.503
+    found = faults((log, spans))
+    assert len(found) == count
+    assert all((fault.kind, fault.motor) == ("motor_frozen", 3) for fault in found)
+
+
 def test_a_motor_that_the_autopilot_stopped_quotes_its_report() -> None:
     log, spans = Fall(lost=0.0, wanted_deg=20.0).flown()
     outputs = log.power.outputs
