@@ -14,9 +14,9 @@ import numpy as np
 
 from attlog.report.figures.figure import time_range
 from attlog.report.figures.style import RowStyle
-from attlog.result import EstimatorRow, Event, Result
+from attlog.result import EstimatorRow, Result
 from attlog.words.answers import NO_ANSWER, AnswerLine, answer_lines
-from attlog.words.flight import EVENT_LABELS
+from attlog.words.events import ShownEvent, shown_events
 from attlog.words.names import CODES
 from attlog.words.numbers import MINUS, SIGNED, duration, interval, moment, number, quantity
 from attlog.words.ranking import ColumnRanking, RankedValue, is_baseline, reason_unranked
@@ -305,7 +305,7 @@ LABEL_LEVELS = 3
 MAX_MARKS = 40
 # Event kinds with a mark although they are no problem.
 ROUTINE = ("armed", "liftoff", "landing")
-GRADES = {"serious": 2, "warning": 1}
+GRADES = {"bad": 2, "warn": 1}
 
 
 @dataclass(slots=True)
@@ -356,10 +356,7 @@ def flight_strip(result: Result) -> FlightStrip:
     ]
     curve, top, highest = height_curve(result, start, end)
     peak = min(max(place(highest), 3.0), 97.0)
-    marks = [
-        StripMark(e.t, place(e.t), mark_style(e), e.text, EVENT_LABELS.get(e.kind, ""))
-        for e in marked_events(result.events)
-    ]
+    marks = [StripMark(e.t, place(e.t), e.style, e.text, e.label) for e in marked_events(shown_events(result))]
     place_labels(marks, peak if top else None)
     words = f"{duration(end - start)} of log" + (f", up to {top}" if top else "")
     return FlightStrip(curve, top, moment(start, 0), moment(end, 0), peak, air, modes, marks, words)
@@ -390,16 +387,11 @@ def height_curve(result: Result, start: float, end: float) -> tuple[str, str, fl
     return f"M{x[0]:.1f},{STRIP_HEIGHT} L{points} {x[-1]:.1f},{STRIP_HEIGHT}Z", text, highest
 
 
-def marked_events(events: list[Event]) -> list[Event]:
-    """Return at most MAX_MARKS serious, warning or routine events, the worst first."""
-    shown = [e for e in events if e.severity in GRADES or e.kind in ROUTINE]
-    worst = sorted(shown, key=lambda e: -GRADES.get(e.severity, 0))[:MAX_MARKS]
+def marked_events(events: Sequence[ShownEvent]) -> list[ShownEvent]:
+    """Return at most MAX_MARKS events in trouble or routine, the worst kept, in time order."""
+    shown = [e for e in events if e.style in GRADES or e.kind in ROUTINE]
+    worst = sorted(shown, key=lambda e: -GRADES.get(e.style, 0))[:MAX_MARKS]
     return sorted(worst, key=lambda e: e.t)
-
-
-def mark_style(event: Event) -> str:
-    """Return the style of a mark."""
-    return {"serious": "bad", "warning": "warn"}.get(event.severity, "")
 
 
 def place_labels(marks: list[StripMark], peak: float | None = None) -> list[StripMark]:
@@ -410,7 +402,7 @@ def place_labels(marks: list[StripMark], peak: float | None = None) -> list[Stri
     taken: list[list[tuple[float, float]]] = [[] for _ in range(LABEL_LEVELS)]
     if peak is not None:
         taken[1].append((peak * STRIP_WIDTH_PX / 100.0 - 20.0, peak * STRIP_WIDTH_PX / 100.0 + 20.0))
-    order = sorted(marks, key=lambda m: (-{"bad": 2, "warn": 1}.get(m.style, 0), m.t))
+    order = sorted(marks, key=lambda m: (-GRADES.get(m.style, 0), m.t))
     said: set[tuple[str, str]] = set()
     for mark in order:
         wide, at = LETTER_PX * len(mark.label) + GAP_PX, mark.x * STRIP_WIDTH_PX / 100.0

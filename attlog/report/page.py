@@ -16,6 +16,7 @@ from attlog.report.figures.catalogue import sections
 from attlog.report.figures.figure import FigureSource
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
 from attlog.result import MEASURED_TIMES, Result, agreed_settings
+from attlog.words.events import minor_title, shown_events
 from attlog.words.findings import findings, question_titles, reasons_unknown, repeat_advice_once, shown_checks
 from attlog.words.flight import (
     alarming,
@@ -25,7 +26,6 @@ from attlog.words.flight import (
     level_name,
     messages,
     rerun_sentences,
-    shown_events,
     subtitle,
     what_happened,
 )
@@ -46,6 +46,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "moment": moment,
     "counted": counted,
     "said_once": repeat_advice_once,
+    "minor_title": minor_title,
     "titles": question_titles,
     "reasons": reasons_unknown,
 }

@@ -283,7 +283,8 @@ def _power_up(log: FlightLog) -> list[Event]:
     at = -1e-6 * log.t0_us
     if not 0 <= log.t0_us < 1e6 * BOOT_S:
         return []
-    text = f"Switched on {-at:.0f} s before the log’s first sample."
+    before = f"{-at:.0f} s before the log’s first sample" if at <= -0.5 else "as the log begins"
+    text = f"Switched on {before}."
     return [Event("power_up", at, "info", text, evidence=["boot clock"])]
 
 

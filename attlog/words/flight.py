@@ -1,4 +1,4 @@
-"""Display texts of a flight: title line, tone, gyro bias, messages and events."""
+"""Display texts of a flight: title line, tone, gyro bias and messages."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from attlog.result import Event, Reproduction, Result
+from attlog.result import Reproduction, Result
 from attlog.words.names import flown_name, truth_name
 from attlog.words.numbers import duration, moment
 from attlog.words.text import typeset
@@ -154,58 +154,3 @@ def alarming(level: int, text: str) -> bool:
 def level_name(level: int) -> str:
     """Return the name of a syslog level."""
     return LEVELS[level] if 0 <= level < len(LEVELS) else str(level)
-
-
-# Events of a flight.
-
-# Label of an event by its kind.
-EVENT_LABELS = {
-    "armed": "armed",
-    "disarmed": "disarmed",
-    "liftoff": "lift-off",
-    "landing": "landing",
-    "hard_landing": "hard landing",
-    "impact": "impact",
-    "overturn": "overturned",
-    "tumble": "tumbling",
-    "wreck_moved": "carried",
-    "ends_in_air": "log ends",
-    "motor_no_thrust": "no thrust",
-    "motor_off": "output off",
-    "motor_frozen": "output frozen",
-    "motors_off": "motors off",
-    "no_thrust_left": "no thrust reserve",
-    "yaw_backwards": "yaw reversed",
-    "rate_tracking": "poor control",
-    "oscillation": "oscillation",
-    "clipping": "clipping",
-    "vibration": "vibration",
-    "realigned": "EKF realigned",
-    "reset": "attitude jump",
-    "lane_switch": "EKF lane",
-    "sensor_switch": "sensor switch",
-    "compass_switch": "compass switch",
-    "aid_rejected": "aid rejected",
-    "gnss_lost": "GNSS lost",
-    "gnss_jump": "GNSS jump",
-    "gnss_interference": "GNSS interference",
-    "failsafe": "failsafe",
-    "battery": "battery",
-    "arming_refused": "arming refused",
-    "device_error": "device error",
-    "parameter_changed": "parameters",
-    "sensor_fault": "sensor fault",
-    "message": "message",
-}
-# Event kinds in the collapsed list.
-MINOR_EVENTS = ("power_up", "reset")
-
-
-def shown_events(result: Result) -> tuple[list[Event], list[Event]]:
-    """Return events in time order, and events of minor kinds."""
-    listed: list[Event] = []
-    details: list[Event] = []
-    for event in result.events:
-        minor = event.kind in MINOR_EVENTS or (event.kind == "message" and event.severity == "note")
-        (details if minor else listed).append(event)
-    return listed, details

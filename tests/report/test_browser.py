@@ -14,7 +14,7 @@ import pytest
 
 from attlog.flight.parameters import ParameterHistory
 from attlog.report import write_report
-from attlog.result import Result
+from attlog.result import Finding, Result
 from attlog.result.document import read
 from attlog.story.flight_events import Event
 from tests.conftest import ROOT
@@ -184,6 +184,22 @@ def test_the_table_sorts_with_empty_cells_last(visit, report):
 
 
 @pytest.mark.slow
+def test_the_open_list_of_events_leaves_the_strip_where_it_is_and_has_the_full_width(visit, tmp_path):
+    result = make_result()
+    result.headline = "Copter: flew 60 to 185 s."
+    result.events += [Event("gnss_lost", 10.0 + i, "warning", f"GNSS lost, part {i}.") for i in range(40)]
+    write_report(result, tmp_path / "events.html")
+    page = visit(tmp_path / "events.html").page
+    before = page.locator(".strip").bounding_box()
+    page.click("#happened summary")
+    assert page.locator(".strip").bounding_box() == before
+    listed = page.locator("table.events").first.bounding_box()
+    assert listed["width"] > 0.9 * page.locator("#happened").bounding_box()["width"]
+    assert page.locator("#happened").bounding_box()["height"] < 700
+    assert page.locator("table.events .chk").first.inner_text() == "Warning"
+
+
+@pytest.mark.slow
 def test_a_phone_never_scrolls_sideways(visit, report):
     page = visit(report, viewport={"width": 390, "height": 844}, has_touch=True).page
     assert page.evaluate("document.documentElement.scrollWidth") == 390
@@ -234,9 +250,14 @@ def test_print_sums_up_on_one_page(visit, report, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_axe_finds_no_violation(visit, report, scheme):
+def test_axe_finds_no_violation(visit, tmp_path, scheme):
     axe = pytest.importorskip("axe_playwright_python.sync_playwright")
-    page = visit(report, color_scheme=scheme).page
+    result = make_result()
+    result.headline = "Copter: flew 60 to 185 s."
+    result.events.append(Event("impact", 150.0, "serious", "It crashed at 150.0 s."))
+    result.findings.append(Finding("x", "serious", "It crashed at 150.0 s.", t=150.0, evidence=["IMU: 9 g"]))
+    write_report(result, tmp_path / "axe.html")
+    page = visit(tmp_path / "axe.html", color_scheme=scheme).page
     for details in page.query_selector_all("details"):
         details.evaluate("d => { d.open = true; }")
     found = axe.Axe().run(page)

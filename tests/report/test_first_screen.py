@@ -135,7 +135,7 @@ T = np.arange(0.0, 200.0, 1.0)
 def flown(*events: Event, height: np.ndarray | None = None, **values: float) -> Result:
     result = make_result()
     result.log["timeline"] = {"airborne": [[60.0, 185.0]], "modes": [[0.0, 100.0, "LOITER"], [100.0, 104.0, "LAND"]]}
-    result.events = list(events)
+    result.events, result.findings = list(events), []
     if height is not None:
         result.traces.append(Trace("height", "", T, {"height": height}, values=values))
     return result
