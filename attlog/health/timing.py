@@ -379,7 +379,8 @@ def _frozen_text(what: str, spans: list[Span]) -> str:
 SENSOR_FAULT_LIMITS = {
     GYRO: "ok: fewer than 5 samples 20 times further from their neighbours than usual; fault above 20 deg/min of them",
     IRON: "ok: the dip is within 25 deg of the earth's",
-    FRAME: "ok: the dip by the accelerometer's level is within 25 deg of the earth's, or both levels are off",
+    FRAME: "ok: the dip by the accelerometer's level is within 25 deg of the earth's, or both levels are off; and in "
+    "flight no other axes fit twice as well, no offset above 1.7 m/s^2",
     LATE: "ok: no time shift of the accelerometer fits the GNSS velocity nine times better (squared)",
 }
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -282,11 +281,6 @@ MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
 # Residual of the mean force without gravity: largest by the filters, smallest by the reference.
 MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
 SAMPLES = 4000  # of the reference: enough for medians
-# Pieces of time in which axes of the accelerometer are exchanged on trial, their least number and records, and least
-# ratio of misfits of the logged axes and others (squared: 4, as of the check of axes in flight).
-AXES_PIECE_S, MIN_AXES_PIECES, MIN_AXES_RECORDS, MIN_AXES_RATIO = 2.0, 5, 10, 2.0
-# Every order and sign of three axes, mirror images too: x and y exchanged is one.
-SIGNED_ORDERS = [np.eye(3)[list(p)] * signs for p in permutations(range(3)) for signs in product((1.0, -1.0), repeat=3)]
 DOWN = np.array([0.0, 0.0, 1.0])
 
 
@@ -294,8 +288,8 @@ class ReferenceCheck:
     """Check of a reference against filters that are added one by one.
 
     Only each filter's down at the reference's times is kept; ``again`` re-runs one where the filters contradict the
-    reference. A requested reference (``choice``) is not checked, nor is any with a faulty gyro or wrong accelerometer
-    axes.
+    reference. A requested reference (``choice``) is not checked, nor is any with a faulty gyro or accelerometer: all
+    filters share them and are one witness.
     """
 
     def __init__(
@@ -370,8 +364,6 @@ def _refuted_by_force(
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > MAX_FORCE_RESIDUAL_M_S2 or wrong < MIN_FORCE_FAULT_M_S2:
         return None
-    if _axes_explain(log, imu, reference, [(float(t[s.start]), float(t[s.stop - 1])) for s in spans]):
-        return None  # all filters share this accelerometer: one witness, whose axes are wrong
     angle = float(np.median(angles[longest]))
     who = "all" if len(near) == len(filters) else "most"
     fault = f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree, and their mean force is gravity"
@@ -380,36 +372,6 @@ def _refuted_by_force(
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
     )
     return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)
-
-
-def _axes_explain(log: FlightLog, imu: Imu, reference: Reference, spans: Sequence[Span]) -> bool:
-    """Return whether another order of the accelerometer's axes fits a reference that filters contradict.
-
-    By the mean force in pieces of AXES_PIECE_S. A wrong tilt does not become right by an exchange of axes, unless the
-    vehicle holds one attitude throughout.
-    """
-    pieces = [(a, a + AXES_PIECE_S) for t0, t1 in spans for a in np.arange(t0, t1 - AXES_PIECE_S + 1e-9, AXES_PIECE_S)]
-    q = alignment.untrim(reference.q, reference.alignment.trim)
-    at, force = model.select_rising(imu.acc.t_best, imu.acc.x)
-    turned, _ = interpolate_attitudes(reference.t, q, reference.segment, at)
-    known = rotation.finite_rows(turned)
-    at, force, turned = at[known], force[known], rotation.to_matrix(turned[known])
-    found = []
-    for a, b in pieces:
-        inside = time_slice(at, a, b)
-        if inside.stop - inside.start >= MIN_AXES_RECORDS:
-            product = np.mean(turned[inside, :, :, None] * force[inside, None, None, :], axis=0)
-            found.append((product, np.array([0.0, 0.0, -GRAVITY_M_S2]) + _acceleration(log, a, b)))
-    if len(found) < MIN_AXES_PIECES:
-        return False
-    products, expected = (np.stack(x) for x in zip(*found, strict=True))
-
-    def misfit(axes: Array) -> float:
-        off = np.einsum("kijl,jl->ki", products, axes) - expected
-        return float(np.sqrt(np.median(np.sum(off**2, axis=1))))
-
-    best = min(misfit(axes) for axes in SIGNED_ORDERS)
-    return best < min(MAX_FORCE_RESIDUAL_M_S2, misfit(np.eye(3)) / MIN_AXES_RATIO)
 
 
 def _seconds(t: Array, segment: NDArray[np.int64]) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation, spans
 from attlog.core.log_cache import cached_per_log
 from attlog.flight.model import Array, Attitude, FlightLog, guarded_part
-from attlog.reference import alignment, gyro_checks
+from attlog.reference import accelerometer_checks, alignment, gyro_checks
 from attlog.reference.compass_orientation import compass_orientation
 from attlog.reference.model import SensorFault
 from attlog.segments import Segments, model
@@ -266,8 +266,9 @@ def _iron_fault(log: FlightLog, segments: Segments, seen: DipAngles | None) -> S
 
 
 def wrong_frame(log: FlightLog, segments: Segments) -> str:
-    """Return why the dip shows wrong accelerometer axes, or empty."""
-    return accelerometer_contradicted(_log_dips(log, segments), log.onboard_attitude)
+    """Return why dip or GNSS velocity show wrong axes or a large offset of the accelerometer, or empty."""
+    why = accelerometer_contradicted(_log_dips(log, segments), log.onboard_attitude)
+    return why or accelerometer_checks.accelerometer_fault(log, segments)
 
 
 @cached_per_log
