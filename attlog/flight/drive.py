@@ -157,6 +157,43 @@ class MotorReport:
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Esc:
+    """Telemetry of a speed controller: ``rpm``, ``current`` A and ``temperature`` deg C (n,) at ``t`` (n,) s.
+
+    ``name``: as the log counts. ``motor``: number from 1 if logged. Current and temperature are NaN if not measured.
+    """
+
+    name: str
+    t: Array
+    rpm: Array
+    current: Array
+    temperature: Array
+    motor: int | None = None
+
+
+# Temperatures above these are in K, and in hundredths.
+KELVIN, HUNDREDTHS = 200.0, 1000.0
+
+
+def esc_telemetry(t: Array, x: Array, name: str, motor: int | None = None) -> Esc | None:
+    """Return a controller by rpm, A and temperature (n, 3) at ``t`` (n,) s, None if it never turned.
+
+    A column of zeros is not measured.
+    """
+    good = np.isfinite(t) & np.isfinite(x[:, 0]) & (np.diff(t, prepend=-np.inf) > 0)
+    t, x = t[good], np.abs(x[good])
+    if len(t) < 2 or not x[:, 0].any():
+        return None
+    current, temperature = (column if column.any() else np.full(len(t), np.nan) for column in x[:, 1:].T)
+    usual = float(np.median(temperature))
+    if usual > HUNDREDTHS:
+        temperature = 0.01 * temperature
+    elif usual > KELVIN:
+        temperature = temperature - 273.15
+    return Esc(name, t, x[:, 0], current, temperature, motor)
+
+
 @dataclass
 class MotorOutputs:
     """Outputs ``x`` (n, motors) of a multirotor at ``t`` (n,) s: 0 at the flight floor, 1 at the ceiling, NaN off.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import guarded
 from attlog.flight.advice import LoggingNeed, VehicleSettings, advise_rest, logging_advice, remedy
-from attlog.flight.drive import MotorOutputs
+from attlog.flight.drive import Esc, MotorOutputs
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
 
 if TYPE_CHECKING:
@@ -276,13 +276,15 @@ class Power:
     """Propulsion and battery.
 
     ``throttle`` (n, 1) 0 to 1. ``motors`` (n, motors): outputs from 0 (stopped) to 1 (full). ``rpm`` (n, rotors).
-    ``battery`` (n, 2): V and A. ``outputs``: of a multirotor's motors between floor and ceiling of flight. ``board``
-    (n, 1) V: supply of the autopilot. ``overcurrent`` (n, 1): 1 while a supply of the board reports it.
+    ``escs``: speed controllers whose rotors turned. ``battery`` (n, 2): V and A. ``outputs``: of a multirotor's motors
+    between floor and ceiling of flight. ``board`` (n, 1) V: supply of the autopilot. ``overcurrent`` (n, 1): 1 while a
+    supply of the board reports it.
     """
 
     throttle: Stream | None = None
     motors: Stream | None = None
     rpm: Stream | None = None
+    escs: list[Esc] = field(default_factory=list)
     battery: Stream | None = None
     outputs: MotorOutputs | None = None
     board: Stream | None = None

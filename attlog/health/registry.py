@@ -138,6 +138,7 @@ CHECKS: Mapping[str, Row] = {
     "motor_outputs": Row("motor outputs", drive.motor_checks, "motor_output", fault="serious"),
     "thrust_reserve": Row("thrust reserve", drive.motor_checks, "thrust", fault="serious"),
     "yaw_response": Row("yaw response", drive.motor_checks, "propellers", fault="serious"),
+    "esc_load": Row("speed controllers", drive.esc_checks, "esc_load", warning="note"),
     "rate_tracking": Row("rates against set-points", drive.control_checks, "control"),
     "oscillation": Row("oscillation", drive.control_checks, "control"),
     "hover_thrust": Row("thrust in hover", hover.hover_checks, "hover", warning="note"),

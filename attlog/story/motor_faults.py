@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span, between, inside, merge
-from attlog.flight.drive import Geometry, MotorOutputs, row_numbers
+from attlog.flight.drive import Esc, Geometry, MotorOutputs, row_numbers
 from attlog.flight.model import FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.segments.flight_signs import true_runs
 from attlog.segments.heights import height_stream
 from attlog.segments.model import Segments
 from attlog.story.flight_events import KILLED, LANDED, matching_texts
+from attlog.story.motor_speeds import STOPPED_SHARE, match_motors, motor_stops, speeds_in
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -306,6 +307,78 @@ def _no_thrust_fault(
     cause = NO_THRUST_CAUSE + (f" Or motor {j + 1} ran at full speed uncommanded." if ran_away else "")
     where = outputs.position(i)
     return DriveFault("motor_no_thrust", "motor", t0, t1, text, round(-worst), "°/s", i + 1, where, cause, evidence)
+
+
+# --- speed controllers -------------------------------------------------------------------------------------------
+
+# Time from a driven motor without thrust, or from a stop to the loss of control, in s.
+STOP_NEAR_S, STOP_TO_LOSS_S = 1.0, 3.0
+# Least output of a motor that is to turn, and rise of it that shows the controller at work, over so many s before.
+MIN_COMMAND, MIN_RISE, BEFORE_S = 0.1, 0.2, 1.0
+STOPPED_CAUSE = "The motor, its ESC or a connector: it stood still."
+PROPELLER_CAUSE = "The propeller, lost, broken or slipping: the motor turned."
+
+
+def with_speed(
+    fault: DriveFault, escs: Sequence[Esc], outputs: MotorOutputs, matched: Sequence[int | None]
+) -> DriveFault:
+    """Return a motor without thrust with what its controller measured: a standing motor or a turning one.
+
+    Where controllers are not matched the slowest one is its own if it stands, and no motor stands if it turns.
+    """
+    speeds = speeds_in(escs, fault.t + 0.5 * (fault.t_end - fault.t), fault.t_end + STOP_NEAR_S)
+    if len(escs) < 3 or not np.isfinite(speeds).all():
+        return fault
+    own = next((k for k, motor in enumerate(matched) if motor is not None and motor + 1 == fault.motor), None)
+    least = int(np.argmin(speeds))
+    if own is None:
+        if len(escs) < outputs.motors:
+            return fault
+        stands = speeds[least] < STOPPED_SHARE * np.median(np.delete(speeds, least))
+        own = least if stands else int(np.argmax(speeds))
+    others = float(np.median(np.delete(speeds, own)))
+    evidence = [*fault.evidence, f"{escs[own].name}: {speeds[own]:,.0f} rpm, median of the others {others:,.0f} rpm"]
+    cause = fault.cause
+    if speeds[own] < STOPPED_SHARE * others:
+        cause = cause.replace(NO_THRUST_CAUSE, STOPPED_CAUSE)
+    elif speeds[own] > others:  # driven at its ceiling
+        cause = cause.replace(NO_THRUST_CAUSE, PROPELLER_CAUSE)
+    return replace(fault, cause=cause, evidence=evidence)
+
+
+def stopped_motor(
+    escs: Sequence[Esc], outputs: MotorOutputs, matched: Sequence[int | None], spans: Sequence[Span], loss: float
+) -> DriveFault | None:
+    """Return the first motor that stood still although driven, None without one.
+
+    A speed of 0 alone may be telemetry: the current, the controller's response or a loss of control must confirm it.
+    """
+    for stop in motor_stops(escs, [(a, min(b, loss)) for a, b in spans if a < loss]):
+        motor = matched[stop.esc]
+        responds, level = False, np.nan
+        if motor is not None:
+            x = outputs.x[:, motor]
+            now, before = (x[between(outputs.t, *s)] for s in ((stop.t, stop.t_end), (stop.t - BEFORE_S, stop.t)))
+            if not len(now) or not np.median(now) >= MIN_COMMAND:
+                continue
+            level = 100.0 * float(np.mean(now))
+            responds = len(before) > 0 and float(np.max(now) - np.median(before)) >= MIN_RISE
+        if not (stop.without_current or responds or loss - stop.t <= STOP_TO_LOSS_S):
+            continue
+        name = "A motor" if motor is None else outputs.title(motor).capitalize()
+        driven = "" if motor is None else f" at {level:.0f} % output"
+        text = f"{name} stopped at {stop.t:.1f} s: {escs[stop.esc].name} measured 0 rpm{driven}, the others "
+        text += f"{stop.others:,.0f} rpm."
+        confirmed = (
+            (stop.without_current, "no current"),
+            (responds, "its output rose"),
+            (loss - stop.t <= STOP_TO_LOSS_S, f"loss of control at {loss:.1f} s"),
+        )
+        evidence = [f"{escs[stop.esc].name} and " + ", ".join(word for holds, word in confirmed if holds)]
+        number, where = (None, "") if motor is None else (motor + 1, outputs.position(motor))
+        fault = DriveFault("motor_no_thrust", "motor", stop.t, stop.t_end, text, motor=number, position=where)
+        return replace(fault, cause=STOPPED_CAUSE, evidence=evidence)
+    return None
 
 
 # --- an output off or frozen -------------------------------------------------------------------------------------
@@ -628,9 +701,21 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
                 study.missing[question] = NO_ATTITUDE
             elif not margins and question == "yaw_response":
                 study.missing[question] = SHORT_FLIGHT
+        escs = log.power.escs
+        before = [(a, min(b, loss)) for a, b in spans if a < loss]
+        matched = match_motors(escs, outputs, before)
+        stopped = stopped_motor(escs, outputs, matched, spans, loss)
+        one = None
         if geometry is not None and "motor_thrust" not in study.missing:
             one = motor_without_thrust(log, outputs, geometry, motion, spans)
-            study.faults["motor_thrust"] = [] if one is None else [_with_other_causes(one, segments, spans)]
+            study.faults["motor_thrust"] = []
+        if one is not None:
+            study.faults["motor_thrust"] = [
+                with_speed(_with_other_causes(one, segments, spans), escs, outputs, matched)
+            ]
+        elif stopped is not None:
+            study.missing.pop("motor_thrust", None)
+            study.faults["motor_thrust"] = [stopped]
         if geometry is not None and "yaw_response" not in study.missing:
             # A quadrotor that lost a motor turns against its yaw torque.
             lost = min(

@@ -217,6 +217,26 @@ def test_px4s_motors_on_two_groups_of_outputs_are_not_guessed() -> None:
     assert px4.motor_outputs(topics("actuator_outputs", "output", x, {"CA_ROTOR_COUNT": 4.0} | functions)) is None
 
 
+def test_speed_controllers_carry_the_motor_that_px4_logs() -> None:
+    columns = {"timestamp": fake.micros(20, 10.0)}
+    for k, motor in enumerate((102, 101)):
+        values = {"esc_rpm": 5000.0 + k, "esc_current": 2.0 * k, "esc_temperature": 300.0, "actuator_function": motor}
+        columns |= {f"esc[{k}].{name}": np.full(20, x) for name, x in values.items()}
+    builder = TopicBuilder(fake.messages("ulog", {("esc_status", 0): columns}, {}))
+    first, second = px4.esc_list(builder)
+    assert (first.motor, second.motor) == (2, 1)
+    assert np.isnan(first.current).all()  # zeros: not measured
+    assert second.current[0] == 2.0
+    assert first.temperature[0] == pytest.approx(26.85)
+
+
+def test_ardupilots_speed_controllers_have_no_motor_and_a_standing_one_is_none() -> None:
+    columns = {"TimeUS": fake.micros(20, 10.0)} | {c: np.full(20, x) for c, x in {"Curr": 3.0, "Temp": 31.0}.items()}
+    tables = {("ESC", k): columns | {"RPM": np.full(20, rpm)} for k, rpm in enumerate((4000.0, 0.0, 4100.0))}
+    found = ardupilot.esc_list(DataflashBuilder(fake.messages("dataflash", tables, {})))
+    assert [(esc.name, esc.motor, esc.rpm[0]) for esc in found] == [("ESC[0]", None, 4000.0), ("ESC[2]", None, 4100.0)]
+
+
 def test_px4s_reversible_motors_are_not_judged() -> None:
     x = np.tile(np.array([0.1, -0.5, 0.5, 1.0]), (20, 1))
     params = {"CA_ROTOR_COUNT": 4.0, "CA_R_REV": 2.0}

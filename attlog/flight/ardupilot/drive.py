@@ -13,8 +13,8 @@ import numpy as np
 
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder
-from attlog.flight.builder import LogBuilder, columns
-from attlog.flight.drive import MotorOutputs, MotorReport, ardupilot_geometry, pulse_share
+from attlog.flight.builder import LogBuilder, columns, optional_column
+from attlog.flight.drive import Esc, MotorOutputs, MotorReport, ardupilot_geometry, esc_telemetry, pulse_share
 from attlog.flight.model import Array, FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
 from attlog.formats.table import Table
@@ -73,6 +73,19 @@ def outputs_of(
     ]
     found.changes = function_changes(log, outputs)
     return found
+
+
+def esc_list(builder: DataflashBuilder) -> list[Esc]:
+    """Return the speed controllers whose rotors turned, from ESC; their numbers are not those of the motors."""
+    found = []
+    for unit, table in sorted(builder.units("ESC").items()):
+        if "RPM" not in table or len(table) < 2:
+            continue
+        x = np.column_stack([optional_column(table, name) for name in ("RPM", "Curr", "Temp")])
+        stamps = builder.stamps(table)
+        near = builder.near(stamps)
+        found.append(esc_telemetry(builder.seconds(stamps[near]), x[near], f"ESC[{unit}]"))
+    return [esc for esc in found if esc is not None]
 
 
 def _motor_numbers(table: Table, column: str, values: Mapping[str, float], vehicle: str) -> list[int]:

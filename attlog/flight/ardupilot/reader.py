@@ -65,6 +65,7 @@ STREAMS = (
     Part("", "ERR and EV", vehicle.report_events),
     Part("texts", "Texts", lambda builder: builder.texts(lambda at: int(builder.clock.at(np.array([at]))[0]))),
     Part("power.outputs", "RCOU", drive.motor_outputs),
+    Part("power.escs", "ESC", drive.esc_list),
     Part("power.board", "POWR", drive.board_voltage),
     Part("power.overcurrent", "POWR", drive.overcurrent),
 )

@@ -11,13 +11,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from attlog.flight import limits
-from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.builder import LogBuilder, columns, optional_column
 from attlog.flight.drive import (
     MAX_ROTORS,
     PX4_FRAMES,
     SERVO_OUTPUTS,
+    Esc,
     MotorOutputs,
     MotorReport,
+    esc_telemetry,
     pulse_share,
     px4_geometry,
 )
@@ -33,7 +35,7 @@ FIRST_FUNCTION = 101
 # Groups of outputs, by the start of their parameters; before 1.13 outputs had no functions.
 MAIN, AUX = "PWM_MAIN", "PWM_AUX"
 GROUPS = (MAIN, AUX, "UAVCAN_EC", "HIL_ACT")
-MAX_OUTPUTS = 16
+MAX_OUTPUTS, MAX_ESCS = 16, 12
 # Limits of the pulses without parameters.
 USUAL_PULSE_US = (1000.0, 2000.0)
 # Largest normalised output, and largest pulse in us; CAN numbers reach 8191.
@@ -103,6 +105,26 @@ def motor_count(values: Mapping[str, float], vehicle: str) -> int:
         row = PX4_FRAMES.get(int(values.get("SYS_AUTOSTART", 0.0) // 1000), "")
         count = len(row.split()) or MOTOR_COUNT.get(vehicle, 0)
     return min(count, MAX_ROTORS)
+
+
+def esc_list(builder: TopicBuilder) -> list[Esc]:
+    """Return the speed controllers whose rotors turned, from esc_status; since 1.13 their motors are logged."""
+    table, found = builder.table("esc_status"), []
+    if table is None:
+        return []
+    stamps = builder.stamps(table)
+    near = builder.near(stamps)
+    for k in range(MAX_ESCS):
+        if f"esc[{k}].esc_rpm" not in table:
+            break
+        names = [f"esc[{k}].{name}" for name in ("esc_rpm", "esc_current", "esc_temperature")]
+        x = np.column_stack([optional_column(table, name) for name in names])
+        functions = optional_column(table, f"esc[{k}].actuator_function")
+        motor = float(np.median(functions)) - FIRST_FUNCTION + 1
+        known = 1 <= motor <= MAX_ROTORS
+        esc = esc_telemetry(builder.seconds(stamps[near]), x[near], f"esc[{k}]", int(motor) if known else None)
+        found += [] if esc is None else [esc]
+    return found
 
 
 def motor_numbers(values: Mapping[str, float], count: int) -> tuple[str, list[int]]:

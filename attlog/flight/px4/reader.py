@@ -57,6 +57,7 @@ STREAMS = (
     Part("power.rpm", "Rotor speed", sensors.rpm_stream),
     Part("power.battery", "The battery", sensors.battery_stream),
     Part("power.outputs", "Motor outputs", drive.motor_outputs),
+    Part("power.escs", "Speed controllers", drive.esc_list),
     Part("power.board", "system_power", drive.board_voltage),
     Part("power.overcurrent", "system_power", drive.overcurrent),
     Part("estimator.acc_bias", "estimator_sensor_bias", estimator.acc_bias_stream),
