@@ -43,6 +43,7 @@ from attlog.flight.model import (
     TimeLine,
 )
 from attlog.flight.packet_clock import UNIX_US, PacketClock, without_stale_packets
+from attlog.flight.panels import PanelRows, Row
 from attlog.flight.px4 import drive as px4_drive
 from attlog.flight.px4 import reader as px4
 from attlog.flight.vehicle import (
@@ -568,3 +569,43 @@ STREAMS = (
     Part("estimator.speed", "GLOBAL_POSITION_INT", speed_stream),
     Part("texts", "Texts", TelemetryBuilder.texts),
 )
+
+# --- figures of flight data -------------------------------------------------------------------------------------
+
+DEGREES = float(np.degrees(1.0))
+PANEL_ROWS: PanelRows = {
+    "climb": (Row("onboard", "VFR_HUD.climb"), Row("onboard", "GLOBAL_POSITION_INT.vz", -1.0)),
+    "speed": (Row("onboard", "VFR_HUD.groundspeed"),),
+    "roll_rate": (Row("onboard", "ATTITUDE.rollspeed", DEGREES),),
+    "pitch_rate": (Row("onboard", "ATTITUDE.pitchspeed", DEGREES),),
+    "yaw_rate": (Row("onboard", "ATTITUDE.yawspeed", DEGREES),),
+    "outputs": (Row("output {}", "SERVO_OUTPUT_RAW.servo{}_raw"),),
+    "stick_pulses": tuple(
+        Row(stick, f"{message}.chan#_raw")
+        for message in ("RC_CHANNELS", "RC_CHANNELS_RAW")
+        for stick in ("roll", "pitch", "throttle", "yaw")
+    ),
+    "channels": tuple(
+        Row(f"channel {k}", f"{message}.chan{k}_raw")
+        for message in ("RC_CHANNELS", "RC_CHANNELS_RAW")
+        for k in range(5, 13)
+    ),
+    "volts": (Row("battery 2", "BATTERY2.voltage"),),
+    "amperes": (Row("battery 2", "BATTERY2.current_battery"),),
+    "used": (Row("battery", "BATTERY_STATUS.current_consumed"),),
+    "remaining": (Row("battery", "SYS_STATUS.battery_remaining"),),
+    "rails": (Row("board", "POWER_STATUS.Vcc"), Row("board", "HWSTATUS.Vcc"), Row("servo rail", "POWER_STATUS.Vservo")),
+    "load": (Row("CPU", "SYS_STATUS.load"), Row("lost packets", "SYS_STATUS.drop_rate_comm")),
+    "link": (
+        Row("signal on the ground", "RADIO_STATUS.rssi"),
+        Row("signal on board", "RADIO_STATUS.remrssi"),
+        Row("noise on the ground", "RADIO_STATUS.noise"),
+        Row("noise on board", "RADIO_STATUS.remnoise"),
+    ),
+    "temperature": (
+        Row("IMU", "RAW_IMU.temperature"),
+        Row("barometer", "SCALED_PRESSURE.temperature"),
+        Row("barometer 2", "SCALED_PRESSURE2.temperature"),
+        Row("processor", "MCU_STATUS.MCU_temperature"),
+    ),
+}

@@ -103,11 +103,7 @@ class Signals:
 
     def has(self, name: str) -> bool:
         """Return whether the log has a signal."""
-        try:
-            self._place(name)
-        except UsageError:
-            return False
-        return True
+        return self._found(name) is not None
 
     def unit(self, name: str) -> str:
         """Return the unit of a signal, empty if the log has none. UsageError for an unknown name."""
@@ -145,20 +141,24 @@ class Signals:
             return next((u for end, u in UNIT_ENDINGS.items() if spec.name.endswith(end)), "")
         return UNIT_WORDS.get(unit, unit)
 
-    def _place(self, name: str) -> tuple[Table, str]:
-        """Return table and column of a signal."""
+    def _found(self, name: str) -> tuple[Table, str] | None:
+        """Return table and column of a signal, None for an unknown name."""
         match = NAME.fullmatch(name)
-        instances = [] if match is None else self.instances(match["message"])
-        if match is not None and match["instance"] is not None:
-            instances = [int(match["instance"])]
-        table = None if match is None or not instances else self.messages.tables.get((match["message"], instances[0]))
-        column = "" if match is None else match["field"]
-        if table is None or not _is_signal(table, column):
-            known = [signal.name for signal in self.all]
-            near = difflib.get_close_matches(name, known, 3) or [n for n in known if column and n.endswith(column)][:3]
+        if match is None:
+            return None
+        own = self.instances(match["message"]) if match["instance"] is None else [int(match["instance"])]
+        table = self.messages.tables.get((match["message"], own[0])) if own else None
+        return (table, match["field"]) if table is not None and _is_signal(table, match["field"]) else None
+
+    def _place(self, name: str) -> tuple[Table, str]:
+        """Return table and column of a signal. UsageError for an unknown name, with similar ones."""
+        found = self._found(name)
+        if found is None:
+            known, end = [signal.name for signal in self.all], name.rpartition(".")[2]
+            near = difflib.get_close_matches(name, known, 3) or [n for n in known if n.endswith(f".{end}")][:3]
             hint = f"; did you mean {', '.join(near)}?" if near else ""
             raise UsageError(f"{self.log.path}: no signal {name}{hint}")
-        return table, column
+        return found
 
     @cached_property
     def _record_clock(self) -> Callable[[Table], Stamps | None]:

@@ -46,7 +46,8 @@ class Trace:
     of an axis, ``ref`` the reference's median, ``key`` = "axis (events)"; ``setpoint``: roll and pitch response to a
     unit step, t from the step; ``demand`` (no row): roll pitch heading of the attitude set-point.
 
-    Traces of sensors and the height have no row: see :func:`sensor_traces` and :func:`height_trace`.
+    Traces of sensors, the height and flight data have no row: see :func:`sensor_traces`, :func:`height_trace` and
+    :mod:`attlog.metrics.flight_data`.
 
     Long arrays are envelopes: smallest and largest value of each bucket; ``ratio`` is
     the number of samples that one stored sample stands for. ``values`` are single

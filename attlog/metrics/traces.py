@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.flight.model import without_pauses
 from attlog.metrics import allan, drift, setpoint, step_error, step_fit, step_turning
+from attlog.metrics.flight_data import flight_data
 from attlog.metrics.metric import Case, per_case, per_object
 from attlog.metrics.step_error import Curve
 from attlog.metrics.step_products import STRIDE_S
@@ -314,9 +315,10 @@ class Drawing:
         ]
 
     def last(self) -> list[Trace]:
-        """Return the traces of all rows together, sensors, set-point and height."""
+        """Return the traces of all rows together, sensors, set-point, height and flight data."""
         case = self.case
-        return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case)]
+        data = flight_data(case.log, case.segments.spans("airborne"))
+        return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case), *data]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], keep: int) -> list[Trace]:

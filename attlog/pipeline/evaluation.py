@@ -34,6 +34,7 @@ from attlog.health.attitude import wrong_angle
 from attlog.health.consistency import with_sensor_events
 from attlog.health.figures import traces
 from attlog.health.findings import findings, problem_finding
+from attlog.metrics.flight_data import flight_data
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.ranking import DuplicateSearch, Ranking
 from attlog.metrics.trace import Trace
@@ -253,6 +254,9 @@ def without_replay(
     drawn: list[Trace] = []
     with stage("checks"):
         checks = checks_of(log, phases, case, drawn=drawn if case is None else None)
+        if case is None and log.messages is not None:
+            data = partial(flight_data, log, phases.spans("airborne"))
+            drawn += guarded_part(log, "Figures", data, list[Trace])
     described = describe(log, phases)  # before the findings, which include its errors
     others = [] if case is None else contradiction(case.reference)
     found = findings(log, checks, others, events=happened)

@@ -22,6 +22,7 @@ UNITS = {
     "deg/sqrt_h": "°/√h",
     "pct": "%",
     "us": "µs",
+    "degC": "°C",
     "uT": "µT",
     "m/s^2": "m/s²",
     "ratio": "×",

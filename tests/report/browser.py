@@ -72,7 +72,11 @@ class Visit:
             self.page.wait_for_selector(ready, state="attached")
 
     def figures(self) -> dict[str, bool]:
-        """Every figure's place by id, and whether something visible is drawn in it."""
+        """Every figure's place by id, and whether something visible is drawn in it when it is scrolled to."""
+        late = "() => [...document.querySelectorAll('.plot:not([data-ready])')].map((p) => p.id)"
+        for name in self.page.evaluate(late):
+            self.page.evaluate("(id) => document.getElementById(id).scrollIntoView()", name)
+            self.page.wait_for_selector(f"#{name}[data-ready]")
         return self.page.evaluate(
             """() => Object.fromEntries([...document.querySelectorAll('.plot')].map((p) => {
                 const svg = p.querySelector('svg.main-svg');

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from attlog.core.errors import UsageError
-from attlog.report.figures import drift, flight, rerun, rest, sensors, steps, vibration
+from attlog.report.figures import drift, flight, flight_data, rerun, rest, sensors, steps, vibration
 from attlog.report.figures.figure import FigureSource, PageFigure
 from attlog.result import Result
 
@@ -22,6 +22,7 @@ SECTIONS: dict[str, tuple[Builder, ...]] = {
     "step": (steps.one_step, steps.all_steps, drift.lag, steps.setpoint),
     "drift": (drift.drift, drift.drifts),
     "rerun": (rerun.rerun,),
+    "data": flight_data.BUILDERS,
     "sensors": (
         sensors.compass,
         sensors.field,

@@ -173,7 +173,7 @@ function resized() {
 const idle = () => new Promise((done) => setTimeout(done, 0));
 const painted = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done, 0)); setTimeout(done, 300); });
 
-// figures in view first, those near when they come near, the rest when nothing else is to be done
+// figures in view first, those near when they come near, the rest when nothing else is to be done; flight data near only
 async function drawAll() {
   for (const id of ids()) { $(id).style.height = tall(id) + 'px'; waiting.add(id); }
   const watch = new IntersectionObserver((seen) => {
@@ -181,8 +181,7 @@ async function drawAll() {
   }, { rootMargin: '600px' });
   ids().forEach((id) => watch.observe($(id)));
   await idle();
-  for (const id of ids()) { if (waiting.has(id)) { await idle(); if (waiting.has(id)) draw(id); } }
-  watch.disconnect();
+  for (const id of ids()) { if (waiting.has(id) && !D.figures[id].lazy) { await idle(); if (waiting.has(id)) draw(id); } }
   root.dataset.drawn = failures.length ? 'failed ' + failures.join(' ') : 'all';
 }
 

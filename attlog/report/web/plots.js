@@ -60,6 +60,7 @@ function plotted(id, f, range) {
   if (f.alarms) for (const [t] of D.marks.texts.filter((m) => m[1] === 2 && m[0] >= range[0] && m[0] <= range[1]).slice(0, 60)) L.shapes.push(bar(t, css('--bad'), 'dash'));
   if (f.labels === 'head') headed(id, p, f.phases === 'named');
   if (f.labels === 'end') ended(id, p);
+  if (f.labels === 'panels') paneled(id, p, Object.keys(f.axes));
   return p;
 }
 
@@ -203,6 +204,21 @@ function headed(id, p, above) {
   lines.forEach((t, i) => p.layout.annotations.push({
     x: wide.slice(0, i).reduce((a, b) => a + b, 0) / inside, y: 1, xref: 'paper', yref: 'paper', xanchor: 'left', yanchor: 'bottom', yshift: above ? 15 : 0, text: texts[i], showarrow: false, font: { size: 12, color: t.line.color },
   }));
+}
+
+// the lines' names in their colours above each panel, as many as have room
+function paneled(id, p, keys) {
+  const L = p.layout, inside = L.width - L.margin.l - L.margin.r;
+  for (const key of keys.filter((k) => k[0] === 'y')) {
+    const own = p.traces.filter((t) => 'yaxis' + (t.yaxis || 'y').slice(1) === key && t.mode === 'lines' && t.name && !t.own.keyless).sort((a, b) => !!a.line.dash - !!b.line.dash), top = (L[key].domain || [0, 1])[1];
+    let x = 0;
+    for (const t of own) {
+      const text = (STROKES[t.line.dash || 'solid'] || '') + t.name, room = 6.6 * text.length + 12;
+      if (x + room > inside) break;
+      L.annotations.push({ x: x / inside, y: top, xref: 'paper', yref: 'paper', xanchor: 'left', yanchor: 'bottom', text, showarrow: false, font: { size: 12, color: t.line.color } });
+      x += room;
+    }
+  }
 }
 
 function ended(id, p) {

@@ -1,0 +1,65 @@
+"""Traces of flight data: lines of the panels, as envelopes within a budget.
+
+``data`` (no row): lines of a panel (``key``) by label, in the panel's unit, for lines of one message the same times.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from attlog.core.spans import Span
+from attlog.flight.model import Array, FlightLog, without_pauses
+from attlog.flight.panels import RATE_PANELS, PanelLine, panel_lines
+from attlog.metrics.trace import Trace, envelope
+
+# Samples of all lines together, and fewest and most of one.
+BUDGET, MIN_SAMPLES, MAX_SAMPLES = 120_000, 800, 6000
+# Time on the ground before take-off whose height is 0.
+GROUND_S = 5.0
+# Whose height at take-off is subtracted from a line; a distance to the ground keeps its own.
+ZERO_OF = {"set-point": "onboard"}
+MEASURED_FROM_GROUND = ("rangefinder",)
+
+
+def flight_data(log: FlightLog, flights: list[Span]) -> list[Trace]:
+    """Return the traces of flight data; ``flights``: spans in the air."""
+    lines = panel_lines(log)
+    _zero_heights([line for line in lines if line.panel == "height"], flights)
+    keep = int(np.clip(BUDGET // (len(lines) + len(RATE_PANELS)), MIN_SAMPLES, MAX_SAMPLES))
+    found, imu = [], log.replay_imu
+    if imu is not None and len(imu.gyro.t) > 1:
+        t, rates = envelope(imu.gyro.t, imu.gyro.x, keep)
+        ratio = len(imu.gyro.t) / len(t)
+        found += [_trace(panel, ["gyro"], t, np.degrees(rates[:, [k]]), ratio) for k, panel in enumerate(RATE_PANELS)]
+    grouped: dict[tuple[str, bytes], list[PanelLine]] = {}
+    for line in lines:
+        grouped.setdefault((line.panel, line.t.tobytes()), []).append(line)
+    for same in grouped.values():
+        t, x = envelope(same[0].t, np.column_stack([line.y for line in same]), keep)
+        found.append(_trace(same[0].panel, [line.label for line in same], t, x, len(same[0].t) / len(t)))
+    return found
+
+
+def _trace(panel: str, labels: list[str], t: Array, x: Array, ratio: float) -> Trace:
+    """Return lines (n, k) of a panel as a trace, broken at pauses of the logger."""
+    pauses = np.flatnonzero(~without_pauses(t)) + 1
+    t, x = np.insert(t, pauses, t[pauses]), np.insert(x, pauses, np.nan, axis=0)
+    return Trace("data", "", t, {label: x[:, k] for k, label in enumerate(labels)}, panel, ratio=ratio)
+
+
+def _zero_heights(lines: list[PanelLine], flights: list[Span]) -> None:
+    """Subtract each height's own value on the ground before the first flight."""
+    grounds = {line.label: _ground(line.t, line.y, flights) for line in lines}
+    for line in lines:
+        if line.label not in MEASURED_FROM_GROUND:
+            line.y = line.y - grounds.get(ZERO_OF.get(line.label, line.label), 0.0)
+
+
+def _ground(t: Array, y: Array, flights: list[Span]) -> float:
+    """Return the height before take-off, else the first one."""
+    known = np.isfinite(y)
+    start = flights[0][0] if flights else float(t[0]) + GROUND_S
+    ground = known & (t >= start - GROUND_S) & (t <= start)
+    if ground.any():
+        return float(np.median(y[ground]))
+    return float(y[np.argmax(known)]) if known.any() else 0.0

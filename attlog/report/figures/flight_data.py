@@ -1,0 +1,184 @@
+"""Figures of flight data: heights, speeds, rates, outputs, sticks, battery, GNSS reception, load, temperature.
+
+A figure is a row of FIGURES: panels of lines by label, without those that the log has no line for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from attlog.flight.panels import PANELS, RATE_PANELS
+from attlog.report.figures.figure import FigureSource, PageFigure, View, axis_key, panel_domain, sampling_text
+from attlog.report.figures.flight import SENSED, before_crash
+from attlog.result import Trace
+from attlog.words.numbers import quantity, unit_sign
+
+# Height of a panel, and of what surrounds all of them, px.
+PANEL_PX, AROUND_PX = 128, 66
+# Colour and dash of labels with a meaning of their own; the others take the palette in their order.
+FIXED = {
+    "onboard": ("e0", "solid"),
+    "set-point": ("mu", "dash"),
+    "air set-point": ("mu", "dot"),
+    "gyro": ("e1", "solid"),
+}
+PALETTE = 8
+# Panels whose values after a crash set no range.
+UPSET = {"height", "climb", "speed", "volts", *RATE_PANELS}
+# Samples that a stored one stands for, from which the caption says so.
+LEAST_THINNED = 1.2
+# Share of the values that leave the figure at the top: an accuracy of kilometres before the first fix.
+BEFORE_FIX = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """Vertical axis of a panel: title without its unit, smallest range, step of the stored values."""
+
+    title: str
+    least: float
+    step: float
+    fit: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class DataFigure:
+    """Figure of flight data: its panels and the sentences below it."""
+
+    id: str
+    title: str
+    panels: tuple[str, ...]
+    caption: str = ""
+
+
+FROM_ZERO = (("floor", 0.0), ("pad", 0.1))
+AXES: dict[str, Axis] = {
+    "height": Axis("height", 2.0, 0.01),
+    "climb": Axis("climb", 1.0, 0.005),
+    "speed": Axis("speed", 1.0, 0.005, FROM_ZERO),
+    "roll_rate": Axis("roll", 10.0, 0.02),
+    "pitch_rate": Axis("pitch", 10.0, 0.02),
+    "yaw_rate": Axis("yaw", 10.0, 0.02),
+    "motors": Axis("motors", 10.0, 0.02),
+    "servos": Axis("servos", 10.0, 0.02),
+    "outputs": Axis("outputs", 100.0, 0.5),
+    "commands": Axis("commands", 1.0, 0.01),
+    "rpm": Axis("rotors", 100.0, 1.0),
+    "esc_current": Axis("ESC", 1.0, 0.01),
+    "sticks": Axis("sticks", 20.0, 0.05),
+    "stick_pulses": Axis("sticks", 100.0, 0.5),
+    "channels": Axis("channels", 100.0, 0.5),
+    "volts": Axis("voltage", 0.5, 0.002),
+    "amperes": Axis("current", 1.0, 0.01),
+    "used": Axis("used", 10.0, 0.5),
+    "remaining": Axis("remaining", 5.0, 0.05),
+    "rails": Axis("rails", 0.3, 0.001),
+    "satellites": Axis("satellites", 4.0, 1.0, FROM_ZERO),
+    "fix": Axis("fix", 4.0, 1.0, FROM_ZERO),
+    "accuracy": Axis("accuracy", 2.0, 0.01, (("share", BEFORE_FIX), ("pad", 0.1))),
+    "speed_accuracy": Axis("speed ±", 0.5, 0.005, (("share", BEFORE_FIX), ("pad", 0.1))),
+    "dilution": Axis("dilution", 1.0, 0.01, FROM_ZERO),
+    "jamming": Axis("jamming", 20.0, 1.0, FROM_ZERO),
+    "load": Axis("load", 10.0, 0.05, FROM_ZERO),
+    "loop": Axis("longest loop", 1.0, 0.01, FROM_ZERO),
+    "slow_loops": Axis("slow loops", 2.0, 1.0, FROM_ZERO),
+    "dropouts": Axis("dropouts", 2.0, 1.0, FROM_ZERO),
+    "link": Axis("radio", 20.0, 1.0, FROM_ZERO),
+    "temperature": Axis("temperature", 4.0, 0.02),
+}
+FIGURES = (
+    DataFigure(
+        "heights",
+        "Height and vertical speed",
+        ("height", "climb"),
+        "Each height less its own before take-off; a rangefinder measures from the ground below. Climbing is positive.",
+    ),
+    DataFigure("speeds", "Speed", ("speed",)),
+    DataFigure("rates", "Body rates", RATE_PANELS, "Right wing down, nose up and nose right are positive."),
+    DataFigure("motors", "Motor and servo outputs", ("motors", "servos", "outputs", "commands", "rpm", "esc_current")),
+    DataFigure("sticks", "Sticks and switches", ("sticks", "stick_pulses", "channels")),
+    DataFigure("battery", "Battery and supply", ("volts", "amperes", "used", "remaining", "rails")),
+    DataFigure(
+        "reception",
+        "GNSS reception",
+        ("satellites", "accuracy", "speed_accuracy", "dilution", "fix", "jamming"),
+        "Accuracy as the receiver estimates it. Fix: 3 in three dimensions, 4 with corrections, 5 and 6 RTK.",
+    ),
+    DataFigure("load", "Load of processor, logger and radio", ("load", "loop", "slow_loops", "dropouts", "link")),
+    DataFigure("temperature", "Temperature", ("temperature",)),
+)
+RANGE_TEXT = "0 % is the least output in flight, 100 % the greatest; a stopped motor lies below 0 %."
+
+
+def figure_of(figure: DataFigure, source: FigureSource) -> PageFigure | None:
+    """Draw the panels of a figure that the log has lines for."""
+    lines = [trace for trace in source.traces("data") if trace.key in figure.panels]
+    panels = [key for key in figure.panels if any(trace.key == key for trace in lines)]
+    if not panels:
+        return None
+    view, styles = source.view(), _styles(figure, lines)
+    for i, key in enumerate(panels):
+        _draw_panel(view, source, i, key, [trace for trace in lines if trace.key == key], styles)
+        view.axes[f"{axis_key(i)[0]}axis{axis_key(i)[1:]}"]["domain"] = panel_domain(i, len(panels))
+    view.axis("x", "time, s", anchor=axis_key(len(panels) - 1))
+    data: dict[str, Any] = {"views": [view.as_data()], "timed": True, "phases": "plain", "alarms": True}
+    data |= {"labels": "panels", "lazy": True, "table": SENSED}
+    thinned = [trace for trace in lines if trace.ratio > LEAST_THINNED]
+    said = sampling_text(thinned) if thinned else ""
+    caption = " ".join(filter(None, [figure.caption, RANGE_TEXT * ("motors" in panels), said]))
+    height = AROUND_PX + PANEL_PX * len(panels) + (60 if len(panels) == 1 else 0)
+    return PageFigure(figure.id, "plot", figure.title, caption, height, data, True, _words(panels, lines))
+
+
+# The builders of all figures, in the order of the page.
+BUILDERS: tuple[Callable[[FigureSource], PageFigure | None], ...] = tuple(partial(figure_of, one) for one in FIGURES)
+
+
+def _draw_panel(
+    view: View, source: FigureSource, i: int, key: str, lines: list[Trace], styles: dict[str, tuple[str, str]]
+) -> None:
+    """Draw the lines of a panel, set-points at the bottom."""
+    axis, unit = AXES[key], PANELS[key].unit
+    named = [(label, trace, y) for trace in lines for label, y in trace.columns.items()]
+    digits = int(np.clip(np.ceil(-np.log10(axis.step)), 0, 3))
+    fit: dict[str, Any] = {"least": axis.least, "pad": 0.08} | dict(axis.fit)
+    fit |= before_crash(source) if key in UPSET else {}
+    if key == "motors":
+        fit["include"] = [0.0, 100.0]
+        for limit in (0.0, 100.0):
+            silent = {"time": True, "silent": True, "keyless": True}
+            ends = np.array(source.marks["range"])
+            view.line("", "edge", ends, np.full(2, limit), dash="dash", yaxis=axis_key(i), meta=silent)
+    for label, trace, y in sorted(named, key=lambda one: "set-point" not in one[0]):
+        colour, dash = styles[label]
+        meta: dict[str, Any] = {"time": True, "step": axis.step, "digits": digits}
+        meta |= {"quantity": f"{axis.title} {label}"} | {"beyond": True} if "share" in fit else {}
+        view.line(label, colour, trace.t, y, unit=unit, dash=dash, yaxis=axis_key(i), meta=meta)
+    sign = unit_sign(unit)
+    view.axis(axis_key(i), f"{axis.title}, {sign}" if sign else axis.title, nticks=5, fit=fit, zeroline=False)
+
+
+def _styles(figure: DataFigure, lines: list[Trace]) -> dict[str, tuple[str, str]]:
+    """Return colour and dash of each label, equal in all panels of a figure."""
+    labels = [label for key in figure.panels for trace in lines if trace.key == key for label in trace.columns]
+    free = [label for label in dict.fromkeys(labels) if label not in FIXED]
+    found = {label: (f"e{1 + k % PALETTE}", "solid" if k < PALETTE else "dash") for k, label in enumerate(free)}
+    return FIXED | found
+
+
+def _words(panels: list[str], lines: list[Trace]) -> str:
+    """Describe the lines: smallest and largest value of each."""
+    said = []
+    for key in panels:
+        unit, parts = PANELS[key].unit, []
+        for trace in (trace for trace in lines if trace.key == key):
+            for label, y in trace.columns.items():
+                low, high = float(np.nanmin(y)), float(np.nanmax(y))
+                parts.append(f"{label} {quantity(low, unit, False)} to {quantity(high, unit, False)}")
+        said.append(f"{AXES[key].title}: {', '.join(parts)}")
+    return "; ".join(said)

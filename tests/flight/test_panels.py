@@ -1,0 +1,126 @@
+"""Lines of the figures of flight data against the columns of made logs: sign, unit, era, clock."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from attlog.flight import panels, read_messages
+from attlog.flight.ardupilot.panels import ROWS as ARDUPILOT
+from attlog.flight.mavlink import PANEL_ROWS
+from attlog.flight.panels import PANELS, PanelLine, panel_lines
+from attlog.flight.px4.panels import ROWS as PX4
+from attlog.formats.table import Field, Messages, ParamChange
+from tests.flight import fake
+
+N, RATE = 100, 50.0
+RAMP = np.arange(N) / N
+
+
+def lines(messages: Messages) -> dict[tuple[str, str], PanelLine]:
+    """The lines of a made log by panel and label."""
+    log = read_messages(messages, None, None, None)
+    assert not [p for p in log.problems if p.code == "part_failed"]
+    return {(line.panel, line.label): line for line in panel_lines(log)}
+
+
+def dataflash(tables: dict[tuple[str, int], Any], units: dict[str, str] | None = None, **params: float) -> Messages:
+    """An ArduPilot log with an IMU; ``units`` of columns."""
+    imu = {f"{s}{a}": np.zeros(N) - 9.8 * (s + a == "AccZ") for s in ("Gyr", "Acc") for a in "XYZ"}
+    whole = {("IMU", 0): {"TimeUS": fake.micros(N, RATE), **imu}} | {
+        key: {"TimeUS": fake.micros(N, RATE), **columns} for key, columns in tables.items()
+    }
+    made = fake.messages("dataflash", whole, params)
+    for table in made.values():
+        for column in set(table.fields) & set(units or {}):
+            old = table.fields[column]
+            table.fields[column] = Field(column, old.dtype, (units or {})[column], old.scale)
+    return made
+
+
+def ulog(tables: dict[tuple[str, int], Any]) -> Messages:
+    """A PX4 log with an IMU and an attitude."""
+    t = fake.micros(N, RATE)
+    whole: dict[tuple[str, int], Any] = {
+        ("sensor_combined", 0): {
+            "timestamp": t,
+            "gyro_rad": np.zeros((N, 3), np.float32),
+            "accelerometer_m_s2": fake.gravity(N),
+        },
+        ("vehicle_attitude", 0): {"timestamp": t, "q": fake.level(N)},
+    }
+    return fake.messages("ulog", whole | {key: {"timestamp": t, **columns} for key, columns in tables.items()})
+
+
+@pytest.mark.parametrize("rows", [ARDUPILOT, PX4, PANEL_ROWS])
+def test_every_row_belongs_to_a_panel(rows: panels.PanelRows) -> None:
+    assert set(rows) <= set(PANELS)
+
+
+def test_a_climb_is_positive_upwards_from_velocities_down() -> None:
+    found = lines(dataflash({("XKF1", 0): {"VD": -2.0 - RAMP, "VN": RAMP, "VE": RAMP}}))
+    assert found["climb", "onboard"].y == pytest.approx(2.0 + RAMP)
+    found = lines(ulog({("vehicle_local_position_setpoint", 0): {"vz": -1.0 - RAMP, "z": -5.0 - RAMP}}))
+    assert found["climb", "set-point"].y == pytest.approx(1.0 + RAMP)
+    assert found["height", "set-point"].y == pytest.approx(5.0 + RAMP)
+
+
+@pytest.mark.parametrize(("unit", "stored"), [("cm/s", 250.0), ("m/s", 2.5), (None, 250.0)])
+def test_the_unit_of_the_log_counts_and_without_one_that_of_the_era(unit: str | None, stored: float) -> None:
+    made = dataflash({("CTUN", 0): {"CRt": stored + 0.0 * RAMP}}, {} if unit is None else {"CRt": unit})
+    assert lines(made)["climb", "onboard"].y == pytest.approx(2.5)
+
+
+def test_a_speed_is_the_length_of_its_vector() -> None:
+    found = lines(dataflash({("NKF1", 0): {"VN": 3.0 + 0 * RAMP, "VE": 4.0 + 0 * RAMP}}))
+    assert found["speed", "onboard"].y == pytest.approx(5.0)
+
+
+def test_sticks_are_on_the_channels_that_rcmap_gives_them() -> None:
+    channels = {f"C{k}": 1000.0 + 10 * k + RAMP for k in range(1, 5)}
+    found = lines(dataflash({("RCIN", 0): channels}, RCMAP_THROTTLE=1.0, RCMAP_ROLL=3.0))
+    assert found["stick_pulses", "throttle"].y[0] == 1010.0
+    assert found["stick_pulses", "roll"].y[0] == 1030.0
+    assert found["stick_pulses", "yaw"].y[0] == 1040.0
+
+
+def test_every_battery_is_a_line_and_a_missing_one_is_none() -> None:
+    tables = {("BAT", k): {"Volt": 12.0 + k + RAMP, "Curr": 0.0 * RAMP, "CurrTot": 0.0 * RAMP} for k in (0, 1)}
+    found = lines(dataflash(tables))
+    assert found["volts", "battery"].y[0] == 12.0
+    assert found["volts", "battery 2"].y[0] == 13.0
+    assert not [key for key in found if key[0] in ("amperes", "used")]
+
+
+def test_numbers_of_dshot_are_no_pulses() -> None:
+    columns = {"output": np.column_stack([300.0 + 100 * RAMP, 1500.0 + 400 * RAMP])}
+    found = lines(ulog({("actuator_outputs", 0): columns}))
+    assert ("commands", "output 1") in found
+    assert ("outputs", "output 2") in found
+
+
+def test_the_percentages_of_px4_are_shares_in_the_log() -> None:
+    found = lines(ulog({("cpuload", 0): {"load": 0.4 + 0 * RAMP, "ram_usage": 0.5 + 0 * RAMP}}))
+    assert found["load", "CPU"].y == pytest.approx(40.0)
+
+
+def test_unset_numbers_of_telemetry_are_missing() -> None:
+    t = np.arange(N, dtype=np.uint32) * 20 + 1000
+    own = 1 * 256 + 1
+    beat = {"type": 2, "autopilot": 3, "base_mode": 81, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
+    pulses = np.where(np.arange(N) % 2 == 0, 65535, 1500 + np.arange(N))
+    tables: dict[tuple[str, int], Any] = {
+        ("HEARTBEAT", own): {"_t_us": fake.micros(N, RATE)} | {k: np.full(N, v) for k, v in beat.items()},
+        ("ATTITUDE", own): {"_t_us": fake.micros(N, RATE), "time_boot_ms": t}
+        | {k: 0.01 * RAMP for k in ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")},
+        ("RC_CHANNELS", own): {"_t_us": fake.micros(N, RATE), "time_boot_ms": t, "chan1_raw": pulses},
+    }
+    systems = {"systems": {1: {"autopilot": 3, "component": 1}}, "system": 1}
+    made = fake.messages("tlog", tables, [ParamChange("A", 1.0)], info=systems)
+    found = lines(made)
+    roll = found["stick_pulses", "roll"].y
+    assert np.isnan(roll[::2]).all()
+    assert np.nanmax(roll) < 1700
+    assert found["roll_rate", "onboard"].y[-1] == pytest.approx(np.degrees(0.01 * RAMP[-1]))

@@ -1,0 +1,43 @@
+"""Traces of flight data: heights from take-off, peaks in envelopes, gaps of the logger."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from attlog.flight.model import Firmware, FlightLog, Stream
+from attlog.metrics.flight_data import MAX_SAMPLES, flight_data
+
+RNG = np.random.default_rng(5)
+
+
+def log_with(baro: Stream) -> FlightLog:
+    log = FlightLog(Path("made.ulg"), "ulog", 1, 0, Firmware("PX4"), "quadrotor")
+    log.baro = [baro]
+    return log
+
+
+def stream(t: np.ndarray, x: np.ndarray) -> Stream:
+    return Stream(t, x[:, None], "m", "", "made")
+
+
+def test_a_height_is_zero_on_the_ground_before_take_off() -> None:
+    t = np.arange(0.0, 60.0, 0.1)
+    x = 488.0 + np.where(t > 20.0, 1.0 * (t - 20.0), 0.0) + RNG.normal(0.0, 0.05, len(t))
+    (trace,) = flight_data(log_with(stream(t, x)), [(20.0, 60.0)])
+    y = trace.columns["barometer"]
+    assert abs(float(np.median(y[trace.t < 20.0]))) < 0.02
+    assert abs(float(y[-1]) - 39.9) < 0.3
+
+
+def test_a_long_line_keeps_its_peak_and_its_pause() -> None:
+    t = np.concatenate([np.arange(0.0, 900.0, 0.01), np.arange(1000.0, 1900.0, 0.01)])
+    x = np.sin(t)
+    x[123_457] = 77.0
+    (trace,) = flight_data(log_with(stream(t, x)), [])
+    y = trace.columns["barometer"]
+    assert len(trace.t) <= MAX_SAMPLES + 2
+    assert trace.ratio > 20.0
+    assert float(np.nanmax(y)) - float(np.nanmedian(y)) > 76.0
+    assert np.isnan(y[(trace.t > 890.0) & (trace.t < 1010.0)]).any()
