@@ -440,6 +440,14 @@ CLIPPING_UNITS = 3
 VIBRATION_COLUMNS = ("vibration_x", "vibration_y", "vibration_z")
 
 
+def processor_load(builder: TelemetryBuilder) -> Stream | None:
+    """Return the load (n, 1) of the main loop, 0 to 1; None where it is always 0, as in the simulator."""
+    table = builder.packets("SYS_STATUS")
+    if table is None or "load" not in table or not np.any(table["load"]):
+        return None
+    return builder.quiet().column_stream(table, ("load",), "1", "SYS_STATUS", limits.SHARE_IN_USE, scale=1e-3)
+
+
 def vehicle_type(builder: TelemetryBuilder) -> str:
     """Return the vehicle's usual name by HEARTBEAT.type."""
     heartbeat = builder.packets("HEARTBEAT")
@@ -561,6 +569,7 @@ STREAMS = (
     Part("power.rpm", "Rotor speed", rpm_stream),
     Part("power.battery", "SYS_STATUS", battery_stream),
     Part("power.outputs", SERVO_OUTPUTS, motor_outputs),
+    Part("processor.load", "SYS_STATUS", processor_load),
     Part("vibration.clippings", "Clipping", clippings),
     Part("vibration.level", "VIBRATION", vibration_stream),
     Part("vibration.levels", "VIBRATION", vibration_levels),

@@ -292,6 +292,19 @@ class Power:
 
 
 @dataclass(slots=True)
+class Processor:
+    """Load of the autopilot's processor.
+
+    ``loops`` (n, 3): main loops that took too long, all main loops, and the longest in s, each since the record before.
+    ``load`` and ``memory`` (n, 1): shares in use, 0 to 1, NaN where not logged.
+    """
+
+    loops: Stream | None = None
+    load: Stream | None = None
+    memory: Stream | None = None
+
+
+@dataclass(slots=True)
 class Parameters:
     """Parameters of the vehicle by name, and the trim and declination they set.
 
@@ -513,6 +526,7 @@ class FlightLog:
     state: FlightState = field(default_factory=FlightState)
     setpoints: Setpoints = field(default_factory=Setpoints)
     power: Power = field(default_factory=Power)
+    processor: Processor = field(default_factory=Processor)
     parameters: Parameters = field(default_factory=Parameters)
     estimator: OnboardEstimator = field(default_factory=OnboardEstimator)
     vibration: Vibration = field(default_factory=Vibration)

@@ -85,6 +85,7 @@ CHECKS: Mapping[str, Row] = {
     ),
     "log_clock": Row("clock of the log", gyro_scale.scale_checks, "log_clock", warning="note"),
     "main_loop": Row("main loop", gyro_scale.scale_checks, "main_loop", warning="note"),
+    "processor": Row("processor", timing.processor_checks, "main_loop", warning="note"),
     "gyro_scale": Row("gyro scale", gyro_scale.scale_checks, "gyro_scale", fault="serious"),
     "gyro_bias_step": Row("step of the gyro bias", gyro.step_checks, "gyro_bias", remedy="bus"),
     "force_axes": Row(
@@ -184,6 +185,7 @@ CAUSES: Mapping[str, str] = {
     "vertical_force": "Vibration that clips or is rectified in the sensor becomes a constant force.",
     "log_clock": "The autopilot's crystal or the divider of its clock.",
     "main_loop": "The processor is overloaded.",
+    "processor": "The processor is overloaded.",
     "gyro_scale": "The gyro's own scale or its range setting; no calibration corrects it.",
     "gyro_bias_step": "The gyro warmed up or was struck, or its driver lost its calibration.",
     "force_axes": "The accelerometer is mounted otherwise than set, or its axes are mixed up.",

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from attlog.core import rotation
-from attlog.core.spans import Span, intersect, seconds
+from attlog.core.spans import Span, inside, intersect, seconds
 from attlog.core.timestamps import gap_indices
 from attlog.flight import compass
 from attlog.flight.frozen import equal_runs, turned_deg
@@ -19,6 +19,7 @@ from attlog.health.check import Check, HealthCase, Verdict, as_sentence, graded,
 from attlog.health.regression import robust_fit
 from attlog.reference.sensor_faults import FRAME, GYRO, IRON, LATE
 from attlog.segments import model
+from attlog.segments.flight_signs import true_runs
 from attlog.segments.model import Segments
 from attlog.segments.rest import flag_spans
 
@@ -242,6 +243,81 @@ def loop_check(log: FlightLog, imu: Imu, loop: ClockRate, slowed: list[str]) -> 
         check.evidence, check.verdict = slowed, "fault" if slowed else "warning"
         check.action = "Reduce the processor load: log less, use fewer sensors, or lower the loop rate."
     return check
+
+
+# Processor: long main loops, load and memory in flight.
+
+# Share of long main loops that ArduPilot's documentation calls the limit.
+MAX_LONG_PCT = 15.0
+# PX4's limits in % where COM_CPU_MAX and COM_RAM_MAX are not logged: the default of the former, and the use of memory
+# from which earlier firmware shows an overload; the time above COM_CPU_MAX after which PX4 does not arm.
+MAX_LOAD_PCT, MAX_MEMORY_PCT, OVERLOADED_S = 95.0, 99.0, 2.0
+# MAVLink's limit of SYS_STATUS.load.
+MAX_LOOP_LOAD_PCT = 100.0
+PROCESSOR_LIMIT = "note: 15 % long main loops (ArduPilot); COM_CPU_MAX for 2 s, COM_RAM_MAX (PX4)"
+PROCESSOR_SOURCE = "ardupilot.org, Diagnosing problems using Logs; docs.px4.io, COM_CPU_MAX, COM_RAM_MAX"
+PROCESSOR_ACTION = "Reduce the processor load: log less, use fewer sensors and filters, or lower the loop rate."
+
+
+def processor_checks(case: HealthCase) -> list[Check]:
+    """Check the processor's load in flight; nothing without a flight or a record."""
+    log, flights = case.log, case.segments.spans("airborne")
+    logged = [s for s in (log.processor.loops, log.processor.load, log.processor.memory) if s is not None]
+    if not logged or not flights:
+        return []
+    loops, load, memory = (
+        _flown_rows(s, flights) for s in (log.processor.loops, log.processor.load, log.processor.memory)
+    )
+    if not any(map(len, (loops, load, memory))):
+        return [unknown("processor", f"No record of {logged[0].source} lies in flight.", PROCESSOR_LIMIT)]
+    check = Check("processor", "ok", "", unit="%", threshold=PROCESSOR_LIMIT, source=PROCESSOR_SOURCE)
+    check.sensor, check.action = logged[0].source, ""
+    parts, over = [], False
+    if len(loops):
+        long, every, slowest = float(loops[:, 1].sum()), float(loops[:, 2].sum()), float(loops[:, 3].max())
+        share = 100.0 * long / max(every, 1.0)
+        check.value, check.n, over = round(share, 1), len(loops), share > MAX_LONG_PCT
+        parts.append(f"{share:.1f} % of main loops took too long in flight, the slowest {1e3 * slowest:.1f} ms")
+    if len(load):
+        middle, most = 100.0 * float(np.median(load[:, 1])), 100.0 * float(load[:, 1].max())
+        check.value = round(middle, 1) if check.value is None else check.value
+        over |= is_overloaded(log, load)
+        parts.append(f"processor load {middle:.0f} %, at most {most:.0f} %")
+    if len(memory):
+        used, limit = 100.0 * float(memory[:, 1].max()), _limit(log, "COM_RAM_MAX", MAX_MEMORY_PCT)
+        over |= used > limit
+        parts.append(f"memory {used:.0f} %")
+    check.text = as_sentence("; ".join(parts))
+    if over:
+        check.verdict, check.action = "warning", PROCESSOR_ACTION
+    return [check]
+
+
+def is_overloaded(log: FlightLog, load: Array) -> bool:
+    """Return whether the load (n, 2) of times and shares exceeds the firmware's limit.
+
+    ArduPilot has none for its own log: 1 is a full loop. PX4's holds for 2 s.
+    """
+    if log.firmware.name != "PX4":
+        return log.settings.kind == "telemetry" and bool((100.0 * load[:, 1] >= MAX_LOOP_LOAD_PCT).any())
+    above = 100.0 * load[:, 1] > _limit(log, "COM_CPU_MAX", MAX_LOAD_PCT)
+    return any(load[b - 1, 0] - load[a, 0] >= OVERLOADED_S for a, b in true_runs(above))
+
+
+def _limit(log: FlightLog, name: str, usual: float) -> float:
+    """Return a limit in % by its parameter, the usual one where it is not logged or switched off."""
+    value = log.param(name)
+    return value if value is not None and value > 0.0 else usual
+
+
+def _flown_rows(stream: Stream | None, flights: list[Span]) -> Array:
+    """Return times and values (n, 1 + k) of the records whose whole interval lies in flight."""
+    if stream is None or len(stream.t) < 2:
+        return np.zeros((0, 2))
+    period = float(np.median(np.diff(stream.t)))
+    mask = inside(stream.t, [(a + period, b) for a, b in flights if b - a > period])
+    rows: Array = np.column_stack([stream.t, stream.x])[mask]
+    return rows[np.isfinite(rows).all(axis=1)]
 
 
 # Frozen sensors: constant values while the vehicle moves, from a stopped sensor, driver or bus.

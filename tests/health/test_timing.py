@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,12 +11,13 @@ import numpy as np
 import pytest
 
 from attlog import segments
-from attlog.flight.model import FlightLog, Gnss, Problem, Stream, TimeLine
+from attlog.flight.model import Firmware, FlightLog, Gnss, Problem, Stream, TimeLine
 from attlog.health import timing
 from attlog.health.check import Check, HealthCase
 from attlog.health.timing import frozen_gyro_reason, timing_checks
 from attlog.health.timing import is_pause as pauses
 from attlog.segments import Segments
+from attlog.segments.model import Segment
 from tests.health.test_health import good
 from tests.reference.flights import Array, flight
 from tests.reference.test_gyro_checks import with_compass
@@ -118,3 +120,65 @@ def test_a_barometer_stands_still_where_the_vehicle_rises_in_flight_and_not_wher
     phases.segments.append(segments.Segment("airborne", 25.0, 60.0))
     (check,) = (c for c in timing.frozen_checks(HealthCase(log, phases)) if c.question == "frozen_sensors")
     assert check.verdict == verdict
+
+
+# Processor: main loops, load and memory in flight alone.
+
+FLIGHTS = Segments([Segment("airborne", 20.0, 80.0)])
+
+
+def judged(log: FlightLog) -> Check:
+    (check,) = timing.processor_checks(HealthCase(log, FLIGHTS))
+    return check
+
+
+def loaded(**streams: Array) -> FlightLog:
+    """A log with records of the processor at one per second."""
+    log = FlightLog(Path("made"), "made", 0, 0, Firmware("PX4"), "quadrotor")
+    for name, x in streams.items():
+        setattr(log.processor, name, Stream(np.arange(len(x), dtype=float), x.reshape(len(x), -1), "1", "", name))
+    return log
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.14, "ok"), (0.16, "warning")])
+def test_long_main_loops_count_in_flight_alone(share: float, verdict: str) -> None:
+    loops = np.column_stack([np.full(100, 400.0 * share), np.full(100, 400.0), np.full(100, 0.004)])
+    loops[:20], loops[81:] = (400.0, 400.0, 6.0), (400.0, 400.0, 6.0)
+    check = judged(loaded(loops=loops))
+    assert (check.verdict, check.value) == (verdict, pytest.approx(100.0 * share))
+    assert "4.0 ms" in check.text
+    assert bool(check.action) is (verdict == "warning")
+
+
+@pytest.mark.parametrize(
+    ("seconds", "level", "limit", "verdict"),
+    [(3, 0.96, None, "warning"), (2, 0.96, None, "ok"), (60, 0.94, None, "ok"), (3, 0.85, 80.0, "warning")],
+)
+def test_an_overload_lasts_for_two_seconds_above_the_firmwares_limit(
+    seconds: int, level: float, limit: float | None, verdict: str
+) -> None:
+    load = np.full(100, 0.4)
+    load[40 : 40 + seconds] = level
+    log = loaded(load=load)
+    if limit is not None:
+        log.parameters.lines["COM_CPU_MAX"] = TimeLine(np.zeros(1), [limit], "parameters")
+    assert judged(log).verdict == verdict
+
+
+def test_full_memory_is_noted_and_records_on_the_ground_answer_nothing() -> None:
+    assert judged(loaded(memory=np.full(100, 0.96))).verdict == "ok"
+    assert judged(loaded(memory=np.full(100, 0.995))).verdict == "warning"
+    assert judged(loaded(load=np.full(15, 0.99))).verdict == "unknown"
+    assert timing.processor_checks(HealthCase(loaded(), FLIGHTS)) == []
+
+
+def test_main_loops_are_counted_per_record_and_shares_are_below_one() -> None:
+    log = good("copter_yaw_turns.bin")
+    loops = log.processor.loops
+    assert loops is not None
+    np.testing.assert_allclose(loops.x[1:, 1] / np.diff(loops.t), log.param("SCHED_LOOP_RATE"), rtol=0.01)
+    assert ((loops.x[:, 2] > 0.01) & (loops.x[:, 2] < 0.02)).all()
+    assert log.processor.load is None, "the simulator logs 0"
+    load = good("px4_steps.ulg").processor.load
+    assert load is not None
+    assert 0.05 < np.median(load.x) < 0.5

@@ -52,6 +52,8 @@ STREAMS = (
     Part("power.motors", "Motor outputs", sensors.motor_outputs),
     Part("power.rpm", "Rotor speed", sensors.rpm_stream),
     Part("power.battery", "The battery", sensors.battery_stream),
+    Part("processor.loops", "PM", sensors.loop_stream),
+    Part("processor.load", "PM", sensors.processor_load),
     Part("estimator.acc_bias", "XKF2", estimator.acc_bias_stream),
     Part("estimator.gyro_bias", "The onboard gyro bias", estimator.gyro_bias_stream),
     Part("estimator.height", "POS", estimator.height_stream),

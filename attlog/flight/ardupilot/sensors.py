@@ -324,6 +324,25 @@ def battery_stream(builder: DataflashBuilder) -> Stream | None:
     return None
 
 
+def loop_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return long main loops, all main loops and the longest in s (n, 3), from PM."""
+    table = builder.sampled("PM", "NLon", "MaxT")
+    total = None if table is None else next((name for name in ("NLoop", "NL") if name in table), None)
+    if table is None or total is None:
+        return None
+    x = np.column_stack([np.asarray(table[name], np.float64) for name in ("NLon", total, "MaxT")]) * (1.0, 1.0, 1e-6)
+    return builder.quiet().stream(builder.stamps(table), x, "1, 1, s", "PM")
+
+
+def processor_load(builder: DataflashBuilder) -> Stream | None:
+    """Return the processor's load (n, 1), 0 to 1, from PM; None where it is always 0, as in the simulator."""
+    table = builder.sampled("PM", "Load")
+    if table is None or not np.any(table["Load"]):
+        return None
+    load = np.asarray(table["Load"], np.float64) * 1e-3  # logged in per mille
+    return builder.quiet().stream(builder.stamps(table), load, "1", "PM", within=limits.SHARE_IN_USE)
+
+
 def rate_setpoint_stream(builder: DataflashBuilder) -> Stream | None:
     """Return the body rate set-point in rad/s.
 

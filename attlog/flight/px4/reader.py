@@ -60,6 +60,8 @@ STREAMS = (
     Part("power.escs", "Speed controllers", drive.esc_list),
     Part("power.board", "system_power", drive.board_voltage),
     Part("power.overcurrent", "system_power", drive.overcurrent),
+    Part("processor.load", "cpuload", lambda builder: sensors.cpuload_stream(builder, "load")),
+    Part("processor.memory", "cpuload", lambda builder: sensors.cpuload_stream(builder, "ram_usage")),
     Part("estimator.acc_bias", "estimator_sensor_bias", estimator.acc_bias_stream),
     Part("estimator.gyro_bias", "The onboard gyro bias", estimator.gyro_bias_stream),
     Part("estimator.yaw", "The yaw estimator", estimator.yaw_estimator_stream),

@@ -265,6 +265,12 @@ def battery_stream(builder: TopicBuilder) -> Stream | None:
     return builder.battery_stream(builder.stamps(table), x, "battery_status")
 
 
+def cpuload_stream(builder: TopicBuilder, name: str) -> Stream | None:
+    """Return a column (n, 1) of cpuload, the share of the processor's time or memory in use."""
+    table = builder.table("cpuload")
+    return builder.quiet().column_stream(table, (name,), "1", "cpuload", limits.SHARE_IN_USE, allow_nan=True)
+
+
 def rate_setpoint_stream(builder: TopicBuilder) -> Stream | None:
     """Return the body rate set-point in rad/s."""
     name, axes = "vehicle_rates_setpoint", ("roll", "pitch", "yaw")
