@@ -76,8 +76,9 @@ PANELS: dict[str, PanelUnit] = {
     "rails": PanelUnit("V", 0.0, 60.0),
     "satellites": PanelUnit("1", 0.0, 100.0),
     "fix": PanelUnit("1", 0.0, 10.0),
-    "accuracy": PanelUnit("m", 0.0, 1e5),
-    "speed_accuracy": PanelUnit("m/s", 0.0, 1e4),
+    # 655.35 is the largest number that ArduPilot can log; a fix is never so bad.
+    "accuracy": PanelUnit("m", 0.0, 650.0),
+    "speed_accuracy": PanelUnit("m/s", 0.0, 650.0),
     "dilution": PanelUnit("1", 0.1, 50.0),
     "jamming": PanelUnit("1", 0.0, 1e4),
     "load": PanelUnit("%", 0.0, 200.0),

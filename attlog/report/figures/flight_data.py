@@ -64,7 +64,7 @@ AXES: dict[str, Axis] = {
     "roll_rate": Axis("roll", 10.0, 0.02),
     "pitch_rate": Axis("pitch", 10.0, 0.02),
     "yaw_rate": Axis("yaw", 10.0, 0.02),
-    "motors": Axis("motors", 10.0, 0.02),
+    "motors": Axis("motors", 10.0, 0.02, (("floor", -25.0), ("pad", 0.06))),
     "servos": Axis("servos", 10.0, 0.02),
     "outputs": Axis("outputs", 100.0, 0.5),
     "commands": Axis("commands", 1.0, 0.01),
@@ -149,7 +149,7 @@ def _draw_panel(
     fit: dict[str, Any] = {"least": axis.least, "pad": 0.08} | dict(axis.fit)
     fit |= before_crash(source) if key in UPSET else {}
     if key == "motors":
-        fit["include"] = [0.0, 100.0]
+        fit["include"] = [100.0]
         for limit in (0.0, 100.0):
             silent = {"time": True, "silent": True, "keyless": True}
             ends = np.array(source.marks["range"])
