@@ -1,11 +1,14 @@
-"""The workflows of docs/ci.md and the action run step by step: green, red, without logs, with strange input."""
+"""The scripts of the action and of docs/ci.md run in bash: green, red, without logs, with strange input."""
 
 from __future__ import annotations
 
-import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 import tomllib
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -14,136 +17,125 @@ import yaml
 from junitparser import JUnitXml
 
 from attlog.compare import gate_file
-from tests.ci.runner import EXPRESSION, Machine
 from tests.conftest import ROOT, SAMPLES, few
 
 PAGE = (ROOT / "docs" / "ci.md").read_text(encoding="utf-8")
+ACTION = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
+EXPRESSION = re.compile(r"\$\{\{\s*(.*?)\s*\}\}")
 
 
 def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", PAGE, re.S)
 
 
-def workflow(name: str) -> dict[str, Any]:
-    (found,) = [d for d in map(yaml.safe_load, blocks("yaml")) if d.get("name") == name]
-    return found
+@dataclass(slots=True)
+class Done:
+    """What a script left: exit code, everything printed, outputs of the step, summary of the job."""
+
+    code: int
+    said: str
+    outputs: dict[str, str] = field(default_factory=dict)
+    summary: str = ""
+
+
+class Repository:
+    """What a user commits: logs and gates as the page says. pip installs nothing but is recorded."""
+
+    def __init__(self, root: Path) -> None:
+        self.root, self.shims, self.beside = root / "repository", root / "shims", root
+        (self.root / "logs").mkdir(parents=True)
+        shutil.copy(SAMPLES / "px4_steps.ulg", self.root / "logs" / "a flight.ulg")
+        (self.root / "gates.toml").write_text(blocks("toml")[0])
+        record = 'echo "pip $*" >> "$INSTALLED"'
+        self.shims.mkdir()
+        for name, script in {
+            "python": f'if [ "$1 $2" = "-m pip" ]; then shift 2; {record}; exit 0; fi\nexec "{sys.executable}" "$@"',
+            "pip": record,
+            "attlog": f'exec "{sys.executable}" -m attlog "$@"',
+        }.items():
+            (self.shims / name).write_text(f"#!/bin/bash\n{script}\n")
+            (self.shims / name).chmod(0o755)
+
+    def run(self, script: str, env: dict[str, str], on_github: bool = True) -> Done:
+        """Run the shell of a step as GitHub does, or as any other system."""
+        output, summary = self.beside / "output", self.beside / "summary.md"
+        output.write_text("")
+        summary.write_text("")
+        own = {k: v for k, v in os.environ.items() if not k.startswith("GITHUB_")}
+        own |= {"PATH": f"{self.shims}:/usr/bin:/bin", "PYTHONPATH": str(ROOT), "INSTALLED": str(self.beside / "pip")}
+        if on_github:
+            own |= {"GITHUB_ACTIONS": "true", "GITHUB_OUTPUT": str(output), "GITHUB_STEP_SUMMARY": str(summary)}
+            own |= {"GITHUB_WORKSPACE": str(self.root)}
+        command = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", script]
+        ran = subprocess.run(command, cwd=self.root, env=own | env, capture_output=True, text=True, timeout=300)
+        outputs = dict(line.split("=", 1) for line in output.read_text().splitlines())
+        return Done(ran.returncode, ran.stdout + ran.stderr, outputs, summary.read_text(encoding="utf-8"))
+
+    def step(self, name: str, **inputs: str) -> Done:
+        """Run a step of the action; its scripts take inputs by the environment alone."""
+        (step,) = [s for s in ACTION["runs"]["steps"] if s["name"] == name]
+        values = {f"inputs.{k}": inputs.get(k, v.get("default", "")) for k, v in ACTION["inputs"].items()}
+        values["github.action_path"] = str(ROOT)
+        return self.run(step["run"], {k: EXPRESSION.sub(lambda f: values[f[1]], v) for k, v in step["env"].items()})
+
+    @property
+    def installed(self) -> list[str]:
+        return (self.beside / "pip").read_text().splitlines()
 
 
 @pytest.fixture
-def repository(tmp_path: Path) -> Path:
-    """What a user commits: logs and gates as the page says, and a script that flies."""
-    folder = tmp_path / "repository"
-    (folder / "logs").mkdir(parents=True)
-    shutil.copy(SAMPLES / "px4_steps.ulg", folder / "logs" / "a flight.ulg")
-    (folder / "gates.toml").write_text(blocks("toml")[0])
-    (folder / "fly_all.sh").write_text('#!/bin/bash\nmkdir -p "$1"\n')
-    (folder / "fly_all.sh").chmod(0o755)
-    return folder
+def repository(tmp_path: Path) -> Repository:
+    return Repository(tmp_path)
 
 
-@pytest.fixture
-def machine(tmp_path: Path) -> Machine:
-    return Machine(tmp_path / "machine")
-
-
-def impossible(repository: Path) -> None:
-    (repository / "gates.toml").write_text("[gates]\nlag_ms = { max = 5 }\ntilt_p95_deg = { max = 0.01 }\n")
-
-
-@pytest.mark.slow
-def test_ten_lines_are_green_with_the_report_attached(machine: Machine, repository: Path) -> None:
-    assert len(blocks("yaml")[0].splitlines()) <= 10
-    assert machine.workflow(workflow("attitude"), repository), machine.done
-    artifact = machine.root / "artifacts" / "attlog-report"
-    assert {"a flight.ulg.html", "a flight.ulg.json", "index.html", "junit.xml"} <= {p.name for p in artifact.iterdir()}
-    assert machine.summary.startswith("## ✅ attlog: 1 log, no gate failed")
-    assert not [line for d in machine.done for line in (d.out + d.err).splitlines() if line.startswith("::error")]
-    assert machine.installed == [f"pip install --quiet {ROOT}[export,remote]"]
-
-
-@pytest.mark.slow
-def test_ten_lines_are_red_where_a_gate_fails_and_the_report_is_attached_all_the_same(
-    machine: Machine, repository: Path
+@pytest.mark.parametrize(("version", "what"), [("", f"{ROOT}[export,remote]"), ("9.9", "attlog[export,remote]==9.9")])
+def test_the_action_installs_the_version_asked_for_else_its_own(
+    repository: Repository, version: str, what: str
 ) -> None:
-    impossible(repository)
-    assert not machine.workflow(workflow("attitude"), repository)
-    assert machine.done[-1].code == 1
-    artifact = machine.root / "artifacts" / "attlog-report"
-    suites = list(JUnitXml.fromfile(str(artifact / "junit.xml")))
-    assert [(s.errors, s.failures > 3) for s in suites] == [(0, True)]
-    assert machine.summary.startswith("## ❌ attlog: 1 of 1 log failed")
-    marks = [line for line in machine.done[-1].err.splitlines() if line.startswith("::error ")]
+    assert repository.step("Install attlog", version=version).code == 0
+    assert repository.installed == [f"pip install --quiet {what}"]
+
+
+@pytest.mark.slow
+def test_a_run_is_green_with_its_report_and_red_where_a_gate_fails(repository: Repository) -> None:
+    inputs = {
+        "logs": "\n  logs/*.ulg  \n\n",
+        "gates": "gates.toml",
+        "options": "--estimators\nmekf,gyro",
+        "report": "my report",
+    }
+    done = repository.step("Analyse", **inputs)
+    assert done.code == 0, done.said
+    assert done.outputs == {"report": "my report", "junit": "my report/junit.xml", "exit-code": "0"}
+    assert done.summary.startswith("## ✅ attlog: 1 log, no gate failed")
+    assert "::error" not in done.said
+    report = repository.root / "my report"
+    assert {"a flight.ulg.html", "a flight.ulg.json", "index.html", "junit.xml"} <= {p.name for p in report.iterdir()}
+    (repository.root / "gates.toml").write_text("[gates]\nlag_ms = { max = 5 }\ntilt_p95_deg = { max = 0.01 }\n")
+    done = repository.step("Analyse", **inputs)
+    assert (done.code, done.outputs["exit-code"]) == (1, "1")
+    assert done.summary.startswith("## ❌ attlog: 1 of 1 log failed")
+    assert [(s.errors, s.failures > 0) for s in JUnitXml.fromfile(str(report / "junit.xml"))] == [(0, True)]
+    marks = [line for line in done.said.splitlines() if line.startswith("::error ")]
     assert marks
     assert all("file=logs/a flight.ulg," in line and "tilt_p95_deg max=0.01" in line for line in marks)
 
 
 @pytest.mark.slow
-def test_logs_of_another_job(machine: Machine, repository: Path) -> None:
-    document = workflow("simulated flights")
-    (repository / "my_filter.py").write_text((ROOT / "attlog" / "estimators" / "filters" / "mahony.py").read_text())
-    options = document["jobs"]["attitude"]["steps"][-1]["with"]
-    assert options["options"] == "--estimators mekf,my_filter.py --reference truth"
-    options["options"] = "--estimators mekf --reference truth"
-    assert machine.workflow(document, repository), machine.done
-    result = json.loads((machine.root / "artifacts" / "attlog-report" / "a flight.ulg.json").read_text())
-    assert result["config"]["estimators"] == ["mekf"]
-    assert result["reference"]["choice"] == "truth"
-
-
-@pytest.mark.slow
-def test_by_hand(machine: Machine, repository: Path) -> None:
-    assert machine.workflow(workflow("attitude by hand"), repository), machine.done
-    assert machine.summary.startswith("## ✅")
-    assert (machine.root / "artifacts" / "attlog-report" / "index.html").exists()
-
-
-@pytest.mark.slow
-def test_gitlab(machine: Machine, repository: Path) -> None:
-    (document,) = [d["attitude"] for d in map(yaml.safe_load, blocks("yaml")) if "attitude" in d]
-    impossible(repository)
-    script = "\n".join(document["script"])
-    assert not machine.run("gitlab", script, repository, {"GITHUB_ACTIONS": "", "GITHUB_STEP_SUMMARY": ""}, {})
-    assert JUnitXml.fromfile(str(repository / document["artifacts"]["reports"]["junit"]))
-    assert (repository / "report" / "summary.md").read_text(encoding="utf-8").startswith("## ❌")
-    assert "::error" not in machine.done[-1].err
-
-
-@pytest.mark.slow
-def test_beside_main(tmp_path: Path, repository: Path) -> None:
-    document = workflow("attitude beside main")
-    (repository / "beside-main.toml").write_text(next(b for b in blocks("toml") if 'baseline = "main"' in b))
-    options = document["jobs"]["attitude"]["steps"][-1]["with"]
-    options["options"] = "--estimators mahony --reference truth"
-    main = Machine(tmp_path / "main")
-    assert main.workflow(document, repository), main.done
-    for gain, green in ((0.45, True), (3.0, False)):
-        pull = Machine(tmp_path / f"pull{gain}", event="pull_request")
-        shutil.copytree(main.root / "artifacts" / "attlog-report", pull.root / "artifacts" / "main-attlog-report")
-        options["options"] = f"--estimators mahony:kp={gain} --reference truth"
-        assert pull.workflow(document, repository) is green, (gain, pull.summary)
-        assert any("run download 17" in line for line in pull.installed)
-    assert "tilt\\_rmse\\_deg not worse than baseline" in pull.summary
-
-
-@pytest.mark.slow
-def test_the_action_takes_lines_patterns_and_versions(machine: Machine, repository: Path) -> None:
-    shutil.copy(SAMPLES / "px4_hover.ulg", repository / "other.ulg")
-    inputs = {
-        "logs": "\n  logs/*.ulg  \n\nother.ulg\n",
-        "options": "--estimators\ngyro",
-        "version": "9.9",
-        "artifact": "",
-        "report": "my report",
-    }
-    green, outputs = machine.use("attlog/attlog@main", inputs, repository)
-    assert green, machine.done
-    assert machine.installed == ["pip install --quiet attlog[export,remote]==9.9"]
-    assert outputs == {"report": "my report", "junit": "my report/junit.xml", "exit-code": "0"}
-    assert {s.name for s in JUnitXml.fromfile(str(repository / "my report" / "junit.xml"))} == {
-        "logs/a flight.ulg",
-        "other.ulg",
-    }
-    assert list((machine.root / "artifacts").iterdir()) == []
+@pytest.mark.parametrize("system", ["GitHub by hand", "GitLab"])
+def test_the_commands_of_the_page_run_on_any_system(repository: Repository, system: str) -> None:
+    documents = {d.get("name", "GitLab"): d for d in map(yaml.safe_load, blocks("yaml"))}
+    if system == "GitLab":
+        script = "\n".join(documents["GitLab"]["attitude"]["script"])
+    else:
+        steps = documents["attitude by hand"]["jobs"]["attitude"]["steps"]
+        script = "\n".join(step["run"] for step in steps if "run" in step)
+    done = repository.run(script, {}, on_github=system != "GitLab")
+    assert done.code == 0, done.said
+    own = repository.root / "report" / "summary.md"
+    assert (done.summary or own.read_text(encoding="utf-8")).startswith("## ✅")
+    assert JUnitXml.fromfile(str(repository.root / "report" / "junit.xml"))
+    assert "::error" not in done.said
 
 
 @pytest.mark.parametrize(
@@ -160,13 +152,12 @@ def test_the_action_takes_lines_patterns_and_versions(machine: Machine, reposito
     ),
 )
 def test_what_goes_wrong_is_red_with_its_own_code(
-    machine: Machine, repository: Path, inputs: dict[str, str], code: int, word: str
+    repository: Repository, inputs: dict[str, str], code: int, word: str
 ) -> None:
-    green, _ = machine.use("attlog/attlog@main", inputs | {"version": "none", "artifact": ""}, repository)
-    assert not green
-    assert machine.done[-1].code == code, machine.done
-    assert word in machine.done[-1].out + machine.done[-1].err
-    assert not (repository / "broken").exists()
+    done = repository.step("Analyse", **inputs)
+    assert done.code == code, done.said
+    assert word in done.said
+    assert not (repository.root / "broken").exists()
 
 
 @pytest.mark.parametrize("text", blocks("toml"))
@@ -179,7 +170,6 @@ def test_every_gate_file_of_the_page_is_one(tmp_path: Path, text: str) -> None:
 
 # The shape of the action and of the workflows that are shown: what GitHub's metadata and workflow syntax ask for.
 
-ACTION = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
 OF_ACTION = {"name", "author", "description", "inputs", "outputs", "runs", "branding"}
 OF_STEP = {"name", "id", "if", "run", "shell", "env", "uses", "with", "working-directory", "continue-on-error"}
 OF_JOB = {"name", "needs", "runs-on", "steps", "if", "env", "strategy", "permissions", "timeout-minutes"}
