@@ -25,7 +25,7 @@ from attlog.core import rotation
 from attlog.core.errors import AttlogError
 from attlog.estimators import estimate
 from attlog.flight.model import Attitude, FlightLog
-from attlog.pipeline.replay import aids_of, facts
+from attlog.pipeline.replay import aids_of, log_facts
 
 Array = NDArray[np.float64]
 FOLDERS = ("sitl/ardupilot", "sitl/px4", "logs", "logs/cases")
@@ -90,7 +90,7 @@ def replayed(path: Path, row: str) -> tuple[FlightLog, Headings]:
         sampling=imu.gyro.sampling,
         dt=imu.dt,
         aids=aids_of(case, ""),
-        log=facts(case, ""),
+        log=log_facts(case, ""),
     )
     return case.log, Headings(e.t, rotation.to_euler(e.q)[:, 2], e.aux["sigma_heading"])
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from attlog.batch.order import natural
+from attlog.batch.order import natural_sort_key
 from attlog.core.errors import UsageError
 from attlog.result import MEASURED_TIMES
 from attlog.words.names import CODES
@@ -94,10 +94,10 @@ def across(
     for metric in sorted({m for m, _ in asked} - found.units.keys()) if len(kept) else ():
         if metric in MEASURED_TIMES:
             raise UsageError(f"--metric {metric}: measured times differ from run to run and are kept in no table")
-        raise UsageError(f"--metric {metric}: no log has it; {near(metric, found.units)}")
+        raise UsageError(f"--metric {metric}: no log has it; {suggest_words(metric, found.units)}")
     common = found.answers[found.answers["value"].notna()].groupby("row")["at"].nunique()
     held = sorted(found.answers["row"].unique(), key=lambda row: (_place(row), -common.get(row, 0), row))
-    chosen = matching(rows, held) if rows and len(kept) else held
+    chosen = select_rows(rows, held) if rows and len(kept) else held
     windows = set(found.answers["window"])
     answers = found.answers[found.answers["at"].isin(kept.index)]
     columns: list[Column] = []
@@ -105,7 +105,7 @@ def across(
         wanted = own or window
         if wanted and wanted not in windows:
             option = f"--metric {metric}@{own}" if own else f"--window {window}"
-            raise UsageError(f"{option}: no log has this window; {near(wanted, windows)}")
+            raise UsageError(f"{option}: no log has this window; {suggest_words(wanted, windows)}")
         where = wanted or usual_window(metric, answers)
         has = set(answers["row"][(answers["metric"] == metric) & (answers["window"] == where)])
         columns += [Column(metric, where, row, found.units[metric]) for row in chosen if row in has]
@@ -130,18 +130,18 @@ def usual_window(metric: str, answers: pd.DataFrame) -> str:
     return str(count.idxmax()) if len(count) else order[0]
 
 
-def matching(patterns: Iterable[str], held: Sequence[str]) -> list[str]:
+def select_rows(patterns: Iterable[str], held: Sequence[str]) -> list[str]:
     """Select rows by names or patterns. UsageError for a pattern without a match."""
     found: dict[str, None] = {}
     for pattern in patterns:
         meant = [row for row in held if row == pattern] or [row for row in held if fnmatchcase(row, pattern)]
         if not meant:
-            raise UsageError(f"--row {pattern}: no log has this row; {near(pattern, held)}")
+            raise UsageError(f"--row {pattern}: no log has this row; {suggest_words(pattern, held)}")
         found |= dict.fromkeys(meant)
     return list(found)
 
 
-def near(word: str, known: Iterable[str]) -> str:
+def suggest_words(word: str, known: Iterable[str]) -> str:
     """Suggest known words similar to an unknown one, else all."""
     listed = sorted(known)
     close = difflib.get_close_matches(word, listed, 3, 0.5) or [k for k in listed if word and word in k][:5]
@@ -155,7 +155,7 @@ def references(found: LogTable) -> dict[str, int]:
     return {str(k): int(n) for k, n in found.logs["reference"].fillna("none").value_counts().items()}
 
 
-def grouped(logs: pd.DataFrame, by: str) -> dict[str, pd.Index[int]]:
+def group_logs(logs: pd.DataFrame, by: str) -> dict[str, pd.Index[int]]:
     """Group the index of logs, ``unknown`` last. UsageError for an unknown grouping."""
     if by not in BY:
         raise UsageError(f"--by {by}: use {', '.join(BY[:-1])} or {BY[-1]}")
@@ -163,7 +163,7 @@ def grouped(logs: pd.DataFrame, by: str) -> dict[str, pd.Index[int]]:
     if by in ("month", "year"):
         text = text.str[: 7 if by == "month" else 4]
     found = {str(name): part.index for name, part in logs.groupby(text.replace("", "unknown"))}
-    return {name: found[name] for name in sorted(found, key=lambda name: (name == "unknown", natural(name)))}
+    return {name: found[name] for name in sorted(found, key=lambda name: (name == "unknown", natural_sort_key(name)))}
 
 
 def _newest(logs: pd.DataFrame, each_batch: bool) -> pd.DataFrame:
@@ -173,7 +173,9 @@ def _newest(logs: pd.DataFrame, each_batch: bool) -> pd.DataFrame:
         key = (str(log.sha256 or f"{log.Index} unknown"), str(log.batch) if each_batch else "")
         if key not in best or _version(log.attlog) >= _version(best[key].attlog):
             best[key] = log
-    return logs.loc[[log.Index for log in sorted(best.values(), key=lambda log: (natural(log.report), log.batch))]]
+    return logs.loc[
+        [log.Index for log in sorted(best.values(), key=lambda log: (natural_sort_key(log.report), log.batch))]
+    ]
 
 
 def _version(attlog: Any) -> list[int]:
@@ -185,7 +187,7 @@ def _place(row: str) -> int:
     return 0 if row == "onboard" else 2 if row.startswith("onboard:") else 1
 
 
-def titles(columns: Sequence[Column]) -> list[str]:
+def column_titles(columns: Sequence[Column]) -> list[str]:
     """Name columns by their row, and by metric and window where these differ."""
     several = len({c.metric for c in columns}) > 1
     windows = {(c.metric, c.window) for c in columns}
@@ -196,19 +198,19 @@ def titles(columns: Sequence[Column]) -> list[str]:
     ]
 
 
-def words(found: LogTable, by: str | None, columns: Sequence[Column], *, units: bool = False) -> TableText:
+def table_text(found: LogTable, by: str | None, columns: Sequence[Column], *, units: bool = False) -> TableText:
     """Format columns of the table as text, one line per log or group (``by``).
 
     ``units``: also in the headings.
     """
     heads = [
         f"{title} [{unit_sign(c.unit)}]" if units and unit_sign(c.unit) else title
-        for title, c in zip(titles(columns), columns, strict=True)
+        for title, c in zip(column_titles(columns), columns, strict=True)
     ]
     at = [found.columns.index(c) for c in columns]
     if by is not None:
         table = TableText([by, LOGS, *heads])
-        for name, logs in grouped(found.logs, by).items():
+        for name, logs in group_logs(found.logs, by).items():
             table.body.append([name, str(len(logs)), *_middles(found, at, logs)])
         if len(table.body) > 1:
             table.foot.append(["all", str(len(found.logs)), *_middles(found, at, found.logs.index)])
@@ -234,13 +236,13 @@ def _about(logs: pd.DataFrame) -> list[list[str]]:
     ]
 
 
-def values(found: LogTable, by: str | None) -> tuple[list[str], list[list[Any]]]:
+def table_values(found: LogTable, by: str | None) -> tuple[list[str], list[list[Any]]]:
     """Return headings and lines of the table, with None for a missing value."""
-    heads = titles(found.columns)
+    heads = column_titles(found.columns)
     if by is not None:
         head = [by, LOGS, *(f"{title} {what}" for title in heads for what in ("n", "q25", "median", "q75"))]
         lines = []
-        for name, logs in grouped(found.logs, by).items():
+        for name, logs in group_logs(found.logs, by).items():
             part = found.values.loc[logs]
             quartiles = part.quantile([0.25, 0.5, 0.75])
             cells = [x for k in part for x in (int(part[k].count()), *map(_or_none, quartiles[k]))]

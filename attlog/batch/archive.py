@@ -19,7 +19,7 @@ from typing import IO
 
 from attlog import formats
 from attlog.batch.log_file import BLOCK, copy, may_be_log, named_as_log, unreadable
-from attlog.batch.remote import is_url, shown
+from attlog.batch.remote import is_url, without_secrets
 from attlog.core.errors import LogUnreadable, LogUnusable
 from attlog.core.limits import MAX_MEMBERS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 
@@ -30,7 +30,7 @@ MADE_BY_MACOS = "__MACOSX"
 _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OverflowError)
 
 
-def members(place: str, pattern: str = "") -> list[str]:
+def list_members(place: str, pattern: str = "") -> list[str]:
     """Return the log members of an archive (path or URL) that match ``pattern``.
 
     Encrypted members are recognised by name, hidden ones by content only. LogUnreadable: the archive cannot be read.
@@ -39,7 +39,9 @@ def members(place: str, pattern: str = "") -> list[str]:
     with _archive(place) as archive:
         entries = _entries(archive)
         if len(entries) > MAX_MEMBERS:
-            raise LogUnusable(f"{shown(place)}: holds more than {MAX_MEMBERS} files; unpack what you need of it")
+            raise LogUnusable(
+                f"{without_secrets(place)}: holds more than {MAX_MEMBERS} files; unpack what you need of it"
+            )
         if pattern:
             wanted = [name for name in entries if name == pattern] or [n for n in entries if fnmatchcase(n, pattern)]
         else:
@@ -49,15 +51,15 @@ def members(place: str, pattern: str = "") -> list[str]:
         return [name for name in sorted(wanted) if _is_log(archive, entries[name])]
 
 
-def locked(place: str) -> int:
-    """Count the encrypted files of an archive. Errors as :func:`members`."""
+def count_encrypted(place: str) -> int:
+    """Count the encrypted files of an archive. Errors as :func:`list_members`."""
     with _archive(place) as archive:
         return sum(map(_encrypted, archive.infolist()))
 
 
-def extract(place: str, member: str, path: Path) -> tuple[str, int]:
+def extract_member(place: str, member: str, path: Path) -> tuple[str, int]:
     """Write a member to a file; return SHA-256 and size. Errors as :meth:`attlog.batch.sources.Source.local`."""
-    name = f"{shown(place)}/{member}"
+    name = f"{without_secrets(place)}/{member}"
     with _archive(place) as archive:
         entry = _entry(archive, member, name)
         if _encrypted(entry):
@@ -77,7 +79,7 @@ def extract(place: str, member: str, path: Path) -> tuple[str, int]:
 def member_stamp(place: str, member: str) -> str:
     """Return size and checksum of a member from its archive."""
     with _archive(place) as archive:
-        entry = _entry(archive, member, f"{shown(place)}/{member}")
+        entry = _entry(archive, member, f"{without_secrets(place)}/{member}")
         return f"{entry.file_size}-{entry.CRC:08x}"
 
 
@@ -98,7 +100,9 @@ def _archive(place: str) -> Iterator[zipfile.ZipFile]:
     try:
         scratch = TemporaryDirectory(prefix="attlog-")
     except OSError as error:
-        raise LogUnreadable(f"{shown(place)}: no temporary folder for it ({error.strerror or error})") from error
+        raise LogUnreadable(
+            f"{without_secrets(place)}: no temporary folder for it ({error.strerror or error})"
+        ) from error
     with scratch as folder:
         path = Path(folder) / "archive.zip"
         download(place, path)
@@ -111,9 +115,9 @@ def _opened(file: str | Path | IO[bytes], place: str) -> zipfile.ZipFile:
     try:
         return zipfile.ZipFile(file)
     except OSError as error:
-        raise unreadable(shown(place), error) from error
+        raise unreadable(without_secrets(place), error) from error
     except _BROKEN as error:
-        raise LogUnusable(f"{shown(place)}: is a damaged zip archive ({error})") from error
+        raise LogUnusable(f"{without_secrets(place)}: is a damaged zip archive ({error})") from error
 
 
 def _entry(archive: zipfile.ZipFile, member: str, name: str) -> zipfile.ZipInfo:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from attlog.batch.across import AGAINST_REFERENCE
-from attlog.batch.index_row import THUMBNAIL_POINTS, encoded, sensors_of
+from attlog.batch.index_row import THUMBNAIL_POINTS, encode_thumbnail, sensors_of
 from attlog.batch.job import Record
-from attlog.batch.order import LEVELS, OPEN_FIRST, TITLES, IndexRow, index_rows, natural, short_names
+from attlog.batch.order import LEVELS, OPEN_FIRST, TITLES, IndexRow, index_rows, natural_sort_key, short_names
 from attlog.compare.gates import BASELINE_ESTIMATORS
 from attlog.core.files import write_atomic
 from attlog.report.bundle import packed, source_hash
@@ -121,7 +121,7 @@ def page_data(lines: list[IndexRow]) -> tuple[dict[str, Any], bytes]:
         "text": [clean(x.text) for x in lines],
         "sensors": [[s["faults"], s["warnings"], [clean(text) for text in s["to_set"]]] for s in sensors],
         "says": [[typeset(v["sentence"]) for v in x.row.get("verdicts", [])] for x in lines],
-        "thumb": [encoded(x.row.get("thumbnail"), thumbnails) for x in lines],
+        "thumb": [encode_thumbnail(x.row.get("thumbnail"), thumbnails) for x in lines],
         "points": THUMBNAIL_POINTS,
         "top": sum(x.opens_first for x in lines[:OPEN_FIRST]),
         "kinds": KINDS,
@@ -194,7 +194,7 @@ def _place(row: str) -> tuple[int, str]:
 
 def _coded(values: list[Any]) -> dict[str, Any]:
     """Encode texts as indices into a sorted list, -1 for empty."""
-    words = sorted({clean(v) for v in values if v}, key=natural)
+    words = sorted({clean(v) for v in values if v}, key=natural_sort_key)
     place = {word: i for i, word in enumerate(words)}
     return {"words": words, "at": [place[clean(v)] if v else -1 for v in values]}
 

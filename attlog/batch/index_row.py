@@ -54,7 +54,7 @@ def index_row(result: Result) -> dict[str, Any]:
     return row
 
 
-def light(row: dict[str, Any]) -> dict[str, Any]:
+def without_metrics(row: dict[str, Any]) -> dict[str, Any]:
     """Return a row without its metrics, which only tables need."""
     return {key: value for key, value in row.items() if key != ANSWERS}
 
@@ -164,7 +164,7 @@ def thumbnail(result: Result) -> dict[str, Any] | None:
     }
 
 
-def encoded(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
+def encode_thumbnail(seen: dict[str, Any] | None, out: bytearray) -> list[Any] | None:
     """Append the curve to ``out``, one byte per point; return the other fields."""
     if seen is None:
         return None

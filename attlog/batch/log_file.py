@@ -40,7 +40,7 @@ def copy(blocks: Iterable[bytes], path: Path) -> tuple[str, int]:
     return sha256.hexdigest(), size
 
 
-def hashed(path: Path) -> str:
+def hash_file(path: Path) -> str:
     """Return the SHA-256 (hex) of a file. LogUnreadable if it cannot be read."""
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
@@ -68,24 +68,24 @@ CHANGED = "changed while it was read (it is still being written or copied); try 
 
 
 @contextmanager
-def unchanged(path: Path) -> Iterator[None]:
+def require_unchanged(path: Path) -> Iterator[None]:
     """Raise LogUnreadable if the file changes inside the with block.
 
     It replaces any exception of the block.
     """
-    before = state(path)
+    before = file_state(path)
     failure: Exception | None = None
     try:
         yield
     except Exception as error:
         failure = error
-    if before is not None and state(path) != before:
+    if before is not None and file_state(path) != before:
         raise LogUnreadable(f"{path}: {CHANGED}") from failure
     if failure is not None:
         raise failure
 
 
-def state(path: Path) -> tuple[int, int] | None:
+def file_state(path: Path) -> tuple[int, int] | None:
     """Return size and time of the last change; None without the file."""
     try:
         found = path.stat()

@@ -90,7 +90,7 @@ class IndexRow:
     @property
     def message(self) -> str:
         """Reason why there is no report."""
-        return failure(self.record)
+        return failure_reason(self.record)
 
     @property
     def opens_first(self) -> bool:
@@ -107,7 +107,7 @@ class IndexRow:
     def sort_key(self) -> tuple[Any, ...]:
         """Sort key: level, kind of flight (real, on the ground, simulated), score, name."""
         kind = 2 if self.flight.get("simulated") else 0 if self.flight.get("airborne_s") or not self.row else 1
-        return (LEVELS.index(self.level), kind, -self.score, natural(self.name), self.record.log)
+        return (LEVELS.index(self.level), kind, -self.score, natural_sort_key(self.name), self.record.log)
 
 
 def index_rows(found: Iterable[Record]) -> list[IndexRow]:
@@ -120,12 +120,12 @@ def index_rows(found: Iterable[Record]) -> list[IndexRow]:
     return sorted(rows, key=lambda row: row.sort_key)
 
 
-def natural(name: str) -> list[tuple[int, str]]:
+def natural_sort_key(name: str) -> list[tuple[int, str]]:
     """Return a key that sorts log9 before log10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name.casefold())]
 
 
-def failure(record: Record) -> str:
+def failure_reason(record: Record) -> str:
     """Return why a log has no report, without its name."""
     text = record.message.removeprefix("attlog: ")
     for name in (record.log, record.name, re.split(r"[/\\]", record.log)[-1]):
@@ -250,7 +250,7 @@ def _grouped(found: Sequence[Record], key: Callable[[Record], K]) -> list[tuple[
 
 def _reason(record: Record) -> str:
     """Return the first sentence of a log's failure, without its name."""
-    return typeset(" ".join(failure(record).split()).partition(". ")[0])
+    return typeset(" ".join(failure_reason(record).split()).partition(". ")[0])
 
 
 def _wrapped(text: str, width: int, indent: str) -> list[str]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from attlog import __version__
 from attlog.batch.job import RECORDS_FOLDER, Job, Record, content_key, done_before, keep, read_record
-from attlog.batch.log_file import CHANGED, state
+from attlog.batch.log_file import CHANGED, file_state
 from attlog.batch.report_files import PRINTED, load_filters, process_log
 from attlog.core import limits
 from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code, is_out_of_processes
@@ -45,13 +45,13 @@ PRELOADED = (
 OnMessage = Callable[[dict[str, Any]], None]
 
 
-def forks() -> ForkServer:
+def start_fork_server() -> ForkServer:
     """Start the server that forks one process per log."""
     return ForkServer(PRELOADED, {limits.MAPPED: "1"})
 
 
 # Server for callers without their own, such as a task of a cluster.
-shared = functools.lru_cache(maxsize=1)(forks)
+shared = functools.lru_cache(maxsize=1)(start_fork_server)
 
 
 def run_one(job: Job, processes: ForkServer | None = None, on_message: OnMessage | None = None) -> Record:
@@ -91,13 +91,13 @@ def failed_record(job: Job, error: Exception, folder_full: bool = False) -> Reco
 
 
 @contextmanager
-def tidied(folder: Path) -> Iterator[None]:
+def clean_up(folder: Path) -> Iterator[None]:
     """Clean up around runs without records: only reports stay in the folder.
 
     Another run may use the folder, so scratch folders of killed runs are removed only when a day old.
     """
     for scratch in (folder / RECORDS_FOLDER / SCRATCH).glob("*"):
-        before = state(scratch)
+        before = file_state(scratch)
         if before is not None and time.time() - before[1] / 1e9 > SCRATCH_S:
             shutil.rmtree(scratch, ignore_errors=True)
     try:
@@ -109,7 +109,7 @@ def tidied(folder: Path) -> Iterator[None]:
 
 
 def _analyse(job: Job, scratch: Path, processes: ForkServer, on_message: OnMessage) -> Record:
-    before = state(Path(job.source.place))
+    before = file_state(Path(job.source.place))
     with suppress(Died):  # a filter that crashes here also crashes the log's process, which reports it
         processes.prepare(load_filters, list(job.config.estimators), on_message=on_message)
     found: dict[str, Any]
@@ -125,7 +125,7 @@ def _analyse(job: Job, scratch: Path, processes: ForkServer, on_message: OnMessa
                 on_message=on_message,
             )
         except Died as died:
-            code, why = _why(died, state(Path(job.source.place)) != before)
+            code, why = _why(died, file_state(Path(job.source.place)) != before)
             found = {"code": code, "message": f"attlog: {job.source.name}: {why}"}
             if code != LIMIT_REACHED:
                 with suppress(OSError):

@@ -24,7 +24,7 @@ def is_url(text: str) -> bool:
     return _URL.match(text) is not None
 
 
-def shown(place: str) -> str:
+def without_secrets(place: str) -> str:
     """Return a path unchanged, and a URL without user, password and signature."""
     if not is_url(place):
         return place
@@ -42,7 +42,7 @@ WAITS_S = (1.0, 4.0)
 _LASTING = frozenset((400, 401, 403, 404, 405, 410, 416, 451))
 
 
-def meant(url: str, wanted: Any) -> list[str]:
+def expand_url(url: str, wanted: Any) -> list[str]:
     """Expand the URL of a pattern or folder to the ``wanted`` URLs.
 
     Any other URL is returned unchanged. A web server's folder is listed only if its URL ends with ``/``. LogUnreadable
@@ -70,7 +70,7 @@ def meant(url: str, wanted: Any) -> list[str]:
     logs = [files.unstrip_protocol(f) for f in sorted(found) if wanted(f)]
     if not logs:
         what = f"none of the {len(found)} files that match is called like a flight log" if found else "nothing there"
-        raise LogUnreadable(f"{shown(url)}: {what}")
+        raise LogUnreadable(f"{without_secrets(url)}: {what}")
     return logs
 
 
@@ -131,7 +131,7 @@ def _blocks(url: str) -> Iterator[bytes]:
         while block := file.read(BLOCK):
             given += len(block)
             if given > MAX_UNPACKED_BYTES:
-                raise LogUnusable(f"{shown(url)}: more than {MAX_UNPACKED_BYTES >> 30} GB; no log is so long")
+                raise LogUnusable(f"{without_secrets(url)}: more than {MAX_UNPACKED_BYTES >> 30} GB; no log is so long")
             if time.monotonic() > until:
                 raise TimeoutError(f"not there after {MAX_FETCH_S:.0f} s")
             yield block
@@ -156,11 +156,11 @@ def _file_system(url: str) -> tuple[Any, str]:
         files, path = fsspec.core.url_to_fs(url, **options)
     except ImportError as error:
         raise UsageError(
-            f"{shown(url)}: URLs need packages that are not installed ({error}): "
+            f"{without_secrets(url)}: URLs need packages that are not installed ({error}): "
             'pip install "fsspec[http,s3,gcs]", or pip install ".[remote]" in the source folder'
         ) from None
     except ValueError as error:
-        raise UsageError(f"{shown(url)}: {error}") from None
+        raise UsageError(f"{without_secrets(url)}: {error}") from None
     return files, path
 
 
@@ -182,7 +182,7 @@ def _passing(failure: Exception) -> bool:
 
 def _failed(url: str, failure: Exception) -> LogUnreadable:
     """Return the error of a URL in one sentence."""
-    name, error = shown(url), _cause(failure)
+    name, error = without_secrets(url), _cause(failure)
     if isinstance(error, FileNotFoundError):
         return LogUnreadable(f"{name}: no such file")
     if getattr(error, "status", 0):

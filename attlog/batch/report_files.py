@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from attlog import __version__
 from attlog.batch.job import Job, key, size_and_hash, stamp
-from attlog.batch.log_file import unchanged
+from attlog.batch.log_file import require_unchanged
 from attlog.core import files as file_names
 from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code
 from attlog.core.files import is_disk_full, staging_folder
@@ -58,7 +58,7 @@ def analyze_to_files(
     from attlog.pipeline import analyze
 
     name = name or log.name
-    with unchanged(log):
+    with require_unchanged(log):
         result = analyze(log, config, command=command)
     files = ReportFiles(result, folder / f"{name}.html", folder / f"{name}.json")
     logging.getLogger("attlog.stages").info("writing the report")
@@ -139,7 +139,7 @@ def process_log(job: Job, scratch: Path, *, on_message: Callable[[dict[str, Any]
     try:
         with suppress(LogUnreadable):  # a server that fails now may answer the download
             sign = stamp(job.source)  # before the content is read, so that a later change is noticed
-        with messages_to(on_message), unchanged(Path(job.source.place)), job.source.local(scratch) as log:
+        with messages_to(on_message), require_unchanged(Path(job.source.place)), job.source.local(scratch) as log:
             content = log.sha256
             files = analyze_to_files(
                 log.path,

@@ -22,9 +22,9 @@ from typing import IO, Any, Protocol
 
 from attlog import __version__
 from attlog.batch.index_page import INDEX, write_index
-from attlog.batch.index_row import light
+from attlog.batch.index_row import without_metrics
 from attlog.batch.job import RECORDS_FOLDER, Job, Record, read_record, record_path, records, settings_key, size_and_hash
-from attlog.batch.process import SCRATCH, forks, run_one
+from attlog.batch.process import SCRATCH, run_one, start_fork_server
 from attlog.batch.report_files import report_names
 from attlog.batch.results_file import CSV, PARQUET, write_results
 from attlog.batch.sources import Source
@@ -97,7 +97,7 @@ def run_batch(
     if the folder cannot be written or another batch uses it. UsageError if it holds a batch and neither ``resume`` nor
     ``fresh`` is set. After an interrupt (KeyboardInterrupt) index and results hold the finished logs.
     """
-    with locked(folder) as warning:
+    with lock_folder(folder) as warning:
         if warning:
             logging.getLogger("attlog.batch").warning(warning)
         _remove_leftovers(folder)
@@ -146,11 +146,11 @@ def run_batch(
 
 def in_memory(record: Record, judge: Judge | None = None) -> Record:
     """Judge a record and drop its metrics, which only tables need."""
-    return replace(record, row=light(record.row), gates=judge(record) if judge is not None else ())
+    return replace(record, row=without_metrics(record.row), gates=judge(record) if judge is not None else ())
 
 
 @contextmanager
-def locked(folder: Path) -> Iterator[str]:
+def lock_folder(folder: Path) -> Iterator[str]:
     """Lock the folder against other batches.
 
     OutputError names the other batch, or reports that the folder cannot be written. The lock file stays, because a lock
@@ -311,7 +311,7 @@ def local_runner(
     """
 
     def run(jobs: Sequence[Job]) -> Records:
-        server = processes or forks()
+        server = processes or start_fork_server()
 
         def one(job: Job) -> Record:
             return run_one(job, server, None if on_message is None else lambda stage: on_message(job, stage))

@@ -15,8 +15,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 from attlog import formats
-from attlog.batch.log_file import hashed, is_archive, is_meant, may_be_log, unreadable
-from attlog.batch.remote import is_url, shown
+from attlog.batch.log_file import hash_file, is_archive, is_meant, may_be_log, unreadable
+from attlog.batch.remote import is_url, without_secrets
 from attlog.core import limits
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, NotALog, UsageError
 from attlog.core.files import file_name
@@ -34,7 +34,7 @@ class Local:
     @cached_property
     def sha256(self) -> str:
         """SHA-256 (hex). LogUnreadable if the file cannot be read."""
-        return self.copied[0] if self.copied is not None else hashed(self.path)
+        return self.copied[0] if self.copied is not None else hash_file(self.path)
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -59,7 +59,7 @@ class Source:
 
         Secrets of a URL are removed.
         """
-        place = shown(self.place)
+        place = without_secrets(self.place)
         return _printable(f"{place}/{self.member}" if self.member else place)
 
     @property
@@ -70,7 +70,7 @@ class Source:
         if self.member:
             last = re.split(r"[/\\]", self.member)[-1]
         else:
-            url = urlsplit(shown(self.place))
+            url = urlsplit(without_secrets(self.place))
             last = unquote(url.path.rstrip("/").rpartition("/")[2] or url.netloc)
             last += f"_{unquote(url.query)}" if url.query else ""
         return file_name(last, MAX_FILE_NAME_BYTES) if last else "log"
@@ -120,9 +120,9 @@ class Source:
         try:
             path = folder / self.file_name
             if self.member:
-                from attlog.batch.archive import extract
+                from attlog.batch.archive import extract_member
 
-                copied = extract(self.place, self.member, path)
+                copied = extract_member(self.place, self.member, path)
             else:
                 from attlog.batch.remote import download
 
@@ -179,7 +179,8 @@ def _refuse_url(path: Path) -> None:
     url = str(path).replace(":/", "://", 1)
     if is_url(url) and not os.path.lexists(path):
         raise UsageError(
-            f"{shown(url)}: is a URL, and this command reads files: download it first; analyze and batch read URLs"
+            f"{without_secrets(url)}: is a URL, and this command reads files: download it first; "
+            "analyze and batch read URLs"
         )
 
 
@@ -283,10 +284,10 @@ def _logs_of(file: Path, archives: bool = True) -> list[Source]:
     A broken archive becomes a source that fails when read.
     """
     if archives and is_archive(file):
-        from attlog.batch.archive import members
+        from attlog.batch.archive import list_members
 
         try:
-            return [Source(str(file), member) for member in members(str(file))]
+            return [Source(str(file), member) for member in list_members(str(file))]
         except (LogUnreadable, LogUnusable):
             return [Source(str(file))] if file.suffix.lower() == ".zip" else []
     return [Source(str(file))] if is_meant(file) else []
@@ -309,24 +310,24 @@ def _in_archive(path: Path) -> list[Source] | None:
 
 
 def _members(place: str, pattern: str = "") -> list[Source]:
-    from attlog.batch.archive import locked, members
+    from attlog.batch.archive import count_encrypted, list_members
 
-    found = [Source(place, member) for member in members(place, pattern)]
+    found = [Source(place, member) for member in list_members(place, pattern)]
     if not found:
         what = f"no flight log matches {pattern}" if pattern else "is an archive without a flight log"
-        if hidden := locked(place):
+        if hidden := count_encrypted(place):
             what += (
                 f", but {counted(hidden, 'file')} in it cannot be looked at: encrypted, unpack with the password first"
             )
-        raise LogUnreadable(f"{shown(place)}: {what}")
+        raise LogUnreadable(f"{without_secrets(place)}: {what}")
     return found
 
 
 def _behind(url: str) -> list[Source]:
-    from attlog.batch.remote import meant
+    from attlog.batch.remote import expand_url
 
     logs: list[Source] = []
-    for found in meant(url, lambda name: may_be_log(name) or _is_zip(name)):
+    for found in expand_url(url, lambda name: may_be_log(name) or _is_zip(name)):
         logs += _members(found) if _is_zip(found) else [Source(found)]
     return logs
 

@@ -16,7 +16,7 @@ import typer
 from attlog import __version__
 from attlog.cli import process
 from attlog.cli.arguments import Group
-from attlog.cli.options import CommonOptions, expanded
+from attlog.cli.options import CommonOptions, with_options
 from attlog.cli.printing import to_stderr
 from attlog.core.errors import EXIT_INTERRUPTED, AttlogError, UsageError, error_message, exit_code
 
@@ -42,7 +42,7 @@ def _version(asked: bool) -> None:
 
 
 @app.callback()
-@expanded
+@with_options
 def _root(
     context: typer.Context,
     common: CommonOptions,
@@ -59,14 +59,14 @@ def main() -> None:
     # Read by numpy. A log's arrays are too small for threads, whose waiting costs 0.2 s of CPU in a short ``analyze``.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     process.show_everything()
-    code = process.guarded(_run, sys.argv[1:])
+    code = process.run_guarded(_run, sys.argv[1:])
     gc.freeze()  # a last collection would take a tenth of ``attlog info``
     sys.exit(code)
 
 
 def _run() -> int:
     with process.ended_by_signals():
-        return process.flushed(_code())
+        return process.flush_output(_code())
 
 
 def _code() -> int:
@@ -81,7 +81,7 @@ def _code() -> int:
         return EXIT_INTERRUPTED
     except Exception as error:
         if isinstance(error, OSError) and process.is_of_a_stream(error):
-            return process.lost(error)
+            return process.report_lost_output(error)
         if "-vv" in sys.argv and not isinstance(error, AttlogError):
             to_stderr(traceback.format_exc())
         to_stderr(error_message(error, __version__))

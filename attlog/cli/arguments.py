@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from attlog.cli import process
-from attlog.cli.options import COMMON, CommonOptions, expanded
+from attlog.cli.options import COMMON, CommonOptions, with_options
 from attlog.core.errors import AttlogError, UsageError
 
 DEFAULT_COMMAND = "analyze"
@@ -90,7 +90,7 @@ class Group(AsTyped, TyperGroup):
             alone = typer.Typer(add_completion=False, rich_markup_mode=None)
             module = import_module(f"attlog.cli.commands.{COMMANDS[cmd_name]}")
             function = getattr(module, f"{cmd_name.replace('-', '_')}_command")
-            alone.command(cmd_name, cls=Command)(expanded(function))
+            alone.command(cmd_name, cls=Command)(with_options(function))
             self.commands[cmd_name] = typer.main.get_command(alone)
         return super().get_command(ctx, cmd_name)
 
@@ -112,7 +112,7 @@ class Group(AsTyped, TyperGroup):
             return super().invoke(ctx)
         except OSError as error:
             if process.is_of_a_stream(error):  # Typer would end with 1 where the reader went away
-                raise typer.Exit(process.lost(error)) from None
+                raise typer.Exit(process.report_lost_output(error)) from None
             raise
 
 

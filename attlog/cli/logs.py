@@ -31,7 +31,7 @@ def named_sources(places: Sequence[str], codes: set[int]) -> tuple[list[Source],
     from attlog.batch.sources import sources
 
     found, wrong = sources(places)
-    return found, _told(wrong, codes)
+    return found, _report_unreadable(wrong, codes)
 
 
 def named_files(places: Sequence[Path], codes: set[int]) -> list[Path]:
@@ -39,11 +39,11 @@ def named_files(places: Sequence[Path], codes: set[int]) -> list[Path]:
     from attlog.batch.sources import find
 
     found, wrong = find(places)
-    _told(wrong, codes)
+    _report_unreadable(wrong, codes)
     return found
 
 
-def _told(wrong: list[AttlogError], codes: set[int]) -> list[AttlogError]:
+def _report_unreadable(wrong: list[AttlogError], codes: set[int]) -> list[AttlogError]:
     for error in wrong:
         to_stderr(error_message(error, __version__))
     codes |= {exit_code(error) for error in wrong}
@@ -64,15 +64,15 @@ def one_log(path: Path) -> Path:
 
 
 @contextmanager
-def reported(log: str, codes: set[int], verbose: int) -> Iterator[None]:
+def run_and_report(log: str, codes: set[int], verbose: int) -> Iterator[None]:
     """Work on one log: an error is printed and gives an exit code, and other logs go on."""
     try:
         yield
     except Exception as error:
-        codes.add(report(error, log, verbose))
+        codes.add(report_error(error, log, verbose))
 
 
-def report(error: Exception, log: str, verbose: int) -> int:
+def report_error(error: Exception, log: str, verbose: int) -> int:
     """Print what went wrong with a log, with -vv the traceback of a bug; return its exit code."""
     if is_of_a_stream(error):
         raise error
@@ -82,7 +82,7 @@ def report(error: Exception, log: str, verbose: int) -> int:
     return exit_code(error)
 
 
-def end(codes: Iterable[int | AttlogError]) -> None:
+def end_command(codes: Iterable[int | AttlogError]) -> None:
     """End the command with the worst exit code of codes or errors, if any."""
     if code := worst_exit_code(code if isinstance(code, int) else exit_code(code) for code in codes):
         raise typer.Exit(code)
@@ -142,7 +142,7 @@ class PreparedLogs:
                 self.errors.append(error)
                 late.append(error)
                 continue
-            _told(late, set())
+            _report_unreadable(late, set())
             late.clear()
             about = _about_log(case)
             track = flight_track(case.log, about["name"], about["sha256"])
@@ -153,7 +153,7 @@ class PreparedLogs:
             self._summaries.append(about)
             yield case
             del case
-        _told(late if self._summaries else late[1:], set())
+        _report_unreadable(late if self._summaries else late[1:], set())
         if not self._summaries:
             raise self.errors[0]
 

@@ -199,7 +199,7 @@ def one_form(json: bool, form: str | None) -> None:
         raise UsageError("--json and --format: one or the other; both print on standard output")
 
 
-def finite(value: float | None) -> float | None:
+def require_finite(value: float | None) -> float | None:
     """Refuse "nan" and "inf" as value of an option."""
     if value is not None and not math.isfinite(value):
         raise typer.BadParameter("use a finite number")
@@ -257,7 +257,7 @@ class CommonOptions:
     ] = None
 
 
-def expanded(command: Callable[..., None]) -> Callable[..., None]:
+def with_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command an option for each field of its sets of options, and those of every command.
 
     A set is a parameter whose type is a dataclass.
@@ -382,7 +382,7 @@ class ComparisonOptions:
         return {name: value for name, value in options.items() if value is not None}
 
 
-def configured(options: LogOptions) -> Config:
+def build_configuration(options: LogOptions) -> Config:
     """Build the configuration from options and their file.
 
     UsageError also for parameter files and filters: errors appear once, not for each log.

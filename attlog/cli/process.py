@@ -43,7 +43,7 @@ def ended_by_signals() -> Iterator[list[int]]:
 INTERRUPTED_S = 2
 
 
-def guarded(run: Callable[[], int], words: Sequence[str]) -> int:
+def run_guarded(run: Callable[[], int], words: Sequence[str]) -> int:
     """Return the exit code of ``run``, in a child process if one of the ``words`` is a file that is mapped."""
     large = [word for word in words if os.path.isfile(word) and os.path.getsize(word) > limits.READ_BYTES]
     if not large or not hasattr(os, "fork"):
@@ -118,16 +118,16 @@ def is_of_a_stream(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.filename is None and error.errno in WRITE_ERRORS
 
 
-def flushed(code: int) -> int:
+def flush_output(code: int) -> int:
     """Return the exit code after writing all output, or that of an OutputError."""
     try:
         sys.stdout.flush()
     except OSError as error:
-        return lost(error)
+        return report_lost_output(error)
     return code
 
 
-def lost(error: OSError) -> int:
+def report_lost_output(error: OSError) -> int:
     """Report a failed standard output, unless its reader went away, and close it."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

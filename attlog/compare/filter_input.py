@@ -62,7 +62,7 @@ class FilterInput:
         """
         suffix = next(iter(case.imus)) if suffix is None else suffix
         imu, mag = case.imus[suffix], None if case.log.mag is None else case.log.mags[case.log.mag]
-        facts = replay.facts(case, suffix)
+        facts = replay.log_facts(case, suffix)
         if configuration.params is not None:
             given = read_parameter_file(configuration.params)
             facts = replace(facts, given={**facts.given, **given})

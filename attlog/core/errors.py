@@ -29,7 +29,7 @@ LOADER_MEMORY_WORDS = ("failed to map segment", "annot allocate memory")
 OUT_OF_PROCESSES_TEXT = (
     "the system allows this user no more processes or threads; close other programs, or allow more (ulimit -u)"
 )
-# Environment variable with which :func:`guarded` raises failures; set by tests.
+# Environment variable with which :func:`call_guarded` raises failures; set by tests.
 RAISE_VARIABLE = "ATTLOG_RAISE"
 
 
@@ -164,7 +164,7 @@ def suggestion(name: str, known: Iterable[object]) -> str:
     return f"; known are {', '.join(names)}" if names else "; there are none"
 
 
-def guarded(what: str, make: Callable[[], T], otherwise: Callable[[str], U]) -> T | U:
+def call_guarded(what: str, make: Callable[[], T], otherwise: Callable[[str], U]) -> T | U:
     """Return ``make()``, or ``otherwise(sentence)`` after an unexpected failure.
 
     An unexpected failure, for example by a damaged log, then costs one sensor, check or metric, and the sentence asks

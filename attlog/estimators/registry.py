@@ -140,17 +140,17 @@ def get(name: str) -> Estimator:
     """
     if name.endswith(".py"):
         _check_readable(Path(name))
-        return plugins.from_file(Path(name), here)
+        return plugins.from_file(Path(name), load_here)
     if is_recorded(name):
         return recorded_estimator(Path(name))
     if name in BUILT_IN + FLOWN:
         module = importlib.import_module(f"attlog.estimators.filters.{MAHONY_FAMILY.get(name, name)}")
         return from_module(getattr(module, "FAMILY", {name: module})[name], name)
     point = _entry_point(name)
-    return plugins.from_package(name, f"{point.value} {_version(point)}", here)
+    return plugins.from_package(name, f"{point.value} {_version(point)}", load_here)
 
 
-def here(name: str) -> Estimator:
+def load_here(name: str) -> Estimator:
     """Load a filter that is not attlog's into this process. Errors as of :func:`get`."""
     if name.endswith(".py"):
         return from_file(Path(name))

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from attlog.core import rotation
 from attlog.core.errors import AttlogError, PluginError
-from attlog.core.jit import F1, F2, I1, Loop, aligned_zeros, jit_wanted, plainly
+from attlog.core.jit import F1, F2, I1, Loop, aligned_zeros, jit_wanted, plain_python
 from attlog.core.jit.loops import with_globals
 from attlog.estimators.aids import AidRows, Aids, Measurements, aid_rows
 from attlog.estimators.interface import Array, Estimate, Estimator, VectorsAt, broken, plugin_errors
@@ -89,7 +89,7 @@ def without_heading(
 # filter's name is known; further on it would be an exception in whatever computes with it, or silently lose a part.
 
 
-def returned(where: str, one: Any, n: int) -> Estimate:
+def check_returned(where: str, one: Any, n: int) -> Estimate:
     """Check what ``run`` returned for ``n`` samples, arrays as float64. PluginError names the file ``where``."""
     if not isinstance(one, Estimate) or np.shape(one.q) != (n, 4):
         raise PluginError(
@@ -378,7 +378,7 @@ def with_line(estimator: Estimator, run: Callable[[], T]) -> T:
     except Exception as error:
         if estimator.origin == "attlog":
             raise
-        with plainly():
+        with plain_python():
             run()
         raise broken(estimator.origin, error) from error
 
@@ -453,7 +453,7 @@ def _whole_segments(
                 own_aids = replace(own_aids, mag=_own_samples(s.t[a:b], mag))
             one = estimator.run(begin, gyr, acc, mag, own_aids, dict(values))
             if estimator.origin != "attlog":
-                one = returned(estimator.origin, one, b - a)
+                one = check_returned(estimator.origin, one, b - a)
         spent += 1e-9 * one.ns_per_update * (b - a) or time.thread_time() - clock
         found.append(one)
     q = to_true_north(end_to_end([e.q for e in found]) if found else np.empty((0, 4)), values)

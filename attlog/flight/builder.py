@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.core.errors import guarded
+from attlog.core.errors import call_guarded
 from attlog.core.limits import LAST_TIME_US, READ_BYTES
 from attlog.core.timestamps import Stamps, ValidRecords, plausible_records
 from attlog.flight import limits
@@ -115,7 +115,7 @@ class LogBuilder:
             self.problem("part_failed", "error", text)
             return otherwise
 
-        found = guarded(what, tried, missing)
+        found = call_guarded(what, tried, missing)
         if self.messages.size > READ_BYTES:  # releases decoded columns, which can take gigabytes
             self.messages.forget()
         return found

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.errors import guarded
+from attlog.core.errors import call_guarded
 from attlog.flight.advice import LoggingNeed, VehicleSettings, advise_rest, logging_advice, remedy
 from attlog.flight.drive import Esc, MotorOutputs
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
@@ -595,4 +595,4 @@ def guarded_part(log: FlightLog, what: str, make: Callable[[], T], otherwise: Ca
         log.problems.append(Problem("part_failed", "error", sentence))
         return otherwise()
 
-    return guarded(what, make, without)
+    return call_guarded(what, make, without)

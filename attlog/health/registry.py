@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from attlog.core.errors import guarded
+from attlog.core.errors import call_guarded
 from attlog.core.log_cache import log_cache
 from attlog.health import (
     accelerometer,
@@ -220,7 +220,7 @@ def run_checks(case: HealthCase) -> list[Check]:
     spare = spare_sensors(case.log)
     with log_cache():
         for make, question in makers.items():
-            made = guarded(f"The check {question}", partial(make, case), partial(_failed, question))
+            made = call_guarded(f"The check {question}", partial(make, case), partial(_failed, question))
             case.found += [replace(finite(check), in_use=check.sensor not in spare) for check in made]
     place = {question: k for k, question in enumerate(CHECKS)}
     return sorted(case.found, key=lambda check: place[check.question])

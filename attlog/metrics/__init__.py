@@ -7,7 +7,7 @@ from functools import cache
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from attlog.core.errors import guarded
+from attlog.core.errors import call_guarded
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing
 from attlog.reference.model import HeadingReference, Track
 
@@ -119,7 +119,7 @@ def _ask(group: MetricGroup, case: Case, row: Track, window: str) -> dict[str, A
     def failed(sentence: str) -> dict[str, Answer]:
         return group.without("part_failed", sentence, window)
 
-    return guarded(f"{row.name}: {group.name}", lambda: group.ask(case, row, window), failed)
+    return call_guarded(f"{row.name}: {group.name}", lambda: group.ask(case, row, window), failed)
 
 
 def rank(table: ranking.Table, rows: Sequence[Track]) -> ranking.Ranking:

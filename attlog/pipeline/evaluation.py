@@ -196,7 +196,7 @@ class RowMeasurer:
         self._drawn: list[Trace] = []
 
         def again(row: Track) -> Track:
-            return replay.again(case, chosen, row.name)
+            return replay.run_again(case, chosen, row.name)
 
         self._likeness = DuplicateSearch(again)
         imu, choice = case.log.replay_imu, str(case.settings.get("reference", "auto"))
@@ -302,7 +302,7 @@ def evaluate(
     with log_cache():
         with stage("estimators"):
             asked = case.settings["estimators"] if specs is None else specs
-            chosen = replay.chosen(asked, case.log)
+            chosen = replay.select_rows(asked, case.log)
             onboard = _onboard(case)
         unusable = _unusable_gyro(case)
     measurement = RowMeasurer(case, chosen, onboard, unusable, traces=traces, only=only)

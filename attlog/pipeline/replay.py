@@ -13,7 +13,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from attlog import estimators, reference
-from attlog.core.errors import AttlogError, PluginError, UsageError, guarded
+from attlog.core.errors import AttlogError, PluginError, UsageError, call_guarded
 from attlog.core.spans import Span
 from attlog.estimators.interface import Estimate
 from attlog.estimators.registry import BUILT_IN, FLOWN
@@ -55,7 +55,7 @@ Chosen: TypeAlias = estimators.EstimatorSpec | Runnable | PluginError
 
 def run_rows(case: Case, specs: Sequence[str]) -> list[Track]:
     """Run the named estimators and return their aligned attitudes; raise the first failure."""
-    rows = chosen(specs, case.log).values()
+    rows = select_rows(specs, case.log).values()
     return [_run(case, imu, spec, suffix)[0] for suffix, imu in case.imus.items() for spec in rows]
 
 
@@ -128,14 +128,14 @@ def replays(
                 return None, EstimatorRow(name, kind, name, "failed", sentence)
 
             try:
-                yield guarded(name, partial(_run, case, imu, spec, suffix, whole=False), bug)
+                yield call_guarded(name, partial(_run, case, imu, spec, suffix, whole=False), bug)
             except AttlogError as error:
                 if failed is not None:
                     failed[name + suffix] = error
                 yield bug(str(error))
 
 
-def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
+def run_again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
     """Run one row of :func:`replays` again, and keep all outputs."""
     imu, spec, suffix = next(
         (imu, spec, suffix) for suffix, imu in case.imus.items() for n, spec in specs.items() if n + suffix == name
@@ -143,7 +143,7 @@ def again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:
     return _run(case, imu, spec, suffix)[0]
 
 
-def chosen(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]:
+def select_rows(specs: Sequence[str | Runnable], log: FlightLog) -> dict[str, Chosen]:
     """Return the rows to run by name. UsageError for unknown names.
 
     A plug-in that cannot be loaded is represented by its error. The sets ``default`` and ``all`` begin with the filter
@@ -177,7 +177,7 @@ def rerun_by_default(specs: Sequence[str | Runnable], log: FlightLog) -> str:
 
 
 @per_case
-def facts(case: Case, suffix: str) -> estimators.LogFacts:
+def log_facts(case: Case, suffix: str) -> estimators.LogFacts:
     """Return the logged parameters and facts for filters that replay a unit."""
     return inputs.facts_of(case.log, case.segments, case.imus[suffix], case.reference.alignment.declination_deg)
 
@@ -202,7 +202,7 @@ def _run(case: Case, imu: Imu, spec: Chosen, suffix: str, whole: bool = True) ->
 
         return rerun_row(case, imu, spec, spec.name + suffix)
     mag = None if case.log.mag is None else case.log.mags[case.log.mag]
-    return replayed(case, imu, mag, spec, facts(case, suffix), aids_of(case, suffix), spec.name + suffix, whole)
+    return replayed(case, imu, mag, spec, log_facts(case, suffix), aids_of(case, suffix), spec.name + suffix, whole)
 
 
 def is_rerun(spec: Chosen) -> bool:

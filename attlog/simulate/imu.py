@@ -21,7 +21,7 @@ from attlog.simulate.environment import generator
 from attlog.simulate.flight import ImuStream
 from attlog.simulate.scenario import Scenario
 from attlog.simulate.sensor_settings import ImuSettings
-from attlog.simulate.sensors import damage, kept_samples, sampling_instants, silence
+from attlog.simulate.sensors import arriving_samples, damage, kept_samples, sampling_instants
 
 # Columns of a raw row: w (3), w_dot (3), specific force at the centre of gravity (3), rotor speeds (4), rotor angles
 # (4).
@@ -185,7 +185,7 @@ class ImuSensor:
         self.times: list[float] = self.instants.tolist()
         self.kept = kept_samples(self.instants, s.loss_pct, s.gaps, generator(seed, "imu", number, "loss"))
         self.faults = [f for f in scenario.fault if f.part in ("gyro", "acc") and f.instance == number]
-        self.kept &= ~silence(self.faults, self.instants)
+        self.kept &= ~arriving_samples(self.faults, self.instants)
         self.unbalanced = [f for f in scenario.fault if f.part == "rotor" and f.kind == "unbalanced"]
         self.out = np.zeros((len(self.instants), SAMPLE_COLUMNS))
         self.bias = _biases(s, seed, number, round(scenario.seconds * scenario.loop.rate_hz), self.period)

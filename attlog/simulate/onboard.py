@@ -196,7 +196,7 @@ class Cleaner:
 TRUE_ATTITUDE = "truth"
 
 
-def stepping(text: str) -> EstimatorSpec:
+def stepping_estimator(text: str) -> EstimatorSpec:
     """Return the estimator of ``NAME[@PRESET][:k=v,...]``. UsageError for one that cannot fly."""
     row = parse(text)
     if row.estimator.step is None:
@@ -254,9 +254,9 @@ class Live:
         sampling: Sampling = "interval",
         declination: float | None = None,
     ) -> None:
-        row = stepping(estimator) if isinstance(estimator, str) else estimator
+        row = stepping_estimator(estimator) if isinstance(estimator, str) else estimator
         if row.estimator.process is not None:
-            row = replace(row, estimator=registry.here(row.estimator.process.name))
+            row = replace(row, estimator=registry.load_here(row.estimator.process.name))
         self.row, filter_ = row, row.estimator
         if mag_rate is None and "mag" in filter_.needs:
             raise UsageError(f"{self.row.name} needs a magnetometer, which this vehicle does not have")

@@ -13,9 +13,9 @@ from attlog.estimators import EstimatorSpec
 from attlog.simulate import controller
 from attlog.simulate.flight import Onboard, SensorInputs
 from attlog.simulate.guidance import Guidance, Navigator
-from attlog.simulate.onboard import TRUE_ATTITUDE, Live, stepping
+from attlog.simulate.onboard import TRUE_ATTITUDE, Live, stepping_estimator
 from attlog.simulate.scenario import ROTOR_SIGNS, ROTOR_TURNS, Scenario
-from attlog.simulate.sensors import grown, is_acting
+from attlog.simulate.sensors import is_acting, ramp_share
 
 Array = NDArray[np.float64]
 
@@ -173,7 +173,7 @@ def heading_error(scenario: Scenario, t: Array) -> Array:
     error = np.zeros(len(t))
     for fault in scenario.fault:
         if fault.part == "heading":
-            share = grown(fault, t) if fault.kind == "ramp" else is_acting(fault, t)
+            share = ramp_share(fault, t) if fault.kind == "ramp" else is_acting(fault, t)
             error += share * math.radians(fault.value[0])
     return error
 
@@ -192,8 +192,8 @@ def make_pilot(scenario: Scenario, gravity: float, declination: float, row: Esti
 
 
 def is_from_file(scenario: Scenario) -> EstimatorSpec | None:
-    """Return the scenario's estimator if its code is a plug-in's. Errors as of :func:`stepping`."""
+    """Return the scenario's estimator if its code is a plug-in's. Errors as of :func:`stepping_estimator`."""
     if scenario.estimator.name == TRUE_ATTITUDE:
         return None
-    row = stepping(estimator_spec(scenario.estimator.name, scenario.estimator.params))
+    row = stepping_estimator(estimator_spec(scenario.estimator.name, scenario.estimator.params))
     return None if row.estimator.process is None else row

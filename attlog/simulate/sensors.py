@@ -47,7 +47,7 @@ def is_acting(fault: PlantedFault, t: Array) -> NDArray[np.bool_]:
     return mask
 
 
-def grown(fault: PlantedFault, t: Array) -> Array:
+def ramp_share(fault: PlantedFault, t: Array) -> Array:
     """Return the share (n,), 0 to 1, of a ramp at times (n,) s."""
     share: Array = np.clip((t - fault.t) / (fault.seconds or 1.0), 0.0, 1.0)
     return share
@@ -59,12 +59,12 @@ def rotor_health(scenario: Scenario, t: Array) -> Array:
     for fault in scenario.fault:
         if fault.part == "rotor" and fault.kind in ("off", "scale", "ramp"):
             factor = 0.0 if fault.kind == "off" else fault.factor
-            share = grown(fault, t) if fault.kind == "ramp" else is_acting(fault, t)
+            share = ramp_share(fault, t) if fault.kind == "ramp" else is_acting(fault, t)
             health[:, fault.instance] *= 1.0 + share * (factor - 1.0)
     return health
 
 
-def silence(faults: list[PlantedFault], t: Array) -> NDArray[np.bool_]:
+def arriving_samples(faults: list[PlantedFault], t: Array) -> NDArray[np.bool_]:
     """Return which samples at ``t`` (n,) s faults suppress."""
     gone = np.zeros(len(t), bool)
     for fault in faults:
@@ -91,7 +91,7 @@ def damage(faults: list[PlantedFault], t: Array, x: Array, last: Array, seed: in
         elif fault.kind == "offset":
             x[now] += np.array(fault.value[:k])
         elif fault.kind == "ramp":
-            x[now] += np.outer(grown(fault, t[now]), fault.value[:k])
+            x[now] += np.outer(ramp_share(fault, t[now]), fault.value[:k])
         elif fault.kind == "scale":
             x[now] *= fault.factor
         elif fault.kind == "flipped":
@@ -215,7 +215,7 @@ class MagSensor(SlowSensor):
         super().__init__(
             "mag", number, scenario, seed, s.rate_hz, s.jitter_s, s.delay_s, s.loss_pct, s.gaps, s.hidden_delay_s
         )
-        self.kept &= ~silence(self.faults, self.instants)
+        self.kept &= ~arriving_samples(self.faults, self.instants)
         spread = generator(seed, "mag", number, "iron").standard_normal(3)
         self.hard = (np.array(s.hard_iron_ut) + s.hard_iron_spread_ut * spread) * 1e-6
         mount = rotation.to_matrix(rotation.from_euler(*np.radians(s.rotation_deg)))
@@ -261,7 +261,7 @@ class GnssSensor(SlowSensor):
     def __init__(self, scenario: Scenario, number: int, seed: int) -> None:
         s = self.settings = scenario.sensors.gnss[number]
         super().__init__("gnss", number, scenario, seed, s.rate_hz, s.jitter_s, s.delay_s, s.loss_pct)
-        self.kept &= ~silence(self.faults, self.instants)
+        self.kept &= ~arriving_samples(self.faults, self.instants)
         count = len(self.instants)
         white = generator(seed, "gnss", number, "noise").standard_normal((count, 6))
         self.noise = white * np.array([s.noise_h_m] * 2 + [s.noise_v_m] + [s.noise_speed_m_s] * 3)
@@ -329,7 +329,7 @@ class BaroSensor(SlowSensor):
     def __init__(self, scenario: Scenario, number: int, seed: int) -> None:
         s = scenario.sensors.baro[number]
         super().__init__("baro", number, scenario, seed, s.rate_hz, s.jitter_s, s.delay_s, s.loss_pct, s.gaps)
-        self.kept &= ~silence(self.faults, self.instants)
+        self.kept &= ~arriving_samples(self.faults, self.instants)
         count = len(self.instants)
         noise = generator(seed, "baro", number, "noise").standard_normal((count, 2))
         walk = np.cumsum(noise[:, 1]) * s.walk_m_rts / math.sqrt(s.rate_hz)

@@ -9,7 +9,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 from attlog.batch.ci import GatedLog, gated_log
-from attlog.batch.index_row import REASON_POINTS, Reason, index_row, light
+from attlog.batch.index_row import REASON_POINTS, Reason, index_row, without_metrics
 from attlog.batch.job import Record
 from attlog.compare.gates import GateOutcome
 from attlog.words.answers import verdicts
@@ -23,7 +23,7 @@ def _sound() -> dict[str, Any]:
     made = make_result()
     made.findings, made.checks = [], []
     made.verdicts = verdicts(made)
-    return light(index_row(made))
+    return without_metrics(index_row(made))
 
 
 def reason(kind: str, severity: str = "serious", text: str = "", *, in_flight: bool = True) -> Reason:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from attlog.batch.across import LogTable, across, grouped, usual_window, values, words
+from attlog.batch.across import LogTable, across, group_logs, table_text, table_values, usual_window
 from attlog.batch.index_row import FORM, index_row
 from attlog.batch.job import Record, record_path, write_record
 from attlog.batch.results_file import CSV, PARQUET, BatchNumbers, read_numbers, up_to_date, write_results
@@ -66,19 +66,19 @@ def test_a_line_for_each_log_and_quartiles_as_numpy_has_them(read: Any) -> None:
         ("vqf", "airborne", "deg"),
     ]
     assert column(found) == numbers
-    table = words(found, None, found.columns)
+    table = table_text(found, None, found.columns)
     assert [line[0] for line in table.foot] == ["median", "25 %", "75 %", "logs"]
     assert [line[2] for line in table.foot] == ["3.5", "2.2", "6.2", "6"]
-    (line,) = values(found, "vehicle")[1]
+    (line,) = table_values(found, "vehicle")[1]
     assert line[2:6] == [6, *np.percentile(numbers, [25, 50, 75])]
 
 
 def test_a_missing_number_has_its_reason_and_counts_nowhere(read: Any) -> None:
     found = across(read([flight("a.ulg", 2.0), flight("b.ulg", None)]), [TILT])
-    table = words(found, None, found.columns)
+    table = table_text(found, None, found.columns)
     assert [line[2] for line in table.body] == ["2.0", CODES["no_reference"][1]]
     assert table.foot[-1][2] == "1"
-    head, lines = values(found, None)
+    head, lines = table_values(found, None)
     assert [line[head.index("mekf")] for line in lines] == [2.0, None]
 
 
@@ -123,7 +123,7 @@ def test_of_a_log_that_comes_twice_the_newest_result_counts(read: Any) -> None:
         assert (column(found), found.repeats) == ([expected, 7.0], 1)
     both = across(read((), old=old, new=new), [TILT], by="batch")
     assert (len(both.logs), both.repeats) == (2, 0)
-    assert [Path(name).name for name in grouped(both.logs, "batch")] == ["new", "old"]
+    assert [Path(name).name for name in group_logs(both.logs, "batch")] == ["new", "old"]
     unknown = read((), unknown=[flight("a.ulg", 1.0, sha256=None), flight("b.ulg", 1.0, sha256=None)])
     assert len(across(unknown, [TILT]).logs) == 2
 
@@ -134,21 +134,21 @@ def test_groups_have_quartiles_of_their_own(read: Any) -> None:
         for i, v in enumerate(["quadrotor", "fixed wing", None, "quadrotor"])
     ]
     found = across(read(logs), [TILT])
-    table = words(found, "vehicle", found.columns)
+    table = table_text(found, "vehicle", found.columns)
     assert [line[:2] for line in table.body] == [["fixed wing", "1"], ["quadrotor", "2"], ["unknown", "1"]]
     assert table.body[1][2] == "1.5 (0.75 to 2.2)"
     assert table.foot == [["all", "4", "1.5 (0.75 to 2.2)"]]
-    assert [line[0] for line in words(found, "year", found.columns).body] == ["2020", "2021"]
-    head, lines = values(found, "vehicle")
+    assert [line[0] for line in table_text(found, "year", found.columns).body] == ["2020", "2021"]
+    head, lines = table_values(found, "vehicle")
     assert head == ["vehicle", "logs", "mekf n", "mekf q25", "mekf median", "mekf q75"]
     assert lines[1] == ["quadrotor", 2, 2, 0.75, 1.5, 2.25]
     with pytest.raises(UsageError, match="use firmware"):
-        grouped(found.logs, "colour")
+        group_logs(found.logs, "colour")
 
 
 def test_firmwares_are_sorted_by_number(read: Any) -> None:
     logs = [flight(f"{v}.ulg", 1.0, firmware={"name": "PX4", "version": v}) for v in ("1.10", "1.9", "1.11")]
-    assert list(grouped(across(read(logs), [TILT]).logs, "firmware")) == ["PX4 1.9", "PX4 1.10", "PX4 1.11"]
+    assert list(group_logs(across(read(logs), [TILT]).logs, "firmware")) == ["PX4 1.9", "PX4 1.10", "PX4 1.11"]
 
 
 def test_what_no_log_has_is_refused_with_what_comes_near(read: Any) -> None:
@@ -232,8 +232,8 @@ def test_the_results_file_holds_the_same_as_the_records(tmp_path: Path, monkeypa
     (tmp_path / PARQUET).unlink()
     slow = read_numbers([tmp_path], [TILT])
     found, expected = across(quick, [TILT]), across(slow, [TILT])
-    assert (values(found, None), found.columns) == (values(expected, None), expected.columns)
-    assert words(found, "firmware", found.columns) == words(expected, "firmware", expected.columns)
+    assert (table_values(found, None), found.columns) == (table_values(expected, None), expected.columns)
+    assert table_text(found, "firmware", found.columns) == table_text(expected, "firmware", expected.columns)
     assert (quick.failed, slow.failed) == (1, 1)
 
 

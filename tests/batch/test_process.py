@@ -21,9 +21,9 @@ import pytest
 
 from attlog import Config, Result
 from attlog.batch.job import Job, Record, read_record, record_path, records, settings_key
-from attlog.batch.process import forks, run_one
+from attlog.batch.process import run_one, start_fork_server
 from attlog.batch.report_files import analyze_to_files, figure_starts, report_names
-from attlog.batch.run import locked
+from attlog.batch.run import lock_folder
 from attlog.batch.sources import Source
 from attlog.core.errors import EXIT_ORDER, LogUnreadable, OutputError, UsageError, exit_code, worst_exit_code
 from attlog.core.workers import Closed, ForkServer
@@ -100,7 +100,7 @@ LOG = SAMPLES / "copter_yaw_turns.bin"
 @pytest.fixture(scope="module")
 def processes() -> Iterator[ForkServer]:
     with installed():
-        kept = forks()
+        kept = start_fork_server()
         yield kept
         kept.close()
 
@@ -220,7 +220,7 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path, processes: Fork
 @pytest.mark.slow
 def test_the_death_of_the_forking_program_costs_its_children_alone(tmp_path: Path) -> None:
     with installed():
-        processes = forks()
+        processes = start_fork_server()
         assert run_one(work(tmp_path / "first"), processes).code == 0  # it loads the filters of its first log itself
         pid = tmp_path / "pid"
         kills_the_program = (
@@ -296,7 +296,7 @@ def fresh_processes(monkeypatch: pytest.MonkeyPatch) -> Iterator[ForkServer]:
     for name in ("send_fds", "recv_fds"):
         monkeypatch.delattr(socket, name)
     with installed():
-        kept = forks()
+        kept = start_fork_server()
         yield kept
         kept.close()
 
@@ -307,7 +307,7 @@ def unmeasured(record: Record) -> Record:
 
 @pytest.mark.slow
 def test_a_fresh_process_writes_what_a_forked_one_does(tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    forking = forks()
+    forking = start_fork_server()
     forked = run_one(work(tmp_path / "forked"), forking)
     forking.close()
     stages: list[str] = []
@@ -360,9 +360,9 @@ def test_the_lock_of_windows_refuses_a_second_batch(tmp_path: Path, monkeypatch:
 
     monkeypatch.setitem(sys.modules, "msvcrt", SimpleNamespace(LK_NBLCK=2, locking=locking))
     monkeypatch.setattr(sys, "platform", "win32")
-    with locked(tmp_path) as warning:
+    with lock_folder(tmp_path) as warning:
         assert warning == ""
         with pytest.raises(OutputError, match=f"another batch is writing there .process {os.getpid()} on"):
-            locked(tmp_path).__enter__()
-    with locked(tmp_path):
+            lock_folder(tmp_path).__enter__()
+    with lock_folder(tmp_path):
         pass

@@ -14,7 +14,15 @@ import numpy as np
 import pytest
 
 from attlog import Config, Result, analyze
-from attlog.batch.index_row import SENSOR_WINDOW, THUMBNAIL_POINTS, encoded, index_row, numbers, sensors_of, thumbnail
+from attlog.batch.index_row import (
+    SENSOR_WINDOW,
+    THUMBNAIL_POINTS,
+    encode_thumbnail,
+    index_row,
+    numbers,
+    sensors_of,
+    thumbnail,
+)
 from attlog.batch.job import Record
 from attlog.batch.results_file import COLUMNS, CSV, PARQUET, write_results
 from attlog.core.errors import OutputError
@@ -144,11 +152,11 @@ def test_the_page_gets_a_byte_for_each_point_and_what_is_shown_in_words() -> Non
     out = bytearray()
     height = [0.0, 18.0, 36.0, None] + [0.0] * (THUMBNAIL_POINTS - 4)
     seen = {"t0": 0.0, "t1": 9.0, "height": height, "air": [], "marks": [[8.0, "It fell."]]}
-    assert encoded(seen, out) == [0, 0.0, 9.0, "Height over time", [], [[8.0, "It fell."]]]
+    assert encode_thumbnail(seen, out) == [0, 0.0, 9.0, "Height over time", [], [[8.0, "It fell."]]]
     assert list(out[:4]) == [0, 127, 254, 255]
-    assert encoded(None, out) is None
+    assert encode_thumbnail(None, out) is None
     low = seen | {"height": [1.0, -4.0] + [0.0] * (THUMBNAIL_POINTS - 2)}
-    assert encoded(low, out) is not None
+    assert encode_thumbnail(low, out) is not None
     assert list(out[THUMBNAIL_POINTS : THUMBNAIL_POINTS + 2]) == [254, 0]
 
 

@@ -17,8 +17,8 @@ import pytest
 
 from attlog import Config
 from attlog.batch.job import Job, Record, records
-from attlog.batch.process import forks
-from attlog.batch.run import BatchOutcome, Runner, local_runner, locked, run_batch
+from attlog.batch.process import start_fork_server
+from attlog.batch.run import BatchOutcome, Runner, local_runner, lock_folder, run_batch
 from attlog.batch.sources import Source
 from attlog.core.errors import OutputError, UsageError
 from attlog.core.workers import ForkServer
@@ -43,7 +43,7 @@ class Watching:
 @functools.cache
 def kept() -> ForkServer:
     """One for all tests of this file: it takes a second to start."""
-    found = forks()
+    found = start_fork_server()
     atexit.register(found.close)
     return found
 
@@ -140,26 +140,26 @@ def test_rooms_of_processes_that_were_killed_are_removed(tmp_path: Path) -> None
 
 
 def test_two_batches_do_not_meet_in_one_folder(tmp_path: Path) -> None:
-    with locked(tmp_path / "out"):
+    with lock_folder(tmp_path / "out"):
         with pytest.raises(OutputError, match=rf"another batch is writing there \(process {os.getpid()} on .*-o"):
             run(tmp_path / "out", ARDUPILOT)
-    with locked(tmp_path / "out"):
+    with lock_folder(tmp_path / "out"):
         pass
 
 
 def test_a_lock_ends_with_its_process_however_that_ends(tmp_path: Path) -> None:
     code = (
-        "import sys, time; from pathlib import Path; from attlog.batch.run import locked\n"
-        f"with locked(Path({str(tmp_path)!r})):\n    print('held', flush=True); time.sleep(60)"
+        "import sys, time; from pathlib import Path; from attlog.batch.run import lock_folder\n"
+        f"with lock_folder(Path({str(tmp_path)!r})):\n    print('held', flush=True); time.sleep(60)"
     )
     other = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert other.stdout is not None
     assert other.stdout.readline() == "held\n"
-    with pytest.raises(OutputError, match=f"process {other.pid} on"), locked(tmp_path):
+    with pytest.raises(OutputError, match=f"process {other.pid} on"), lock_folder(tmp_path):
         pass
     other.kill()
     other.communicate()
-    with locked(tmp_path):
+    with lock_folder(tmp_path):
         pass
 
 

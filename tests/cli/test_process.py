@@ -66,7 +66,7 @@ process.INTERRUPTED_S = 1
 def started(body: str, log: Path) -> subprocess.Popen[str]:
     """A process that runs ``body`` under the guard of a log."""
     log.write_bytes(bytes(10))
-    code = f"{HEAD}{body}\nsys.exit(process.guarded(run, [{str(log)!r}]))"
+    code = f"{HEAD}{body}\nsys.exit(process.run_guarded(run, [{str(log)!r}]))"
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 

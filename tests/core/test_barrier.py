@@ -51,7 +51,7 @@ def test_errors_on_purpose_pass() -> None:
         raise UsageError("use another option")
 
     with pytest.raises(UsageError):
-        errors.guarded("x", wrong, str)
+        errors.call_guarded("x", wrong, str)
 
 
 @pytest.mark.usefixtures("quiet")

@@ -259,7 +259,7 @@ def test_a_sweep_hands_over_what_an_analysis_does(example: str) -> None:
     imu = case.log.replay_imu
     assert imu is not None
     assert case.log.mag is not None
-    told = [f(case, next(iter(case.imus))) for f in (replay.facts, replay.aids_of)]
+    told = [f(case, next(iter(case.imus))) for f in (replay.log_facts, replay.aids_of)]
     of_sweep = replay.batch(case, imu, case.log.mags[case.log.mag], parse(example), [{}], *told)
     of_analysis = replay.run_rows(case, [example])
     assert np.array_equal(of_sweep[0].q, of_analysis[0].q)

@@ -16,7 +16,7 @@ from attlog.core import workers
 from attlog.core.errors import PluginError, PluginTimeout, UsageError
 from attlog.estimators import Estimate, LogFacts, LogInfo, plugins
 from attlog.estimators.batch import estimate_batch
-from attlog.estimators.registry import from_file, here
+from attlog.estimators.registry import from_file, load_here
 from tests.conftest import few
 
 pytestmark = pytest.mark.usefixtures("interruptible")
@@ -325,7 +325,7 @@ def test_what_a_filter_starts_ends_with_its_process(tmp_path: Path, monkeypatch:
     monkeypatch.setenv(plugins.TIMEOUT_VARIABLE, "2")
     path = tmp_path / f"starting_{how}.py"
     path.write_text(STARTING)
-    filter_ = plugins.from_file(path, here)
+    filter_ = plugins.from_file(path, load_here)
     assert filter_.process is not None
     if how == "answer":
         run(path, how)

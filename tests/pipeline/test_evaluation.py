@@ -127,13 +127,13 @@ def test_nothing_of_a_row_is_left_when_the_next_one_comes(monkeypatch: pytest.Mo
 
 
 def test_a_row_that_has_passed_is_run_again_where_another_is_equal(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
-    again, asked = replay.again, list[str]()
+    again, asked = replay.run_again, list[str]()
 
     def asking(case: Case, chosen: Any, name: str) -> Track:
         asked.append(name)
         return again(case, chosen, name)
 
-    monkeypatch.setattr(replay, "again", asking)
+    monkeypatch.setattr(replay, "run_again", asking)
     result = attlog.evaluate(case, "mahony,gyro,mahony:kp=0.45", traces=True)
     assert asked == ["mahony"]
     (group,) = result.alike

@@ -12,8 +12,8 @@ from attlog.core.earth import MagneticField
 from attlog.flight.calibration import mounting_matrix
 from attlog.flight.model import Firmware, FlightLog
 from attlog.reference import compass_orientation as orientation
-from attlog.reference.compass_orientation import Orientation, Window
-from attlog.reference.compass_windows import use_spans
+from attlog.reference.compass_orientation import Orientation
+from attlog.reference.compass_windows import Window, use_spans
 from attlog.segments.model import Segment, Segments
 
 EARTH = MagneticField(4.0, 63.0, 48e-6, "made")

@@ -168,7 +168,14 @@ def test_a_link_sends_attitudes_at_25_and_10_hz_and_what_the_pilot_sees_at_5() -
     assert seen["throttle"] == pytest.approx(100.0 * board.thrust_setpoint[k])
     assert seen["heading"] == pytest.approx(np.rint(np.degrees(yaw[k])) % 360.0)
     many = np.arange(0.0, 1.0, 0.005)
-    assert [len(records.every(many, hz)) for hz in (50.0, 25.0, 10.0, 5.0, 1.0, 0.0)] == [50, 25, 10, 5, 1, 200]
+    assert [len(records.logged_samples(many, hz)) for hz in (50.0, 25.0, 10.0, 5.0, 1.0, 0.0)] == [
+        50,
+        25,
+        10,
+        5,
+        1,
+        200,
+    ]
 
 
 # Numbers that firmwares give to modes, and their defaults of parameters, in simulated logs.

@@ -14,7 +14,7 @@ from attlog.flight.model import FlightLog
 from attlog.simulate.flight import Flight
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import recording, write
-from attlog.simulate.logs.records import START_US, every, micros, vibration
+from attlog.simulate.logs.records import START_US, logged_samples, micros, vibration
 from attlog.simulate.scenario import build_scenario, scenario_values
 from attlog.simulate.scenario_text import override_values
 from tests.conftest import few
@@ -119,13 +119,13 @@ def test_attitudes_come_back(suffix: str, rate: float, flown: Flight, read: dict
     own, packets = (1e-3, 2e-3) if suffix == ".tlog" else (1e-9, 1e-9)  # SIM_STATE has no clock but its packets'
     truth = flown.truth
     for got, t_all, q_all, clock in ((log.onboard_attitude, t, q, own), (log.truth, truth.t, truth.q, packets)):
-        k = every(t_all, rate)
+        k = logged_samples(t_all, rate)
         assert got is not None
         close(got.t, on_log(log, t_all[k]), clock)
         assert np.degrees(rotation.total_angle(rotation.earth_error(got.q, q_all[k]))).max() < 1e-4
     if suffix != ".tlog":
         assert log.estimator.gyro_bias is not None
-        k = every(t, 1.0 if suffix == ".ulg" else 10.0)
+        k = logged_samples(t, 1.0 if suffix == ".ulg" else 10.0)
         close(log.estimator.gyro_bias.x, board.bias[known][k], 1e-8 if suffix == ".ulg" else np.radians(0.00501))
 
 
@@ -135,7 +135,7 @@ def test_set_points_come_back(suffix: str, flown: Flight, read: dict[str, Flight
     known = np.isfinite(board.q).all(axis=1)
     rate = {".ulg": (50.0, 50.0), ".bin": (100.0, 50.0), ".tlog": (10.0, 10.0)}[suffix]
     t = board.t[known]
-    wanted = board.q_setpoint[known][every(t, rate[0])]
+    wanted = board.q_setpoint[known][logged_samples(t, rate[0])]
     assert log.setpoints.attitude is not None
     set_ = np.abs(np.sum(wanted**2, axis=1) - 1.0) < 1e-6
     assert (
@@ -143,7 +143,7 @@ def test_set_points_come_back(suffix: str, flown: Flight, read: dict[str, Flight
         < 1e-4
     )
     assert log.setpoints.rates is not None
-    close(log.setpoints.rates.x[-50:], board.rate_setpoint[known][every(t, rate[1])][-50:], 1e-6)
+    close(log.setpoints.rates.x[-50:], board.rate_setpoint[known][logged_samples(t, rate[1])][-50:], 1e-6)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -161,11 +161,11 @@ def test_states_battery_rotors_and_parameters_come_back(suffix: str, flown: Flig
     assert len(log.state.mode.value) == len(dict(board.mode))
     assert log.power.rpm is not None
     assert flown.rpm is not None
-    k = every(flown.rpm.t, 5.0 if suffix == ".tlog" else 0.0)
+    k = logged_samples(flown.rpm.t, 5.0 if suffix == ".tlog" else 0.0)
     close(log.power.rpm.x, flown.rpm.rpm[k], 0.501)
     assert log.power.battery is not None
     assert flown.battery is not None
-    k = every(flown.battery.t, 5.0 if suffix == ".tlog" else 0.0)
+    k = logged_samples(flown.battery.t, 5.0 if suffix == ".tlog" else 0.0)
     close(log.power.battery.x, np.column_stack([flown.battery.voltage, flown.battery.current])[k], 0.00501)
     assert log.power.throttle is not None
     assert np.max(log.power.throttle.x) == pytest.approx(float(np.nanmax(board.thrust_setpoint)), abs=0.02)

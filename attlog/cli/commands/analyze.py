@@ -13,7 +13,7 @@ import typer
 from attlog import __version__
 from attlog.cli.arguments import command_line
 from attlog.cli.gates import GateOptions, GateReport, GatesFile
-from attlog.cli.logs import end, named_sources, report
+from attlog.cli.logs import end_command, named_sources, report_error
 from attlog.cli.options import (
     CommonOptions,
     Figures,
@@ -25,8 +25,8 @@ from attlog.cli.options import (
     Open,
     Places,
     TableForm,
+    build_configuration,
     commands,
-    configured,
     one_form,
 )
 from attlog.cli.printing import TextLine, console, json_to_stdout, say, table_to_stdout, to_stderr
@@ -60,7 +60,7 @@ def analyze_command(
     Example: attlog analyze flight.ulg --estimators default,mahony:kp=0.3
     """
     one_form(json, form)
-    settings = configured(options)
+    settings = build_configuration(options)
     if figures is not None:
         from attlog.report.figures.files import find_browser
 
@@ -80,7 +80,7 @@ def analyze_command(
 
         table_to_stdout(form, *analysis_rows(run.results, settings.window or "all"))
     names = report_names([source.file_name for source in found])
-    end(run.codes | run.gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in run.codes))
+    end_command(run.codes | run.gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in run.codes))
 
 
 @dataclass
@@ -123,14 +123,14 @@ class AnalyzeRun:
             to_stderr(_kept([], 1, self.folder))
             self.codes.add(EXIT_INTERRUPTED)
         except Exception as error:
-            self.codes.add(report(error, source.name, self.common.verbose))
+            self.codes.add(report_error(error, source.name, self.common.verbose))
             message = error_message(error, __version__, source.name)
             self.gates.judge(Record(source.name, name, code=exit_code(error), message=message))
 
     def several(self, logs: Sequence[Source], jobs: int) -> None:
         """Analyse each log in a process of its own and show it as it comes."""
         from attlog.batch.job import Job, settings_key
-        from attlog.batch.process import tidied
+        from attlog.batch.process import clean_up
         from attlog.batch.report_files import figure_starts, report_names
         from attlog.batch.run import in_memory, local_runner
 
@@ -148,7 +148,7 @@ class AnalyzeRun:
         done: dict[str, Record] = {}
         compile_first(self.config.estimators, [source.name for source in logs], self.common.quiet)
         started = time.monotonic()
-        with tidied(self.folder), Bar(self.common.quiet, self.common.verbose > 0) as bar:
+        with clean_up(self.folder), Bar(self.common.quiet, self.common.verbose > 0) as bar:
             coming = local_runner(jobs, bar.stage)(todo)
             try:
                 bar.planned(todo)
@@ -177,7 +177,7 @@ class AnalyzeRun:
         try:
             self._show(record, Result.load(self.folder / f"{record.name}.json"))
         except Exception as error:
-            self.codes.add(report(error, record.log, self.common.verbose))
+            self.codes.add(report_error(error, record.log, self.common.verbose))
 
     def _show(self, record: Record, result: Result) -> None:
         """Print a result and the outcome of gates."""

@@ -13,8 +13,17 @@ import typer
 
 from attlog import __version__
 from attlog.cli.gates import GateOptions, GateReport
-from attlog.cli.logs import end, named_sources
-from attlog.cli.options import CommonOptions, JobsOfCores, LogOptions, OneFile, Places, commands, configured, finite
+from attlog.cli.logs import end_command, named_sources
+from attlog.cli.options import (
+    CommonOptions,
+    JobsOfCores,
+    LogOptions,
+    OneFile,
+    Places,
+    build_configuration,
+    commands,
+    require_finite,
+)
 from attlog.cli.printing import TextLine, console, say, table, to_stderr
 from attlog.cli.process import ended_by_signals
 from attlog.cli.progress import Bar, compile_first
@@ -37,12 +46,16 @@ class BatchOptions:
 
     jobs: JobsOfCores = None
     timeout: Annotated[
-        float, typer.Option(metavar="S", min=0.0, callback=finite, help="Give up on a log after so long; 0: never.")
+        float,
+        typer.Option(metavar="S", min=0.0, callback=require_finite, help="Give up on a log after so long; 0: never."),
     ] = TIMEOUT_S
     memory: Annotated[
         float | None,
         typer.Option(
-            metavar="MB", min=1.0, callback=finite, help="Give up on a log that needs more memory. [default: no limit]"
+            metavar="MB",
+            min=1.0,
+            callback=require_finite,
+            help="Give up on a log that needs more memory. [default: no limit]",
         ),
     ] = None
     resume: Annotated[
@@ -93,7 +106,7 @@ def batch_command(
     Example: attlog batch flights/ -o out --resume
     """
     gates = GateReport(gate_options, output)
-    settings = configured(options)
+    settings = build_configuration(options)
     from attlog.batch.run import run_batch
 
     codes, names = set[int](), list[str]()
@@ -119,7 +132,7 @@ def batch_command(
         codes |= outcome.codes
         _say_outcome(outcome, output, common.quiet)
         names = [record.name for record in outcome.records]
-    end(codes | gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes))
+    end_command(codes | gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes))
 
 
 class BatchProgress:
@@ -236,7 +249,7 @@ def table_command(
     if not found.logs.empty:
         _notes(found, numbers.failed)
         _write_table(found, by, kind, output)
-    end(numbers.wrong)
+    end_command(numbers.wrong)
 
 
 def _listed(options: list[str] | None) -> list[str]:
@@ -274,7 +287,7 @@ def _notes(found: LogTable, failed: int) -> None:
 
 
 def _write_table(found: LogTable, by: str | None, kind: str, output: Path | None) -> None:
-    from attlog.batch.across import values, words
+    from attlog.batch.across import table_text, table_values
     from attlog.compare.tables import table_latex, table_markdown
     from attlog.core.files import write_atomic
 
@@ -289,10 +302,10 @@ def _write_table(found: LogTable, by: str | None, kind: str, output: Path | None
             return
         text = "".join(line.text + "\n" for line in table_lines(found, by, sys.maxsize))
     elif kind == "csv":
-        head, body = values(found, by)
+        head, body = table_values(found, by)
         text = files.csv_text([head, *body])
     else:
-        shown = words(found, by, found.columns, units=True)
+        shown = table_text(found, by, found.columns, units=True)
         text = (table_markdown if kind == "md" else table_latex)(shown.head, [*shown.body, *shown.foot])
     if output is None:
         say(text.splitlines(), console())
@@ -315,10 +328,10 @@ def table_lines(found: LogTable, by: str | None, width: int) -> Iterator[TextLin
 
 
 def _block(found: LogTable, by: str | None, columns: Sequence[Column], width: int) -> Iterator[TextLine]:
-    from attlog.batch.across import words
+    from attlog.batch.across import table_text
     from attlog.words.text import clean
 
-    shown = words(found, by, columns)
+    shown = table_text(found, by, columns)
     rows = [[clean(cell) for cell in line] for line in (*shown.body, *shown.foot)]
     styles = [""] * len(shown.body) + ["dim"] * len(shown.foot)
     fit = len(shown.head)
@@ -340,9 +353,9 @@ def _parquet(found: LogTable, by: str | None) -> bytes:
         from pyarrow import parquet
     except ImportError:
         raise OutputError("Parquet needs pyarrow: pip install pyarrow, or use --format csv") from None
-    from attlog.batch.across import LOGS, values
+    from attlog.batch.across import LOGS, table_values
 
-    head, body = values(found, by)
+    head, body = table_values(found, by)
     first = len(head) - len(found.columns) * (4 if by else 1)
     fields, arrays = [], []
     for k, title in enumerate(head):

@@ -12,7 +12,7 @@ import typer
 from attlog import __version__
 from attlog.cli import options as completion
 from attlog.cli.arguments import command_line
-from attlog.cli.logs import end, named_files
+from attlog.cli.logs import end_command, named_files
 from attlog.cli.options import (
     CommonOptions,
     ComparisonOptions,
@@ -124,7 +124,7 @@ def compare_command(
         _print_comparison(result, page, options, common)
         if own.open_page:
             typer.launch(str(page))
-    end(codes)
+    end_command(codes)
 
 
 class LogReport:
@@ -299,7 +299,7 @@ def diff_command(
         if output is not None:
             lines += ["", f"page: {_write_diff_page(differences, alone, (old, new), output)}"]
         say(lines, console())
-    end([*found.wrong, int(changed)])
+    end_command([*found.wrong, int(changed)])
 
 
 def _write_diff_page(

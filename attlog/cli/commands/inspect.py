@@ -12,7 +12,7 @@ import typer
 
 from attlog.cli import options
 from attlog.cli.arguments import command_line, refuse_file
-from attlog.cli.logs import end, named_files, named_sources, one_log, reported
+from attlog.cli.logs import end_command, named_files, named_sources, one_log, run_and_report
 from attlog.cli.options import (
     OUTPUT,
     Boot,
@@ -24,8 +24,8 @@ from attlog.cli.options import (
     Places,
     System,
     check_filter,
-    finite,
     one_form,
+    require_finite,
 )
 from attlog.cli.printing import (
     TextLine,
@@ -62,7 +62,7 @@ def info_command(
 
     codes: set[int] = set()
     for number, log in enumerate(named_files(logs, codes)):
-        with reported(str(log), codes, common.verbose):
+        with run_and_report(str(log), codes, common.verbose):
             report = inspect(log, boot=boot, system=system)
             if json:
                 json_to_stdout(report)
@@ -70,7 +70,7 @@ def info_command(
                 out = console()
                 say([""] * (number > 0), out)
                 say(info_lines(printable(report), out.width, common.verbose), out)
-    end(codes)
+    end_command(codes)
 
 
 def printable(report: dict[str, Any]) -> dict[str, Any]:
@@ -189,7 +189,7 @@ def health_command(
 
     Example: attlog health flight.bin
     """
-    from attlog.batch.log_file import unchanged
+    from attlog.batch.log_file import require_unchanged
     from attlog.batch.report_files import report_names
     from attlog.cli.progress import progress
     from attlog.flight.parameters import read_parameter_file
@@ -205,8 +205,8 @@ def health_command(
     assessed: list[Result] = []
     out = console(stderr=json or form is not None)
     for source, name in zip(found, report_names([source.file_name for source in found]), strict=True):
-        with reported(source.name, codes, common.verbose):
-            with progress(common.quiet, common.verbose > 0), source.local() as log, unchanged(log.path):
+        with run_and_report(source.name, codes, common.verbose):
+            with progress(common.quiet, common.verbose > 0), source.local() as log, require_unchanged(log.path):
                 result = health(log.path, config, command=command_line())
             if form is not None:
                 assessed.append(result)
@@ -224,7 +224,7 @@ def health_command(
         from attlog.compare.tables import sensor_rows
 
         table_to_stdout(form, *sensor_rows(assessed))
-    end(codes)
+    end_command(codes)
 
 
 def health_document(result: Result) -> dict[str, Any]:
@@ -292,12 +292,13 @@ class ExtractOptions:
         typer.Option(
             "--from",
             metavar="T",
-            callback=finite,
+            callback=require_finite,
             help="Begin at this time (s, 0 is the first IMU sample). [default: all]",
         ),
     ] = None
     end: Annotated[
-        float | None, typer.Option("--to", metavar="T", callback=finite, help="End at this time (s). [default: all]")
+        float | None,
+        typer.Option("--to", metavar="T", callback=require_finite, help="End at this time (s). [default: all]"),
     ] = None
     kind: Annotated[
         str | None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from attlog.cli.logs import PreparedLogs, end, file_stem, parse_all
+from attlog.cli.logs import PreparedLogs, end_command, file_stem, parse_all
 from attlog.cli.options import CommonOptions, ComparisonOptions
 from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, table_to_stdout, to_stderr, wrapped
 from attlog.cli.progress import progress
@@ -83,7 +83,7 @@ def sweep_command(
     if not common.quiet:
         lines = _sweep_lines(found, files, about, common.verbose > 0)
         say(lines, console(stderr=options.for_a_program))
-    end(logs.errors)
+    end_command(logs.errors)
 
 
 def _reproduction_check(base: Configuration, options: ComparisonOptions) -> Callable[[Case], object] | None:
@@ -223,7 +223,7 @@ def tune_command(
     if not common.quiet:
         lines = _tuning_lines(found, files, about, common.verbose > 0)
         say(lines, console(stderr=options.for_a_program))
-    end(prepared.errors)
+    end_command(prepared.errors)
 
 
 def _tuning_lines(found: Tuning, files: Sequence[Path], about: dict[str, Any], everything: bool) -> Iterator[TextLine]:

@@ -16,7 +16,7 @@ from attlog.core.jit.loops import (
     jit_wanted,
     last_before,
     loop,
-    plainly,
+    plain_python,
 )
 
 __all__ = [
@@ -35,5 +35,5 @@ __all__ = [
     "jit_wanted",
     "last_before",
     "loop",
-    "plainly",
+    "plain_python",
 ]

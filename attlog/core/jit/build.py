@@ -103,7 +103,7 @@ def _filters(names: Iterable[str]) -> list[str]:
     return [f"filter:{name}" for name in names if get(name).step is not None]
 
 
-def named(name: str) -> Loop[Any, Any]:
+def loop_by_name(name: str) -> Loop[Any, Any]:
     """Return the loop of a name: ``module:function``, or ``filter:mekf`` for the loop around a filter's step."""
     module, _, function = name.partition(":")
     if module == "filter":
@@ -118,7 +118,7 @@ def named(name: str) -> Loop[Any, Any]:
 def prepare(names: Iterable[str], progress: Callable[[int, int], None]) -> None:
     """Compile the loops that are missing, on all cores, and keep them; a single one waits for its first use."""
     own = store.own_place()
-    missing = [name for name in names if not store.has(named(name).key)]
+    missing = [name for name in names if not store.has(loop_by_name(name).key)]
     if own is not None and len(missing) > 1:
         LOG.info("compiling %d loops, once, about %d s; kept in %s", len(missing), expected_s(missing), own)
         compile_all({own: ""}, missing, progress)
@@ -126,7 +126,7 @@ def prepare(names: Iterable[str], progress: Callable[[int, int], None]) -> None:
 
 def expected_s(names: Iterable[str]) -> int:
     """Return about how long compiling takes on all cores."""
-    return round(sum(len(named(name).text) for name in names) / CHARACTERS_PER_S / cores()) + 2
+    return round(sum(len(loop_by_name(name).text) for name in names) / CHARACTERS_PER_S / cores()) + 2
 
 
 def build(target: Path, levels: tuple[str, ...], chosen: Iterable[str]) -> None:
@@ -135,8 +135,8 @@ def build(target: Path, levels: tuple[str, ...], chosen: Iterable[str]) -> None:
     RuntimeError with the last line of a compiler that failed.
     """
     places = {store.place_of_level(target, level): level for level in levels}
-    keys = {named(name).key for name in all_names()}
-    missing = [n for n in chosen if any(store.read(place / f"{named(n).key}.o") is None for place in places)]
+    keys = {loop_by_name(name).key for name in all_names()}
+    missing = [n for n in chosen if any(store.read(place / f"{loop_by_name(n).key}.o") is None for place in places)]
     if missing:
         took = expected_s(missing) * len(levels)
         print(f"compiling {len(missing)} loops of filters, readers and metrics, about {took} s:", end="", flush=True)
@@ -178,10 +178,10 @@ def _shares(names: list[str], parts: int) -> list[list[str]]:
     """Return what each of several processes compiles: the longest text goes to the one that has least so far."""
     shares: list[list[str]] = [[] for _ in range(parts)]
     load = [0] * parts
-    for name in sorted(names, key=lambda n: len(named(n).text), reverse=True):
+    for name in sorted(names, key=lambda n: len(loop_by_name(n).text), reverse=True):
         least = load.index(min(load))
         shares[least].append(name)
-        load[least] += len(named(name).text)
+        load[least] += len(loop_by_name(name).text)
     return shares
 
 
@@ -189,7 +189,7 @@ def compile_share(place: Path, names: list[str], mode: int) -> None:
     """Write the objects of some loops for the processor that :data:`LEVEL` names, where they are missing."""
     place.mkdir(parents=True, exist_ok=True)
     for name in names:
-        loop = named(name)
+        loop = loop_by_name(name)
         path = place / f"{loop.key}.o"
         if store.read(path) is None:
             try:

@@ -176,7 +176,7 @@ def jit_wanted() -> bool:
 
 
 @contextmanager
-def plainly() -> Iterator[None]:
+def plain_python() -> Iterator[None]:
     """Run loops as plain Python inside the block, which reports the line that raises; for processes of one thread."""
     before = os.environ.get("ATTLOG_NO_JIT")
     os.environ["ATTLOG_NO_JIT"] = "1"

@@ -299,7 +299,7 @@ def field_samples(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bi
         t, x = averaged(t, x, 1.0 / onboard_hz)
     elif len(t) > 2 and logged_hz < THINNED_SHARE * onboard_hz:
         t, x = interpolated_field(inputs.imu, t, x, onboard_hz, bias)
-    return side_by_side(due(t, setting["MAG_DELAY"], step_s), t + late, x, np.ones(len(t)))
+    return side_by_side(fusion_time(t, setting["MAG_DELAY"], step_s), t + late, x, np.ones(len(t)))
 
 
 def averaged(t: Array, x: Array, dt: float) -> tuple[Array, Array]:
@@ -340,7 +340,14 @@ def gnss_samples(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> tuple[Ar
     north, east = local_ned(g["lat"], g["lon"], g["lat"][i], g["lon"][i])
     columns = [north, east, g["alt"][i] - g["alt"], g["vn"], g["ve"], g["vd"]]
     rows = side_by_side(
-        due(g["t"], delay_ms, step_s), g["t"], *columns, g["eph"], g["epv"], g["sacc"], g["fix"], g["satellites"]
+        fusion_time(g["t"], delay_ms, step_s),
+        g["t"],
+        *columns,
+        g["eph"],
+        g["epv"],
+        g["sacc"],
+        g["fix"],
+        g["satellites"],
     )
     rows = rows[np.isfinite(rows).all(axis=1)]
     return rows, rate_of(rows[:, 1], DEFAULT_GNSS_HZ)
@@ -351,14 +358,14 @@ def baro_samples(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     b = inputs.baro
     if not len(b["t"]):
         return np.zeros((0, 3))
-    rows = side_by_side(due(b["t_sample"], delay_ms, step_s), b["t"], -b["alt"])
+    rows = side_by_side(fusion_time(b["t_sample"], delay_ms, step_s), b["t"], -b["alt"])
     return rows[np.isfinite(rows).all(axis=1)]
 
 
 def airspeed_samples(inputs: Ekf2Inputs, delay_ms: float, step_s: float) -> Array:
     """Return rows of true airspeed of :class:`Samples`."""
     a = inputs.airspeed
-    rows = side_by_side(due(a["t"], delay_ms, step_s), a["t"], a["tas"])
+    rows = side_by_side(fusion_time(a["t"], delay_ms, step_s), a["t"], a["tas"])
     return rows[np.isfinite(rows).all(axis=1)]
 
 
@@ -371,7 +378,7 @@ def receiver_rate(gnss: Mapping[str, Array], logged_hz: float) -> float:
     return max(DEFAULT_GNSS_HZ, logged_hz)
 
 
-def due(t: Array, delay_ms: float, step_s: float) -> Array:
+def fusion_time(t: Array, delay_ms: float, step_s: float) -> Array:
     """Return the delayed time from which on a sample is fused."""
     return t - delay_ms * 1e-3 - 0.5 * step_s
 

@@ -491,7 +491,7 @@ def begin(
 ) -> tuple[Filter, s.Work]:
     """Return a filter at its start; a warm one takes correlations of runs of 20 s from there."""
     if start is None:
-        return fresh(known, samples, steps, first, None)
+        return new_arrays(known, samples, steps, first, None)
     resets = np.concatenate([inputs.events["final_reset"], inputs.events["anomaly_reset"]])
     until = min([start.t + CORRELATION_S, *resets[resets > start.t]])
     last = min(first + int((until - start.t) / known.step_s), span.last)
@@ -500,12 +500,12 @@ def begin(
     frozen = np.abs(rotation.to_matrix(start.x[:4])[2]) <= s.OBSERVABLE_SHARE if not earlier else np.zeros(3)
     found = start
     for _ in range(CORRELATION_RUNS):
-        f, w = fresh(known, samples, steps, first, found)
+        f, w = new_arrays(known, samples, steps, first, found)
         run_filter(f, w, par, known, samples, first, last, q, out)
         found = start._replace(P=correlated(start.P, f.P))
         for i in np.flatnonzero(frozen):
             forget_rows(found.P, BA + int(i), 1, start.P[BA + i, BA + i])
-    return fresh(known, samples, steps, first, found)
+    return new_arrays(known, samples, steps, first, found)
 
 
 def correlated(P: Array, other: Array) -> Array:
@@ -520,7 +520,9 @@ def correlated(P: Array, other: Array) -> Array:
     return np.ascontiguousarray(c * np.outer(scale, scale))
 
 
-def fresh(known: s.Known, samples: Samples, steps: Array, first: int, start: WarmStart | None) -> tuple[Filter, s.Work]:
+def new_arrays(
+    known: s.Known, samples: Samples, steps: Array, first: int, start: WarmStart | None
+) -> tuple[Filter, s.Work]:
     """Return filter and work arrays with all timers at the first step."""
     n = 6 * len(samples.mag) + 6 * len(samples.gnss) + 2 * len(samples.baro) + 2 * len(samples.airspeed) + 100
     f = new_filter(int(known.length), n + len(steps) // 5, len(s.CONTROL))

@@ -72,7 +72,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     del mag  # a long log's is large, and its means are in the inputs
     begun, gate = started(params), float(params["soft_gate"])
     found = []
-    for a, b in passes.stages(inputs) if constants == "past" else [(0, len(t))]:
+    for a, b in passes.learning_stages(inputs) if constants == "past" else [(0, len(t))]:
         known = passes.Constants(begun)
         if ahead:
             known = passes.constants_of_log(inputs, begun, gate)
@@ -90,7 +90,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
 def filtered(inputs: Inputs, begin: int, known: passes.Constants, gate: float, names: Sequence[str]) -> Estimate:
     """Run once with known constants, those of ``names`` from the start on; return attitudes from ``begin`` on."""
     n = len(inputs.t)
-    found, start, jumps = passes.causal(inputs, known.levels, gate, known.state, names)
+    found, start, jumps = passes.run_causal(inputs, known.levels, gate, known.state, names)
     bias = found.bias[attitude.node_before(found, n)]
     horizon = inputs.lag + MARGIN_S + max(known.levels.gnss_delay, known.levels.mag_delay, 0.0)
     q = attitude.predicted(inputs, found.q, bias, start.x[E.bg : E.bg + 3], horizon)

@@ -25,12 +25,12 @@ from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, GnssStream, ImuStream
 from attlog.simulate.logs.records import (
     START_US,
-    every,
-    held,
+    held_values,
     last_before,
+    logged_samples,
     measured_rates,
     micros,
-    numbered,
+    number_modes,
     place_while_lost,
     since_start,
     texts,
@@ -121,7 +121,7 @@ def dataflash_recording(flight: Flight) -> Recording:
 def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     """Return samples and vibration of every unit."""
     for imu in flight.imus:
-        k, i = every(imu.t_sample, flight.scenario.logging.imu_hz), imu.instance
+        k, i = logged_samples(imu.t_sample, flight.scenario.logging.imu_hz), imu.instance
         instants = imu.t_sample
         if imu.sampling == "interval":
             yield _increments(imu, k)
@@ -130,11 +130,11 @@ def _inertial(flight: Flight) -> Iterator[tuple[Key, Columns]]:
             for name, x in (("GYR", imu.gyro[k]), ("ACC", imu.acc[k])):
                 axes = dict(zip((f"{name.title()}{axis}" for axis in "XYZ"), x.T, strict=True))
                 yield message(name, i, micros(imu.t[k]), I=i, SampleUS=micros(imu.t_sample[k]), **axes)
-            k = every(imu.t_sample, flight.scenario.logging.imu_hz or flight.scenario.loop.rate_hz)
+            k = logged_samples(imu.t_sample, flight.scenario.logging.imu_hz or flight.scenario.loop.rate_hz)
         (gx, gy, gz), (ax, ay, az), rate = imu.gyro[k].T, imu.acc[k].T, round(imu.rate_hz)
         yield message("IMU", i, micros(instants[k]), I=i, GyrX=gx, GyrY=gy, GyrZ=gz, AccX=ax, AccY=ay, AccZ=az,
                       T=imu.temperature[k], GH=1, AH=1, GHz=rate, AHz=rate)
-        k = every(imu.t, VIBE_HZ)
+        k = logged_samples(imu.t, VIBE_HZ)
         x, y, z = vibration(imu)[k].T
         clips = np.cumsum(imu.clipped[:, 1])[k]
         yield message("VIBE", i, micros(imu.t[k]), IMU=i, VibeX=x, VibeY=y, VibeZ=z, Clip=clips)
@@ -203,7 +203,7 @@ def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     """Return modes, arming and events at their changes, the version once."""
     board = flight.onboard
     times, names = _unzipped(board.mode)
-    numbers = np.array(numbered(names, MODES, "ArduCopter"))
+    numbers = np.array(number_modes(names, MODES, "ArduCopter"))
     yield message("MODE", 0, times, Mode=numbers, ModeNum=numbers, Rsn=1)
     times, armed = _unzipped(board.armed)
     states = np.array(armed, bool)
@@ -225,7 +225,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     board, logging = flight.onboard, flight.scenario.logging
     if len(board.t) == 0:
         return
-    k = every(board.t, logging.attitude_hz)
+    k = logged_samples(board.t, logging.attitude_hz)
     t = micros(board.t[k])
     roll, pitch, yaw = _degrees(board.q[k])
     wanted = _degrees(board.q_setpoint[k]) if len(board.q_setpoint) else (_NAN, _NAN, _NAN)
@@ -233,7 +233,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
                   AEKF=3)
     q = board.q[k].T
     yield message("XKQ", 0, t, Q1=q[0], Q2=q[1], Q3=q[2], Q4=q[3])
-    k = every(board.t, EKF_HZ)
+    k = logged_samples(board.t, EKF_HZ)
     t = micros(board.t[k])
     roll, pitch, yaw = _degrees(board.q[k])
     bias = np.degrees(board.bias[k]).T if len(board.bias) else np.zeros((3, len(k)))
@@ -244,14 +244,14 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     if len(board.rate_setpoint):
         yield _rate(flight)
     if len(board.thrust_setpoint):
-        k = every(board.t, SLOW_HZ)
+        k = logged_samples(board.t, SLOW_HZ)
         up = -flight.truth.p[last_before(flight.truth.t, board.t[k]), 2]
         thrust = board.thrust_setpoint[k]
         hover = flight.scenario.vehicle.hover_command(flight.gravity)
         yield message("CTUN", 0, micros(board.t[k]), ThI=thrust, ThO=thrust, ThH=hover, DAlt=_NAN, Alt=_NAN, DSAlt=_NAN,
                       BAlt=_baro_height(flight, board.t[k], up))
     if len(board.motors):
-        k = every(board.t, logging.motors_hz)
+        k = logged_samples(board.t, logging.motors_hz)
         pwm = output_pwm(board.motors[k])
         yield message("RCOU", 0, micros(board.t[k]), C1=pwm[:, 0], C2=pwm[:, 1], C3=pwm[:, 2], C4=pwm[:, 3])
 
@@ -265,7 +265,7 @@ def output_pwm(motors: Array) -> Array:
 def _rate(flight: Flight) -> tuple[Key, Columns]:
     """Return wanted and measured body rates [deg/s] and the controller's output."""
     board = flight.onboard
-    k = every(board.t, flight.scenario.logging.setpoint_hz)
+    k = logged_samples(board.t, flight.scenario.logging.setpoint_hz)
     wanted, measured = np.degrees(board.rate_setpoint[k]).T, np.degrees(measured_rates(flight, board.t[k])).T
     out = board.torque_setpoint[k].T if len(board.torque_setpoint) else np.zeros((3, len(k)))
     thrust = board.thrust_setpoint[k] if len(board.thrust_setpoint) else 0.0
@@ -294,7 +294,7 @@ def _cut(degrees: Array) -> Array:
 def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     """Return the true motion: SIM, SIM2."""
     truth = flight.truth
-    k = every(truth.t, flight.scenario.logging.truth_hz)
+    k = logged_samples(truth.t, flight.scenario.logging.truth_hz)
     t, q = micros(truth.t[k]), truth.q[k].T
     roll, pitch, yaw = _degrees(truth.q[k])
     lat, lon, alt = geodetic(flight.scenario, truth.p[k])
@@ -364,4 +364,4 @@ def copter_parameters(flight: Flight) -> list[ParamChange]:
 
 def held_numbers(line: list[tuple[float, str]], at: Array) -> NDArray[np.int64]:
     """Return Copter's mode numbers (n,) at times ``at`` (n,) s."""
-    return np.array(numbered(held(line, at), MODES, "ArduCopter"), np.int64)
+    return np.array(number_modes(held_values(line, at), MODES, "ArduCopter"), np.int64)

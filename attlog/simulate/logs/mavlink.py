@@ -23,9 +23,9 @@ from attlog.simulate.flight import Flight, ImuStream
 from attlog.simulate.logs.ardupilot import BANNER, copter_parameters, held_numbers, output_pwm
 from attlog.simulate.logs.records import (
     START_US,
-    every,
-    held,
+    held_values,
     last_before,
+    logged_samples,
     measured_rates,
     micros,
     place_while_lost,
@@ -81,7 +81,7 @@ def _inertial(flight: Flight) -> Packets:
         yield name, t_us, columns
     if flight.imus:
         first = flight.imus[0]
-        k = every(first.t, STATES_HZ)
+        k = logged_samples(first.t, STATES_HZ)
         x, y, z = vibration(first)[k].T
         t_us = micros(first.t[k])
         yield (
@@ -96,7 +96,7 @@ def _sent(imu: ImuStream, hz: float) -> tuple[Array, Array, Array, Array]:
 
     Means over intervals become means over the link's period, at its middle; of instants one in each period is sent.
     """
-    k = every(imu.t_sample, hz)
+    k = logged_samples(imu.t_sample, hz)
     if imu.sampling == "instant" or len(k) == 0:
         return imu.t_sample[k], imu.gyro[k], imu.acc[k], imu.temperature[k]
     seconds = np.add.reduceat(imu.dt, k)
@@ -116,22 +116,22 @@ def _onboard(flight: Flight) -> Packets:
     board = flight.onboard
     if len(board.t) == 0:
         return
-    k = every(board.t, QUATERNION_HZ)
+    k = logged_samples(board.t, QUATERNION_HZ)
     t_us, rates = micros(board.t[k]), measured_rates(flight, board.t[k]).T
     q = dict(zip(("q1", "q2", "q3", "q4"), board.q[k].T, strict=True))
     speeds = ("rollspeed", "pitchspeed", "yawspeed")
     yield "ATTITUDE_QUATERNION", t_us, {"time_boot_ms": _ms(t_us), **q, **dict(zip(speeds, rates, strict=True))}
-    k = every(board.t, ATTITUDE_HZ)
+    k = logged_samples(board.t, ATTITUDE_HZ)
     t_us, rates = micros(board.t[k]), measured_rates(flight, board.t[k]).T
     angles = dict(zip(("roll", "pitch", "yaw"), to_euler(board.q[k]).T, strict=True))
     yield "ATTITUDE", t_us, {"time_boot_ms": _ms(t_us), **angles, **dict(zip(speeds, rates, strict=True))}
     if len(board.motors):
-        k = every(board.t, TARGET_HZ)
+        k = logged_samples(board.t, TARGET_HZ)
         t_us, pwm = micros(board.t[k]), output_pwm(board.motors[k]).T
         pulses = {f"servo{n}_raw": pulse for n, pulse in enumerate(pwm, 1)}
         yield "SERVO_OUTPUT_RAW", t_us, {"time_usec": t_us, "port": np.zeros(len(k)), **pulses}
     if len(board.q_setpoint) and len(board.rate_setpoint):
-        k = every(board.t, TARGET_HZ)
+        k = logged_samples(board.t, TARGET_HZ)
         t_us = micros(board.t[k])
         wanted = dict(
             zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), board.rate_setpoint[k].T, strict=True)
@@ -175,7 +175,7 @@ def _receivers(flight: Flight) -> Packets:
 def _slow(flight: Flight) -> Packets:
     """Return pressure, battery, rotor speeds, throttle."""
     for baro, name in zip(flight.baro, ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"), strict=False):
-        k = every(baro.t, SLOW_HZ)
+        k = logged_samples(baro.t, SLOW_HZ)
         t_us = micros(baro.t[k])
         yield (
             name, t_us,
@@ -183,7 +183,7 @@ def _slow(flight: Flight) -> Packets:
         )
     if flight.battery is not None:
         battery = flight.battery
-        k = every(battery.t, SLOW_HZ)
+        k = logged_samples(battery.t, SLOW_HZ)
         capacity = flight.scenario.sensors.battery.capacity_ah
         current = np.clip(battery.current[k] * 1e2, 0, 32767)
         yield (
@@ -192,10 +192,10 @@ def _slow(flight: Flight) -> Packets:
              "battery_remaining": np.clip(100 * (1 - battery.used[k] / capacity), 0, 100)},
         )
     if flight.rpm is not None:
-        k = every(flight.rpm.t, SLOW_HZ)
+        k = logged_samples(flight.rpm.t, SLOW_HZ)
         yield "ESC_TELEMETRY_1_TO_4", micros(flight.rpm.t[k]), {"rpm": np.clip(flight.rpm.rpm[k], 0, 65535)}
     if len(flight.onboard.thrust_setpoint):
-        k = every(flight.onboard.t, SLOW_HZ)
+        k = logged_samples(flight.onboard.t, SLOW_HZ)
         truth = last_before(flight.truth.t, flight.onboard.t[k])
         v = flight.truth.v[truth]
         throttle = np.clip(flight.onboard.thrust_setpoint[k], 0, 1) * 100
@@ -211,8 +211,8 @@ def _states(flight: Flight) -> Packets:
     """Return heartbeat, landing, clock, version."""
     board = flight.onboard
     t = state_times(flight, [board.armed, board.mode, board.landed], STATES_HZ)
-    t_us, armed = micros(t), np.array(held(board.armed, t), bool)
-    landed = np.array(held(board.landed, t), bool)
+    t_us, armed = micros(t), np.array(held_values(board.armed, t), bool)
+    landed = np.array(held_values(board.landed, t), bool)
     yield (
         "HEARTBEAT", t_us,
         {"type": np.full(len(t), 2), "autopilot": np.full(len(t), 3), "base_mode": CUSTOM_MODE + ARMED_FLAG * armed,
@@ -228,7 +228,7 @@ def _states(flight: Flight) -> Packets:
 def _truth(flight: Flight) -> Packets:
     """Return the true motion: SIM_STATE, which has no clock of its own."""
     truth = flight.truth
-    k = every(truth.t, min(TRUTH_HZ, flight.scenario.logging.truth_hz or TRUTH_HZ))
+    k = logged_samples(truth.t, min(TRUTH_HZ, flight.scenario.logging.truth_hz or TRUTH_HZ))
     q = dict(zip(("q1", "q2", "q3", "q4"), truth.q[k].T, strict=True))
     angles = dict(zip(("roll", "pitch", "yaw"), to_euler(truth.q[k]).T, strict=True))
     force = rotate_inverse(truth.q[k], truth.a[k] - [0.0, 0.0, flight.gravity])

@@ -27,11 +27,11 @@ from attlog.simulate.environment import geodetic
 from attlog.simulate.flight import Flight, ImuStream
 from attlog.simulate.logs.records import (
     START_US,
-    every,
-    held,
+    held_values,
+    logged_samples,
     measured_rates,
     micros,
-    numbered,
+    number_modes,
     place_while_lost,
     since_start,
     state_times,
@@ -218,7 +218,7 @@ def ulog_recording(flight: Flight) -> Recording:
 
 def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
     """Return the samples of a unit and its slow status."""
-    k = every(imu.t_sample, flight.scenario.logging.imu_hz)
+    k = logged_samples(imu.t_sample, flight.scenario.logging.imu_hz)
     unit = min(imu.instance, len(GYROS) - 1)
     gyro_id, acc_id = GYROS[unit], ACCS[unit]
     sampled, published = micros(imu.t_sample[k]), micros(imu.t[k])
@@ -249,7 +249,7 @@ def _inertial(flight: Flight, imu: ImuStream) -> Iterator[tuple[Key, Columns]]:
 
 def _imu_status(imu: ImuStream, gyro_id: int, acc_id: int) -> Columns:
     """Return counts, vibration, temperature, mean and variance of each second."""
-    k = every(imu.t_sample, STATUS_HZ)
+    k = logged_samples(imu.t_sample, STATUS_HZ)
     counts = np.cumsum(imu.clipped, axis=0)[k, :, None] * [1, 0, 0]  # the flight counts all axes together
     shaking = vibration(imu)
     parts = np.add.reduceat(np.ones(len(imu.t)), k) if len(k) else np.zeros(0)
@@ -332,8 +332,8 @@ def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     board = flight.onboard
     t = state_times(flight, [board.armed, board.landed, board.mode], STATES_HZ)
     stamps = micros(t)
-    armed, landed = np.array(held(board.armed, t), bool), np.array(held(board.landed, t), bool)
-    mode = np.array(numbered(held(board.mode, t), MODES, "PX4"))
+    armed, landed = np.array(held_values(board.armed, t), bool), np.array(held_values(board.landed, t), bool)
+    mode = np.array(number_modes(held_values(board.mode, t), MODES, "PX4"))
     first = next((when for when, value in board.armed if value), None)
     since = np.where(armed, micros(np.array(first or 0.0)), 0)
     yield message("vehicle_status", 0, timestamp=stamps, armed_time=since, arming_state=np.where(armed, 2, 1),
@@ -347,16 +347,16 @@ def _states(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     """Return estimates and set-points."""
     board, logging = flight.onboard, flight.scenario.logging
-    k = every(board.t, logging.attitude_hz)
+    k = logged_samples(board.t, logging.attitude_hz)
     stamps = _both(board.t[k])
     yield message("vehicle_attitude", 0, **stamps, q=board.q[k], delta_q_reset=[1.0, 0.0, 0.0, 0.0])
-    k = every(board.t, logging.setpoint_hz)
+    k = logged_samples(board.t, logging.setpoint_hz)
     yield message("vehicle_angular_velocity", 0, **_both(board.t[k]), xyz=measured_rates(flight, board.t[k]))
-    k = every(board.t, STATUS_HZ)
+    k = logged_samples(board.t, STATUS_HZ)
     if len(board.bias):
         yield message("estimator_sensor_bias", 0, **_both(board.t[k]), gyro_device_id=GYROS[0], gyro_bias=board.bias[k],
                       accel_device_id=ACCS[0], accel_bias=0.0, gyro_bias_valid=True)
-    k = every(board.t, logging.setpoint_hz)
+    k = logged_samples(board.t, logging.setpoint_hz)
     thrust = np.zeros((len(k), 3))
     if len(board.thrust_setpoint):
         thrust[:, 2] = -board.thrust_setpoint[k]
@@ -371,7 +371,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     if len(board.torque_setpoint):
         yield message("vehicle_torque_setpoint", 0, **_both(board.t[k]), xyz=board.torque_setpoint[k])
     if len(board.motors):
-        k = every(board.t, logging.motors_hz)
+        k = logged_samples(board.t, logging.motors_hz)
         control = np.full((len(k), 12), np.nan)
         control[:, : board.motors.shape[1]] = np.where(board.motors[k] > 0.0, board.motors[k], np.nan)
         yield message("actuator_motors", 0, **_both(board.t[k]), control=control)
@@ -380,7 +380,7 @@ def _onboard(flight: Flight) -> Iterator[tuple[Key, Columns]]:
 def _truth(flight: Flight) -> Iterator[tuple[Key, Columns]]:
     """Return the true motion under the names of PX4's own simulators."""
     truth, place = flight.truth, flight.scenario.place
-    k = every(truth.t, flight.scenario.logging.truth_hz)
+    k = logged_samples(truth.t, flight.scenario.logging.truth_hz)
     stamps = _both(truth.t[k])
     yield message("vehicle_attitude_groundtruth", 0, **stamps, q=truth.q[k], delta_q_reset=[1.0, 0.0, 0.0, 0.0])
     yield message("vehicle_angular_velocity_groundtruth", 0, **stamps, xyz=truth.w[k], xyz_derivative=truth.w_dot[k])
@@ -419,7 +419,7 @@ def bag_recording(flight: Flight) -> Recording:
     made = ulog_recording(flight)
     messages = {key: columns for key, columns in made.messages.items() if not left_out(key[0])}
     truth = since_start(flight).truth
-    k = every(truth.t, RATE_HZ)
+    k = logged_samples(truth.t, RATE_HZ)
     noise = np.radians(NOISE_DEG) * np.random.default_rng(flight.seed).standard_normal((len(k), 3))
     world = rotation.multiply(rotation.from_rotvec([0.0, 0.0, np.radians(TURNED_DEG)]), rotation.ENU)
     body = rotation.multiply(truth.q[k], rotation.from_rotvec(noise))

@@ -29,7 +29,7 @@ def micros(t: Array) -> NDArray[np.uint64]:
     return (START_US + np.rint(np.asarray(t, np.float64) * 1e6)).astype(np.uint64)
 
 
-def every(t: Array, hz: float) -> Index:
+def logged_samples(t: Array, hz: float) -> Index:
     """Return which values at ``t`` (n,) s are logged at ``hz``: the first in each period; all where ``hz`` is 0."""
     if hz <= 0 or len(t) == 0:
         return np.arange(len(t))
@@ -49,13 +49,13 @@ def state_times(flight: Flight, lines: Sequence[list[tuple[float, Any]]], hz: fl
     return np.unique(np.round(np.concatenate([regular, changes]), 6))
 
 
-def held(line: list[tuple[float, T]], at: Array) -> list[T]:
+def held_values(line: list[tuple[float, T]], at: Array) -> list[T]:
     """Return the value of a time line at each time."""
     times = np.array([t for t, _ in line])
     return [line[k][1] for k in last_before(times, at)]
 
 
-def numbered(modes: Sequence[str], numbers: dict[str, int], firmware: str) -> list[int]:
+def number_modes(modes: Sequence[str], numbers: dict[str, int], firmware: str) -> list[int]:
     """Return modes by the firmware's numbers. UsageError for a mode that it does not have."""
     for mode in modes:
         if mode not in numbers:
@@ -80,8 +80,10 @@ def place_while_lost(gnss: GnssStream) -> tuple[Array, Array, Array, Array]:
     Without a fix the last ones, at first 0.
     """
     k = np.maximum.accumulate(np.where(gnss.fix > 0, np.arange(len(gnss.t)), -1))
-    lat, lon, alt, vel = (np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
-                          for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel))
+    lat, lon, alt, vel = (
+        np.where((k < 0).reshape(-1, *[1] * (x.ndim - 1)), 0.0, x[np.maximum(k, 0)])
+        for x in (gnss.lat, gnss.lon, gnss.alt, gnss.vel)
+    )
     return lat, lon, alt, np.where((gnss.fix > 0)[:, None], vel, 0.0)
 
 

@@ -161,7 +161,7 @@ def test_an_analysis_with_defaults_runs_only_loops_that_were_made_for_it(log: st
         "import attlog; attlog.analyze(sys.argv[1]); print(*sorted(keys), sep='\\n')"
     )
     done = subprocess.run([sys.executable, "-c", code, str(SAMPLES / log)], capture_output=True, text=True, check=True)
-    ran, known = set(done.stdout.split()), {build.named(name).key: name for name in build.default_names()}
+    ran, known = set(done.stdout.split()), {build.loop_by_name(name).key: name for name in build.default_names()}
     assert ran <= set(known)
     assert {"filter:mekf", "attlog.estimators.filters.navigation.forward:forward"} <= {known[key] for key in ran}
 
@@ -174,13 +174,13 @@ def test_every_loop_of_the_package_is_built() -> None:
             own = vars(importlib.import_module(module.name)).items()
             found |= {x.key for name, x in own if isinstance(x, Loop) and x.name == f"{module.name}.{name}"}
     found |= {loop_of(get(name)).key for name in BUILT_IN if get(name).step is not None}
-    assert {build.named(name).key for name in build.all_names()} == found
+    assert {build.loop_by_name(name).key for name in build.all_names()} == found
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", build.all_names())
 def test_every_loop_of_the_package_runs_without_numba(name: str, caplog: pytest.LogCaptureFixture) -> None:
-    loop = build.named(name)
+    loop = build.loop_by_name(name)
     loop.compiled()
     assert "compiled at every start" not in caplog.text
     assert compile.at_hand(loop) is not None

@@ -14,7 +14,7 @@ from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.estimators import Aids, Estimate, LogFacts, LogInfo, Measurements, estimate, get
 from attlog.estimators.filters import gsf as bank
-from attlog.pipeline.replay import aids_of, facts, run_rows
+from attlog.pipeline.replay import aids_of, log_facts, run_rows
 from attlog.testing import Motion, Noise, motion
 from attlog.testing.motions import heading_deg, tilt_deg, total_deg
 from tests.conftest import few
@@ -220,7 +220,7 @@ def test_an_analysis_scores_nothing_before_motion_told_the_heading(samples: Path
     assert step.applied
     e = row.errors
     imu = case.imus[""]
-    aids, log = aids_of(case, ""), facts(case, "")
+    aids, log = aids_of(case, ""), log_facts(case, "")
     own = estimate("gsf", imu.gyro.t, case.gyro_of(imu), imu.acc.x, dt=imu.dt, aids=aids, log=log)
     known = own.t[np.argmax(np.rad2deg(own.aux["sigma_heading"]) < 15.0)]
     assert known > 20.0

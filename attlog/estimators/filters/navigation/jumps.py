@@ -95,7 +95,7 @@ def candidate(found: Pass, when: Array, known: Times) -> tuple[float, float]:
     return float(when[k]), float(gain[k])
 
 
-def modelled(found: Pass, when: Array, times: Times, t_sigmas: Times) -> tuple[Jump, ...]:
+def modelled_jumps(found: Pass, when: Array, times: Times, t_sigmas: Times) -> tuple[Jump, ...]:
     """Return the jumps that a pass was run with, at ``times`` s; ``when`` (m,) s of its nodes."""
     out = []
     nodes = np.flatnonzero(found.schedule.jump > 0.0)
@@ -107,7 +107,7 @@ def modelled(found: Pass, when: Array, times: Times, t_sigmas: Times) -> tuple[J
     return tuple(out)
 
 
-def placed(times: Times, likelihood: Callable[[Times], float]) -> tuple[Times, Times]:
+def refine_times(times: Times, likelihood: Callable[[Times], float]) -> tuple[Times, Times]:
     """Move times of jumps to where they are likeliest; return them and their sigmas, s."""
     best = likelihood(times)
     sigmas = []
@@ -195,7 +195,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
         while when[b - 1] - when[begun[0][0]] > WINDOW_S:
             begun.pop(0)
         runner.run(int(a), int(b), found, state, begin, par, None, None)
-        looks = looks + 1 if grown(found.ratio[a:b]) else 0
+        looks = looks + 1 if innovations_grew(found.ratio[a:b]) else 0
         if looks == 0 or (looks > VAIN_SEARCHES and second % SLOW_SEARCH_S):
             continue
         first, before = begun[0]
@@ -225,7 +225,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
     return found, tuple(accepted)
 
 
-def grown(ratio: Array) -> bool:
+def innovations_grew(ratio: Array) -> bool:
     """Return whether velocities or fields did not fit of late; ``ratio`` (k, 4) at some nodes, NaN without an aid."""
     for column in (0, 3):
         known = ratio[np.isfinite(ratio[:, column]), column]

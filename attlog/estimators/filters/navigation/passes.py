@@ -174,7 +174,7 @@ class Sequence:
         """The jumps of the likeliest pass."""
         found = self.best.found
         when = self.runner.inputs.sensed_at[found.schedule.node_at]
-        return jumping.modelled(found, when, self.jumps, self.jump_sigmas)
+        return jumping.modelled_jumps(found, when, self.jumps, self.jump_sigmas)
 
     @property
     def believable(self) -> bool:
@@ -189,12 +189,12 @@ class Sequence:
     def tried(self, when: float) -> tuple[jumping.Times, float]:
         """Return the jumps with one more near ``when`` s, and its gain in log likelihood."""
         likelihood = self._likelihood()
-        times, _ = jumping.placed(tuple(sorted((*self.jumps, when))), likelihood)
+        times, _ = jumping.refine_times(tuple(sorted((*self.jumps, when))), likelihood)
         return times, likelihood(times) - likelihood(self.jumps)
 
     def place_jumps(self) -> None:
         """Move each jump to where the forward pass is likeliest."""
-        self.jumps, self.jump_sigmas = jumping.placed(self.jumps, self._likelihood())
+        self.jumps, self.jump_sigmas = jumping.refine_times(self.jumps, self._likelihood())
 
     def _likelihood(self) -> Callable[[jumping.Times], float]:
         """Return the log likelihood of the forward pass as a function of the times of jumps."""
@@ -298,7 +298,7 @@ CONSTANTS = {
 }
 
 
-def causal(
+def run_causal(
     inputs: Inputs, tuned: NoiseLevels, gate: float, known: Array | None = None, constants: Collection[str] = ()
 ) -> tuple[Pass, StartState, tuple[Jump, ...]]:
     """Run one pass forward with noise and delays ``tuned``, from ``constants`` of a ``known`` state (39,)."""
@@ -356,7 +356,7 @@ class Constants:
     state: Array | None = None
 
 
-def stages(inputs: Inputs) -> list[tuple[int, int]]:
+def learning_stages(inputs: Inputs) -> list[tuple[int, int]]:
     """Return begin and end (samples) of the parts of a run between which constants are learnt anew."""
     motion = np.cumsum(np.where(inputs.rest == 0, inputs.dt, 0.0))
     looks, seconds = [0], FIRST_S
@@ -374,7 +374,7 @@ def constants_of_past(inputs: Inputs, begun: NoiseLevels, gate: float) -> Consta
     seen = float(np.sum(inputs.dt[inputs.rest == 0]))
     share = seen / (seen + DOUBT_S)
     levels = replace(
-        held(solution.next),
+        hold_delays(solution.next),
         gyro=begun.gyro ** (1.0 - share) * solution.next.gyro**share,
         acc=begun.acc ** (1.0 - share) * solution.next.acc**share,
     )
@@ -384,7 +384,7 @@ def constants_of_past(inputs: Inputs, begun: NoiseLevels, gate: float) -> Consta
 def constants_of_log(inputs: Inputs, begun: NoiseLevels, gate: float) -> Constants:
     """Estimate constants of the sensors from a whole run, as of a tuned vehicle."""
     solution = solved(most_turning_part(inputs, MAX_LEARNING_S), begun, gate, spread=False)
-    return Constants(held(solution.next), solution.begin.x + solution.found.first)
+    return Constants(hold_delays(solution.next), solution.begin.x + solution.found.first)
 
 
 def most_turning_part(inputs: Inputs, longest: float) -> Inputs:
@@ -410,7 +410,7 @@ def most_turning_part(inputs: Inputs, longest: float) -> Inputs:
     return inputs.part(int(a), int(b))
 
 
-def held(tuned: NoiseLevels) -> NoiseLevels:
+def hold_delays(tuned: NoiseLevels) -> NoiseLevels:
     """Hold delays that were found within 10 and 5 ms."""
     prior = replace(tuned.prior, gnss_delay=0.010, mag_delay=0.005)
     return replace(tuned, prior=prior)

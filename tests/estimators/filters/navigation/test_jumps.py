@@ -92,7 +92,7 @@ def test_the_predicted_gain_is_what_the_way_forth_gains(made):
         assert when[k] == pytest.approx(t, abs=0.05)
         found = runner.both(opened, begin, par)
         assert found.likelihood - without.likelihood == pytest.approx(gain[k], abs=1.0)
-        (jump,) = jumps.modelled(found, when, (t,), (0.0,))
+        (jump,) = jumps.modelled_jumps(found, when, (t,), (0.0,))
         before, after = (found.bias[i] + found.d[i, 3:] for i in (k - 1, k))
         assert jump.size == pytest.approx(after - before, abs=1e-2 * JUMP_RAD_S)
 
@@ -125,7 +125,7 @@ def test_each_of_two_times_moves_to_its_own_top_and_the_wider_side_is_its_sigma(
         asked.append(b)
         return -2.0 * (a / (0.3 if a < 0.0 else 2.4)) ** 2 - (3.0 * b * b if b < 0.0 else 1e-3 * b)
 
-    times, sigmas = jumps.placed((9.0, 20.0), likelihood)
+    times, sigmas = jumps.refine_times((9.0, 20.0), likelihood)
     assert times == pytest.approx((10.4, 19.0), abs=0.051)
     assert sigmas[0] == pytest.approx(0.5 * 3.2)
     assert sigmas[1] == pytest.approx(0.5 * 0.05 * 2**10)

@@ -13,7 +13,7 @@ from attlog.estimators import Measurements, estimate
 from attlog.estimators.filters.navigation import passes
 from attlog.estimators.filters.navigation import passes as sequence
 from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, prepare_inputs
-from attlog.estimators.filters.navigation.passes import constants_of_past, stages
+from attlog.estimators.filters.navigation.passes import constants_of_past, learning_stages
 from attlog.estimators.filters.navigation.start import StartState
 from tests.estimators.filters.navigation.made import flight, off
 
@@ -157,10 +157,10 @@ def inputs_of(seconds: float, still: float = 10.0) -> Inputs:
 
 def test_it_looks_after_10_16_and_26_seconds_of_motion():
     inputs = inputs_of(60.0, still=20.0)
-    cuts = [a for a, _ in stages(inputs)]
+    cuts = [a for a, _ in learning_stages(inputs)]
     motion = np.cumsum(np.where(inputs.rest == 0, inputs.dt, 0.0))
     assert motion[cuts[1:]] == pytest.approx([10.0, 16.0, 25.6], abs=0.02)
-    assert [b for _, b in stages(inputs)] == [*cuts[1:], len(inputs.t)]
+    assert [b for _, b in learning_stages(inputs)] == [*cuts[1:], len(inputs.t)]
     assert cuts[0] == 0
 
 
@@ -168,8 +168,8 @@ def test_without_ten_seconds_of_fixes_there_is_no_look():
     inputs = inputs_of(40.0)
     assert inputs.velocity is not None
     late = replace(inputs, velocity=inputs.velocity.between(31.0, 40.0))
-    assert stages(late) == [(0, len(inputs.t))]
-    assert stages(replace(inputs, velocity=None)) == [(0, len(inputs.t))]
+    assert learning_stages(late) == [(0, len(inputs.t))]
+    assert learning_stages(replace(inputs, velocity=None)) == [(0, len(inputs.t))]
 
 
 def test_the_delay_of_gnss_is_learnt_within_half_a_minute_of_flight():
@@ -246,7 +246,7 @@ def test_the_part_that_turns_most_tells() -> None:
 
 
 def test_delays_that_were_found_are_held_and_nothing_else() -> None:
-    found = passes.held(NoiseLevels(gnss_delay=0.2))
+    found = passes.hold_delays(NoiseLevels(gnss_delay=0.2))
     assert (found.prior.gnss_delay, found.prior.mag_delay) == (0.010, 0.005)
     assert found.gnss_delay == 0.2
     assert found.prior.hard == NoiseLevels().prior.hard
