@@ -59,7 +59,7 @@ def render(
         "log": log,
         "marks": cleaned(marks),
         "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(figure_data(f.data, packer)) for f in figures},
-    } | cleaned(more)
+    } | cleaned(dict(more))
     own = folder or WEB
     style = "".join(file.read_text(encoding="utf-8") for file in (WEB / "style.css", *(own / name for name in styles)))
     *drawing, start = [WEB / name for name in SCRIPTS]
