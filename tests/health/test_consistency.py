@@ -99,21 +99,34 @@ def test_warm_air_shortens_the_climb_that_a_barometer_shows(share: float, verdic
 
 
 def rested(
-    *, offset: tuple[float, float, float] = (0.0, 0.0, 0.0), bias_dps: float = 0.0, ends_deg: float = 0.0
+    *,
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    bias_dps: float = 0.0,
+    ends_deg: float = 0.0,
+    shaking_dps: float = 0.0,
+    every: int = 1,
+    seed: int = 1,
 ) -> list[Check]:
-    """Rest to 10 s, a flight that ends tilted, rest from 40 s; offset and bias begin at 25 s."""
+    """Rest to 10 s, a flight that ends tilted, rest from 40 s; offset and bias begin at 25 s.
+
+    In flight the rate shakes at random; of the samples ``every`` one is logged.
+    """
     t = np.arange(0.0, 50.0, 0.01)
-    roll = np.radians(np.interp(t, [12.0, 38.0], [0.0, ends_deg]) + 15.0 * np.sin(t) * ((t > 12.0) & (t < 37.7)))
+    roll = np.radians(
+        np.interp(t, [12.0, 38.0], [0.0, ends_deg]) + 15.0 * np.sin(t - 12.0) * ((t > 12.0) & (t < 12.0 + 8.0 * np.pi))
+    )
     rate = np.column_stack([np.gradient(roll, t), np.zeros((len(t), 2))])
     force = rotation.rotate_inverse(rotation.from_euler(roll, 0.0 * t, 0.0 * t), np.array([0.0, 0.0, -G]))
     late = (t > 25.0)[:, None]
     log: FlightLog = flight()
     imu = log.imus[0]
     moving = ((t > 25.0) & (t < 40.0))[:, None]
-    imu.gyro = Stream(
-        t, rate + np.radians([0.3, -0.2, 0.1]) + moving * np.radians([0.0, bias_dps, 0.0]), "rad/s", "FRD", "I"
-    )
-    imu.acc = Stream(t, np.asarray(force) + late * np.array(offset), "m/s^2", "FRD", "I")
+    shaking = np.radians(shaking_dps) * np.random.default_rng(seed).standard_normal((len(t), 3))
+    rate = rate + np.radians([0.3, -0.2, 0.1]) + moving * np.radians([0.0, bias_dps, 0.0])
+    rate = rate + shaking * ((t > 11.0) & (t < 39.0))[:, None]
+    acc = np.asarray(force) + late * np.array(offset)
+    imu.gyro = Stream(t[::every], rate[::every], "rad/s", "FRD", "I")
+    imu.acc = Stream(t[::every], acc[::every], "m/s^2", "FRD", "I")
     spans = [Segment("rest.long", 0.0, 10.0), Segment("airborne", 11.0, 39.0), Segment("rest.long", 40.0, 50.0)]
     return consistency.gravity_kept_checks(HealthCase(log, Segments(spans), None, lambda: None))
 
@@ -135,6 +148,14 @@ def test_a_gyro_whose_bias_in_flight_is_another_than_at_rest_is_named() -> None:
     (found,) = rested(bias_dps=1.5)
     assert (found.verdict, found.about, found.kind) == ("warning", "gyro", "gyro_bias")
     assert found.value == pytest.approx(22.5, abs=1.5)
+
+
+def test_a_gyro_logged_too_slowly_for_its_motion_contradicts_no_gravity() -> None:
+    """25 Hz of a rate that vibrates by 12 deg/s: 0.04 s sqrt(700 samples) 12 deg/s = 13 deg an axis."""
+    found = [rested(shaking_dps=12.0, every=4, seed=seed)[0] for seed in range(12)]
+    assert {check.verdict for check in found} <= {"ok", "unknown"}
+    assert all("samples are too few" in check.text for check in found if check.verdict == "unknown")
+    assert rested(shaking_dps=12.0, every=4, bias_dps=9.0)[0].verdict == "warning"
 
 
 def test_on_ground_of_another_slope_neither_is_accused() -> None:
