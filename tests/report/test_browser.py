@@ -14,6 +14,7 @@ import pytest
 
 from attlog.flight.parameters import ParameterHistory
 from attlog.report import write_report
+from attlog.report.figures.style import FIXED_LINES
 from attlog.result import Finding, Result
 from attlog.result.document import read
 from attlog.story.flight_events import Event
@@ -246,6 +247,18 @@ def test_print_sums_up_on_one_page(visit, report, tmp_path):
     )
     assert {"findings", "comparison", "fig-attitude", "fig-difference"} <= set(page.page.evaluate(seen))
     assert not {"table", "expert", "fig-rest"} & set(page.page.evaluate(seen))
+
+
+@pytest.mark.slow
+def test_five_long_findings_and_many_filters_are_still_one_printed_page(visit, tmp_path):
+    result = make_result(tuple(name for name in FIXED_LINES if name not in ("onboard", "rerun", "truth")))
+    result.headline = "Copter: flew 60 to 185 s, " + "and something else went wrong, " * 8
+    result.findings = [Finding("x", "serious", f"{i}: " + "It shakes heavily. " * 12) for i in range(5)]
+    write_report(result, tmp_path / "long.html")
+    page = visit(tmp_path / "long.html").page
+    page.pdf(path=tmp_path / "long.pdf", format="A4")
+    assert (tmp_path / "long.pdf").read_bytes().count(b"/Type /Page\n") == 1
+    assert page.evaluate("() => document.body.style.zoom") == "", "on the screen it is as before"
 
 
 @pytest.mark.slow

@@ -113,6 +113,27 @@ function themes() {
   say();
 }
 
+// A4 less its margins at 96 px per inch, and the smallest share of a figure that still shows its lines
+const PAPER = [703, 1028], LEAST = 0.85;
+// what sums up is laid out as it will be printed, measured, and made to fit one page: figures shrink first, then all
+function onePage() {
+  const rules = [...document.styleSheets].flatMap((s) => [...s.cssRules]).filter((r) => r.media && /^(print|\(max-width: ?900px\))$/.test(r.media.mediaText)), media = rules.map((r) => r.media.mediaText);
+  const body = document.body, shown = ids().filter((id) => $(id).closest('.summary')), high = () => body.scrollHeight;
+  rules.forEach((r) => { r.media.mediaText = 'all'; });
+  Object.assign(body.style, { width: PAPER[0] + 'px', height: 'max-content' });
+  const over = high() - PAPER[1], figures = Math.max(0, ...shown.map(tall));
+  if (over > 0 && figures) {
+    fits = Math.max(LEAST, 1 - over / figures);
+    redraw((id) => shown.includes(id));
+  }
+  for (let i = 0, zoom = 1; i < 3 && zoom * high() > PAPER[1]; i++) {
+    zoom *= PAPER[1] / (zoom * high());
+    Object.assign(body.style, { zoom, width: PAPER[0] / zoom + 'px' });
+  }
+  Object.assign(body.style, { width: '', height: '' });
+  rules.forEach((r, i) => { r.media.mediaText = media[i]; });
+}
+
 function printed() {
   let theme, opened = [];
   addEventListener('beforeprint', () => {
@@ -122,9 +143,12 @@ function printed() {
     opened.forEach((d) => { d.open = true; });
     waiting.clear();
     redraw(whole ? null : (id) => $(id).closest('.summary'));
+    if (summed()) onePage();
   });
   addEventListener('afterprint', () => {
     printing = false;
+    fits = 1;
+    document.body.style.zoom = '';
     delete root.dataset.print;
     if (theme) root.dataset.theme = theme; else delete root.dataset.theme;
     opened.forEach((d) => { d.open = false; });

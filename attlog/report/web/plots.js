@@ -1,9 +1,10 @@
 // Figures from the page's data: traces and axes come from Python, here they get colours, size, and what is in sight.
 // printed whole, or two beside each other on a page that sums up
+let fits = 1; // share of their height that figures keep on a page that sums up
 const summed = () => printing && root.dataset.print !== 'all' && document.querySelector('.summary');
 const width = (id) => (printing ? (summed() ? PRINT_WIDTH / 2 - 8 : PRINT_WIDTH) : Math.max(260, $(id).clientWidth));
 const narrow = (id) => width(id) < 520;
-const tall = (id) => Math.round(+$(id).dataset.height * (summed() ? 0.44 : printing ? 0.55 : 1));
+const tall = (id) => Math.round(+$(id).dataset.height * (summed() ? 0.44 * fits : printing ? 0.55 : 1));
 // rows that the legend hides, and of a figure with a focus all others
 const hidden = new Set();
 let focus = null;
