@@ -172,7 +172,7 @@ def _of_flight(log: FlightLog) -> Iterator[PanelLine]:
     power = log.power
     if (outputs := _scaled_outputs(log)) is not None:
         for k in range(outputs.motors):
-            yield PanelLine("motors", f"motor {k + 1}", outputs.t, 100.0 * outputs.x[:, k])
+            yield PanelLine("motors", outputs.title(k), outputs.t, 100.0 * outputs.x[:, k])
     if power.rpm is not None:
         for k, x in enumerate(power.rpm.x.T):
             yield PanelLine("rpm", f"rotor {k + 1}", power.rpm.t, x)

@@ -5,6 +5,7 @@ A figure is a row of FIGURES: panels of lines by label, without those that the l
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -28,6 +29,8 @@ FIXED = {
     "gyro": ("e1", "solid"),
 }
 PALETTE = 8
+# Number of a motor, rotor, speed controller or output in its label.
+NUMBER = re.compile(r"\d+")
 # Panels whose values after a crash set no range.
 UPSET = {"height", "climb", "speed", "volts", *RATE_PANELS}
 # Samples that a stored one stands for, from which the caption says so.
@@ -164,11 +167,13 @@ def _draw_panel(
 
 
 def _styles(figure: DataFigure, lines: list[Trace]) -> dict[str, tuple[str, str]]:
-    """Return colour and dash of each label, equal in all panels of a figure."""
+    """Return colour and dash of each label, equal in all panels of a figure; a motor has that of its output."""
     labels = [label for key in figure.panels for trace in lines if trace.key == key for label in trace.columns]
     free = [label for label in dict.fromkeys(labels) if label not in FIXED]
-    found = {label: (f"e{1 + k % PALETTE}", "solid" if k < PALETTE else "dash") for k, label in enumerate(free)}
-    return FIXED | found
+    places = {label: k for k, label in enumerate(free)}
+    if figure.id == "motors":
+        places = {label: int(NUMBER.findall(label)[0]) - 1 if NUMBER.search(label) else 0 for label in free}
+    return FIXED | {label: (f"e{1 + k % PALETTE}", "solid" if k < PALETTE else "dash") for label, k in places.items()}
 
 
 def _words(panels: list[str], lines: list[Trace]) -> str:

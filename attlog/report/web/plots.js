@@ -212,12 +212,15 @@ function paneled(id, p, keys) {
   const L = p.layout, inside = L.width - L.margin.l - L.margin.r;
   for (const key of keys.filter((k) => k[0] === 'y')) {
     const own = p.traces.filter((t) => 'yaxis' + (t.yaxis || 'y').slice(1) === key && t.mode === 'lines' && t.name && !t.own.keyless).sort((a, b) => !!a.line.dash - !!b.line.dash), top = (L[key].domain || [0, 1])[1];
+    // without what stands in brackets where the whole names have no room
+    const full = (t) => (STROKES[t.line.dash || 'solid'] || '') + t.name, room = (text) => 6.6 * text.length + 12;
+    const crowded = own.reduce((sum, t) => sum + room(full(t)), 0) > inside;
     let x = 0;
     for (const t of own) {
-      const text = (STROKES[t.line.dash || 'solid'] || '') + t.name, room = 6.6 * text.length + 12;
-      if (x + room > inside) break;
+      const text = crowded ? full(t).replace(/ \(.*\)$/, '') : full(t);
+      if (x + room(text) > inside) break;
       L.annotations.push({ x: x / inside, y: top, xref: 'paper', yref: 'paper', xanchor: 'left', yanchor: 'bottom', text, showarrow: false, font: { size: 12, color: t.line.color } });
-      x += room;
+      x += room(text);
     }
   }
 }
