@@ -1,0 +1,76 @@
+"""Figures of flight data: panels that have lines, colours of motors, drawn when scrolled to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from attlog.flight.panels import PANELS
+from attlog.report import write_report
+from attlog.report.figures import flight_data
+from attlog.report.figures.catalogue import Album, sections
+from attlog.report.figures.figure import FigureSource, PageFigure
+from attlog.result import Result, Trace
+from tests.report.conftest import make_result
+
+T = np.linspace(0.0, 100.0, 200)
+
+
+def result_with(**panels: dict[str, Any]) -> Result:
+    """A result with flight data: columns by panel."""
+    result = make_result()
+    result.traces += [Trace("data", "", T, columns, panel) for panel, columns in panels.items()]
+    return result
+
+
+def figures(result: Result) -> dict[str, PageFigure]:
+    return {figure.id: figure for figure in sections(FigureSource.of(result))["data"]}
+
+
+def test_every_panel_is_in_one_figure_and_has_an_axis() -> None:
+    used = [panel for figure in flight_data.FIGURES for panel in figure.panels]
+    assert sorted(used) == sorted(PANELS)
+    assert set(flight_data.AXES) == set(PANELS)
+
+
+def test_a_log_without_flight_data_has_no_figure_of_it() -> None:
+    assert figures(make_result()) == {}
+
+
+def test_panels_without_a_line_take_no_room() -> None:
+    found = figures(result_with(volts={"battery": 12.0 + 0 * T}, rails={"board": 5.0 + 0 * T}))
+    assert list(found) == ["battery"]
+    view = found["battery"].data["views"][0]
+    assert [axis["title"] for key, axis in view["axes"].items() if key != "xaxis"] == ["voltage, V", "rails, V"]
+    assert found["battery"].words == "voltage: battery 12.0 V to 12.0 V; rails: board 5.00 V to 5.00 V"
+
+
+def test_a_motor_has_the_colour_of_its_rotor_and_speed_controller() -> None:
+    found = figures(
+        result_with(
+            motors={"motor 1 (front right)": 50.0 + 0 * T, "motor 2 (rear left)": 60.0 + 0 * T},
+            rpm={"rotor 1": 5000.0 + 0 * T, "rotor 2": 6000.0 + 0 * T},
+            esc_current={"ESC": 3.0 + 0 * T, "ESC 2": 4.0 + 0 * T},
+        )
+    )["motors"]
+    colours = {t["name"]: t["line"]["color"] for t in found.data["views"][0]["traces"] if t["name"]}
+    assert colours["motor 1 (front right)"] == colours["rotor 1"] == colours["ESC"]
+    assert colours["motor 2 (rear left)"] == colours["rotor 2"] == colours["ESC 2"] != colours["rotor 1"]
+
+
+def test_flight_data_can_be_printed() -> None:
+    album = Album.of(result_with(volts={"battery": 12.0 + np.sin(T)}, amperes={"battery": 20.0 + np.cos(T)}))
+    drawn = album.drawn("battery")
+    assert drawn["layout"]["yaxis"]["title"]["text"] == "voltage, V"
+    assert drawn["layout"]["yaxis2"]["title"]["text"] == "current, A"
+
+
+def test_flight_data_is_drawn_when_scrolled_to(visit: Any, tmp_path: Any) -> None:
+    path = tmp_path / "report.html"
+    write_report(result_with(volts={"battery": 12.0 + np.sin(T)}), path)
+    page = visit(path)
+    before = page.page.evaluate("() => !!document.getElementById('battery').dataset.ready")
+    assert not before
+    assert page.figures()["battery"]
+    assert page.complaints == []
