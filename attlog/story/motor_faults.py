@@ -523,11 +523,15 @@ NOISE, MIN_FULL_SHARE, SHARE_S = 0.03, 0.4, 2.0
 MAX_FULL_TILT_DEG, MIN_FULL_S, MIN_DROP_M = 40.0, 1.5, 2.0
 # A fall that is being arrested gains climb rate; a last part up to this share of the run may, as in ground contact.
 MAX_GAINED_M_S, MAX_ARRESTED_SHARE = 0.3, 0.2
-# Seconds of hover, and the multiple of their demand above which full throttle had thrust to spare: then the air sinks.
+# Seconds of hover, and the multiple of their demand above which full throttle had thrust to spare.
 HOVER_CLIMB_M_S, HOVER_TILT_DEG, MIN_HOVER_S, MAX_SPARE = 1.0, 12.0, 5, 3.0
 # A motor at its ceiling for this share of the run is named, with others lower by this as the weak one.
 MIN_LIMIT_SHARE, MIN_ONE_SIDED = 0.6, 0.15
 WEAK_CAUSE = "A weak motor or propeller there, or a load off centre."
+SPARE_THRUST = (
+    "It sank {:.1f} m at full throttle from {:.1f} s, but hover takes {:.0f} %: "
+    "lost thrust, sinking air or a wrong attitude."
+)
 HEAVY_CAUSE = "Too heavy for its motors and propellers, or the battery is weak."
 
 
@@ -537,9 +541,6 @@ def thrust_runs_out(
     """Return spans at full throttle in which the vehicle sinks all the same."""
     t = outputs.t if outputs is not None else demand.t if demand is not None else np.zeros(0)
     if not len(t) or not len(motion.heights[0]):
-        return []
-    hover = _hover_demand(demand, motion, spans)
-    if hover is not None and hover * MAX_SPARE < FULL_DEMAND:
         return []
     near, full = (_at_limit(t, outputs, demand, noise) for noise in (NOISE, 0.0))
     total = np.concatenate([[0.0], np.cumsum(full)])
@@ -748,4 +749,10 @@ def _judge_thrust(log: FlightLog, study: DriveStudy, motion: Motion, spans: Sequ
     elif not len(motion.tilts[0]):
         study.missing["thrust_reserve"] = NO_ATTITUDE
     else:
-        study.faults["thrust_reserve"] = thrust_runs_out(outputs, demand, motion, spans)
+        found = thrust_runs_out(outputs, demand, motion, spans)
+        hover = _hover_demand(demand, motion, spans) if found else None
+        if hover is not None and hover * MAX_SPARE < FULL_DEMAND:
+            drop, t = found[0].value, found[0].t
+            study.missing["thrust_reserve"] = SPARE_THRUST.format(drop, t, 100.0 * hover)
+        else:
+            study.faults["thrust_reserve"] = found

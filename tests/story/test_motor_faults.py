@@ -300,8 +300,9 @@ def test_five_records_at_the_top_are_the_ceiling() -> None:
 
 
 @pytest.mark.parametrize(("hover", "count"), [(0.2, 0), (0.5, 1)])
-def test_a_vehicle_with_thrust_to_spare_sinks_with_the_air(hover: float, count: int) -> None:
+def test_why_a_vehicle_with_thrust_to_spare_sinks_is_unknown(hover: float, count: int) -> None:
     log, spans = sinking()
     t = np.arange(0.0, 30.0, 0.1)
     log.power.throttle = Stream(t, np.where((t >= 20.0) & (t <= 24.0), 1.0, hover)[:, None], "1", "", "CTUN.ThO")
     assert len(faults((log, spans))) == count
+    assert ("hover takes 20 %" in study_motors(log, spans).missing.get("thrust_reserve", "")) is (count == 0)
