@@ -198,6 +198,8 @@ MAX_START_TILT_DEG = 60.0
 MIN_FALL_DPS, WORSE_DPS = 100.0, -100.0
 # Rate that does not answer for so long: share of samples, their limit, the least, and its greatest rise.
 DEAF_S, DEAF_SHARE, DEAF_DPS, DEAF_LEAST_DPS, DEAF_RISE_DPS2 = 0.5, 0.95, 10.0, -60.0, 150.0
+# Where most of the fall came before the run, within so many s: least time without an answer, longer than a motor's lag.
+FALL_BEFORE_S, UNANSWERED_S = 0.3, 0.3
 # Means of the side motors of a quadrotor: at the floor it is a command, both at the ceiling it is lift.
 SIDE_MIN, SIDE_BELOW_CEILING = 0.15, 0.03
 NO_THRUST_CAUSE = "A failed motor, propeller, ESC or connector."
@@ -235,7 +237,8 @@ def motor_without_thrust(
             limit = outputs.ceiling - SIDE_BELOW_CEILING
             if outputs.motors == 4 and not all(SIDE_MIN <= side <= limit for side in sides):
                 continue
-            worst = tipping_rate(*motion.push_rate(geometry.lever[i], t0, t1 + outputs.period))
+            _, before = motion.push_rate(geometry.lever[i], t0 - FALL_BEFORE_S, t0)
+            worst = tipping_rate(*motion.push_rate(geometry.lever[i], t0, t1 + outputs.period), before)
             if worst is not None:
                 found.append((t0, _no_thrust_fault(log, outputs, geometry, motion, i, j, a, b, worst)))
                 break
@@ -263,17 +266,20 @@ def _with_other_causes(fault: DriveFault, segments: Segments, spans: Sequence[Sp
     return replace(fault, text=text, cause=" ".join([fault.cause, *causes]))
 
 
-def tipping_rate(t: Array, s: Array) -> float | None:
+def tipping_rate(t: Array, s: Array, before: Array) -> float | None:
     """Return the lowest rate in deg/s of a vehicle that tips towards a driven motor, None where the motor pushes.
 
-    ``s`` (n,) deg/s at ``t`` (n,) s: positive the way the motor pushes.
+    ``s`` (n,) deg/s at ``t`` (n,) s: positive the way the motor pushes. ``before``: the rates just before.
     """
     if len(t) < 3:
         return None
     lowest = float(s.min())
     if lowest <= WORSE_DPS and s[0] - lowest >= MIN_FALL_DPS:
         return lowest
-    if t[-1] - t[0] < DEAF_S or lowest > DEAF_LEAST_DPS or np.mean(s <= DEAF_DPS) < DEAF_SHARE:
+    seconds, fell = t[-1] - t[0], float(np.max(before, initial=s[0])) - lowest
+    deaf = seconds >= DEAF_S and lowest <= DEAF_LEAST_DPS
+    unanswered = seconds >= UNANSWERED_S and lowest <= WORSE_DPS and fell >= MIN_FALL_DPS
+    if not (deaf or unanswered) or np.mean(s <= DEAF_DPS) < DEAF_SHARE:
         return None
     return lowest if float(np.polyfit(t - t[0], s, 1)[0]) <= DEAF_RISE_DPS2 else None
 

@@ -16,7 +16,7 @@ from attlog.health.check import HealthCase
 from attlog.health.drive import motor_checks
 from attlog.segments.airborne import InAir
 from attlog.segments.model import Segments
-from attlog.story.motor_faults import QUESTIONS, DriveFault, study_motors
+from attlog.story.motor_faults import QUESTIONS, DriveFault, study_motors, tipping_rate
 from tests.story.falling import Fall, level_log, segments
 
 PLACES = ("front right", "rear left", "front left", "rear right")
@@ -306,3 +306,12 @@ def test_why_a_vehicle_with_thrust_to_spare_sinks_is_unknown(hover: float, count
     log.power.throttle = Stream(t, np.where((t >= 20.0) & (t <= 24.0), 1.0, hover)[:, None], "1", "", "CTUN.ThO")
     assert len(faults((log, spans))) == count
     assert ("hover takes 20 %" in study_motors(log, spans).missing.get("thrust_reserve", "")) is (count == 0)
+
+
+@pytest.mark.parametrize(("seconds", "rise", "named"), [(0.35, 0.0, True), (0.25, 0.0, False), (0.35, 300.0, False)])
+def test_a_rate_that_fell_before_the_full_command_must_stay_unanswered(
+    seconds: float, rise: float, named: bool
+) -> None:
+    t = np.arange(0.0, seconds, 0.01)
+    assert (tipping_rate(t, -190.0 + rise * t, np.linspace(0.0, -190.0, 30)) is not None) is named
+    assert tipping_rate(t, -190.0 + rise * t, np.full(30, -190.0)) is None  # a roll that was flown
