@@ -164,6 +164,15 @@ GyroBias = Annotated[
         rich_help_panel=LOGS,
     ),
 ]
+SignalSelection = Literal["none", "standard", "all"]  # as in attlog.pipeline.signal_traces, not imported for help
+Signals = Annotated[
+    SignalSelection | None,
+    typer.Option(
+        metavar="none|standard|all",
+        help="Let the page draw no signals of the log, those that people look at, or all. [default: standard]",
+        rich_help_panel=OUTPUT,
+    ),
+]
 ConfigFile = Annotated[
     Path | None,
     typer.Option(
@@ -340,6 +349,7 @@ class LogOptions:
             rich_help_panel=LOGS,
         ),
     ] = None
+    signals: Signals = None
     config: ConfigFile = None
     boot: Boot = None
     system: System = None

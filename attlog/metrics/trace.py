@@ -51,7 +51,7 @@ class Trace:
 
     Long arrays are envelopes: smallest and largest value of each bucket; ``ratio`` is
     the number of samples that one stored sample stands for. ``values`` are single
-    numbers that belong to the arrays.
+    numbers that belong to the arrays, ``units`` those of columns that are not in degrees.
     """
 
     figure: str
@@ -61,6 +61,7 @@ class Trace:
     key: str = ""
     ratio: float = 1.0
     values: dict[str, float] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

@@ -43,6 +43,7 @@ class Config:
     ``mag``: instance to replay; None for the log's own choice, ``"all"`` / ``"none"``. ``window``: shown in table and
     verdicts beside the standard ones. ``gyro_bias``: subtracted from the gyro for every filter: its mean over the rest
     before take-off, nothing, or the onboard bias. ``params``: a parameter file for values that are not logged.
+    ``signals``: fields that the page can draw, ``standard`` those of the messages that people look at.
     ``truth``: a trajectory, another log, a folder of them or a message of the log (:mod:`attlog.external.attitude`).
     Times are s on the log's clock, 0 at the first IMU sample.
     """
@@ -62,6 +63,7 @@ class Config:
     boot: Annotated[int, NumberRange(0)] | None = None
     system: Annotated[int, NumberRange(0, 255)] | None = None
     params: str | None = None
+    signals: Literal["none", "standard", "all"] = "standard"
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
 
     def __setattr__(self, name: str, value: Any) -> None:

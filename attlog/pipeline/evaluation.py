@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -43,6 +44,7 @@ from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages, flight_of, prepared, reference_options, samples_of, with_next_reference
 from attlog.pipeline.proven_settings import prove_settings
 from attlog.pipeline.replay import Chosen
+from attlog.pipeline.signal_traces import signal_traces
 from attlog.pipeline.summary import describe
 from attlog.reference.model import AlignmentStep, Reference, Track
 from attlog.result import TIMED_OUT, Duplicates, EstimatorRow, ReferenceSummary, Result
@@ -380,9 +382,17 @@ def analyze(
         with stage("read"):
             log = flight_of(source, settings)
         if log.imu is None and has_a_story(log):
-            return without_replay(log, settings, stage, command)
+            return with_signals(without_replay(log, settings, stage, command), log, settings)
         case = prepared(log, settings, stage)
-    return evaluate(case, traces=True, cost=True, command=command)
+    return with_signals(evaluate(case, traces=True, cost=True, command=command), case.log, settings)
+
+
+def with_signals(result: Result, log: FlightLog, config: Config) -> Result:
+    """Return the result with the samples of the signals that its page can draw."""
+    begin = time.perf_counter()
+    result.traces += guarded_part(log, "Signals", partial(signal_traces, log, config.signals), list[Trace])
+    result.timing["signals"] = time.perf_counter() - begin
+    return result
 
 
 def health(

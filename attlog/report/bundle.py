@@ -145,6 +145,13 @@ class ArrayPacker:
         whole[finite] = np.round(y[finite] / step)
         return self._put(np.diff(whole, prepend=np.int16(0)), step)
 
+    def centred(self, y: Array) -> dict[str, Any]:
+        """Pack values as multiples of a step from the middle of their range (``b``); NaN is kept."""
+        finite = y[np.isfinite(y)]
+        low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.0, 0.0)
+        middle = 0.5 * low + 0.5 * high
+        return self.values(y - middle, 1e-300) | {"b": middle}
+
     def times(self, t: Array) -> dict[str, Any]:
         """Pack times as int32 steps; most rows share their times."""
         given = t.tobytes()

@@ -11,9 +11,10 @@ from typing import Any
 from attlog.core.files import write_atomic
 from attlog.health.settings import param_file
 from attlog.report import shell
-from attlog.report.bundle import Bundle
+from attlog.report.bundle import ArrayPacker, Bundle
 from attlog.report.figures.catalogue import sections
 from attlog.report.figures.figure import FigureSource
+from attlog.report.figures.signals import picker
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
 from attlog.result import MEASURED_TIMES, Result, agreed_settings
 from attlog.words.events import minor_title, shown_events
@@ -70,6 +71,7 @@ def render(
     whole = result.to_dict(deterministic) if document is None else document
     result = without_times(result) if deterministic else result
     source = FigureSource.of(result)
+    chosen = picker(result)
     look, figures, lines = source.styles, sections(source), parameter_lines(result)
     return shell.render(
         "page.html",
@@ -78,7 +80,11 @@ def render(
         document=whole,
         filters=FILTERS,
         marks=source.marks,
-        more={"parameters": [line.for_script for line in lines]},
+        more={
+            "parameters": [line.for_script for line in lines],
+            "picker": chosen and shell.figure_header(chosen.figure, ArrayPacker()),
+        },
+        picker=chosen,
         log=file_stem(result),
         plot=plot,
         result=result,

@@ -58,7 +58,7 @@ def render(
         "rows": [row_header(row) for row in rows],
         "log": log,
         "marks": cleaned(marks),
-        "figures": {f.id: {"kind": f.kind, "height": f.height} | cleaned(figure_data(f.data, packer)) for f in figures},
+        "figures": {f.id: figure_header(f, packer) for f in figures},
     } | cleaned(dict(more))
     own = folder or WEB
     style = "".join(file.read_text(encoding="utf-8") for file in (WEB / "style.css", *(own / name for name in styles)))
@@ -76,6 +76,12 @@ def render(
         bundle_name=plot.name,
         **words,
     )
+
+
+def figure_header(figure: PageFigure, packer: ArrayPacker) -> dict[str, Any]:
+    """Return a figure for the script; its arrays go to the packer."""
+    data: dict[str, Any] = cleaned(figure_data(figure.data, packer))
+    return {"kind": figure.kind, "height": figure.height} | data
 
 
 def json_text(document: Any) -> str:

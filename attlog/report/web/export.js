@@ -41,12 +41,14 @@ function exports() {
     button.hidden = false;
     button.addEventListener('click', () => save(new Blob([$(button.dataset.save).textContent], { type: 'text/plain' }), button.dataset.file));
   });
-  document.querySelectorAll('.out').forEach((place) => {
-    place.hidden = false;
-    place.querySelectorAll('button').forEach((button) => button.addEventListener('click', async () => {
-      const id = place.dataset.figure, kind = button.dataset.out;
-      if (waiting.has(id)) draw(id);
-      save(kind === 'csv' ? new Blob([csv(tableOf(id))], { type: 'text/csv' }) : await picture(id, kind), (D.log || 'attlog') + '_' + id + '.' + kind);
-    }));
-  });
+  document.querySelectorAll('.out').forEach(savable);
+}
+
+function savable(place) {
+  place.hidden = false;
+  place.querySelectorAll('button').forEach((button) => button.addEventListener('click', async () => {
+    const id = place.dataset.figure, kind = button.dataset.out;
+    if (waiting.has(id)) draw(id);
+    save(kind === 'csv' ? new Blob([csv(tableOf(id))], { type: 'text/csv' }) : await picture(id, kind), (D.log || 'attlog') + '_' + id + '.' + kind);
+  }));
 }

@@ -216,7 +216,7 @@ async function start() {
   if (!('DecompressionStream' in window)) throw new Error('this browser is too old (it lacks DecompressionStream)');
   await startData();
   full = D.marks.range; home = range = D.marks.first || full;
-  legend(); selectors(); copies(); parameters();
+  legend(); selectors(); copies(); parameters(); picker();
   await startPlotly();
   if (!window.Plotly) throw new Error('plotly.js could not be loaded; it has to lie beside this file');
   printed(); resized(); jumps(); exports();

@@ -19,21 +19,38 @@ async function startPlotly() {
 
 let D, blob;
 async function startData() {
-  const buffer = await gunzip('data');
-  const size = new DataView(buffer).getUint32(0, true);
-  D = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size)));
-  blob = new Uint8Array(buffer, 4 + size);
+  [D, blob] = await unpacked('data');
+}
+
+async function unpacked(id) {
+  const buffer = await gunzip(id), size = new DataView(buffer).getUint32(0, true);
+  return [JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, size))), new Uint8Array(buffer, 4 + size)];
+}
+
+// a block that is unpacked later: its arrays lie behind those of the page
+async function more(id) {
+  const [header, bytes] = await unpacked(id), all = new Uint8Array(blob.length + bytes.length), first = blob.length;
+  all.set(blob);
+  all.set(bytes, first);
+  blob = all;
+  const shifted = (value) => {
+    if (!value || typeof value !== 'object') return;
+    if (Number.isInteger(value.o) && Number.isInteger(value.w)) value.o += first;
+    else Object.values(value).forEach(shifted);
+  };
+  shifted(header);
+  return header;
 }
 
 // int16 differences, low bytes first, then high bytes; -32768 is a gap
 const decoded = new Map();
 function values(a) {
-  const key = 'v' + a.o + ' ' + a.s;
+  const key = 'v' + a.o + ' ' + a.s + ' ' + a.b;
   if (decoded.has(key)) return decoded.get(key);
-  const out = new Float32Array(a.n);
+  const middle = a.b || 0, out = middle ? new Float64Array(a.n) : new Float32Array(a.n);
   for (let i = 0, sum = 0; i < a.n; i++) {
     sum = ((sum + (blob[a.o + i] | (blob[a.o + a.n + i] << 8))) << 16) >> 16;
-    out[i] = sum === -32768 ? NaN : sum * a.s;
+    out[i] = sum === -32768 ? NaN : middle + sum * a.s;
   }
   decoded.set(key, out);
   return out;
@@ -52,4 +69,4 @@ function times(a) {
 }
 
 // an array of a figure: numbers as they are, else what is packed
-const array = (a) => (Array.isArray(a) ? a : a.w === 4 ? times(a) : values(a));
+const array = (a) => (!a.w ? a : a.w === 4 ? times(a) : values(a));
