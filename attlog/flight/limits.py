@@ -75,6 +75,7 @@ ESTIMATED_SPEED = Quantity("estimated speed", 0.0, 1_000.0, "m/s", "no vehicle i
 BARO = Quantity("barometric height", -5_000.0, 100_000.0, "m", "pressures between 1 and 1,800 hPa")
 RANGE = Quantity("distance to the ground", 0.0, 5_000.0, "m", "no rangefinder of an autopilot reaches further")
 AIRSPEED = Quantity("airspeed", -100.0, 1_000.0, "m/s", "no pitot tube of an autopilot measures more")
+STICK = _symmetric("stick", 1.5, "", "1 is full; calibration ends are exceeded by a tenth")
 THROTTLE = _symmetric("throttle", 10.0, "", "1 is full")
 SHARE_IN_USE = Quantity("processor load", 0.0, 1.0, "", "a processor has no more time and memory than all")
 RPM = _symmetric("rotor speed", 1e6, "rpm", "small motors reach 100,000, counted electrically 7 times that")

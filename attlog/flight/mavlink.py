@@ -420,6 +420,8 @@ def rate_setpoint_stream(builder: TelemetryBuilder) -> Stream | None:
 
 # MAV_MODE_FLAG_SAFETY_ARMED of HEARTBEAT.base_mode, MAV_LANDED_STATE_ON_GROUND of EXTENDED_SYS_STATE.
 ARMED_FLAG, ON_GROUND = 128, 1
+# MAV_SYS_STATUS_SENSOR_RC_RECEIVER.
+RADIO_RECEIVER = 65536
 TEST_RATIO_COLUMNS = {
     "EKF_STATUS_REPORT": {
         "compass": "compass_variance",
@@ -446,6 +448,17 @@ def processor_load(builder: TelemetryBuilder) -> Stream | None:
     if table is None or "load" not in table or not np.any(table["load"]):
         return None
     return builder.quiet().column_stream(table, ("load",), "1", "SYS_STATUS", limits.SHARE_IN_USE, scale=1e-3)
+
+
+def radio_signal(builder: TelemetryBuilder) -> TimeLine | None:
+    """Return whether the radio is received, by its bit of SYS_STATUS; None where the vehicle uses none."""
+    table = builder.packets("SYS_STATUS")
+    names = [f"onboard_control_sensors_{state}" for state in ("present", "enabled", "health")]
+    if table is None or not all(name in table for name in names):
+        return None
+    present, enabled, healthy = (table[name].astype(np.int64) & RADIO_RECEIVER != 0 for name in names)
+    used = present & enabled
+    return builder.time_line(builder.stamps(table)[used], healthy[used].tolist(), "SYS_STATUS")
 
 
 def vehicle_type(builder: TelemetryBuilder) -> str:
@@ -570,6 +583,7 @@ STREAMS = (
     Part("power.battery", "SYS_STATUS", battery_stream),
     Part("power.outputs", SERVO_OUTPUTS, motor_outputs),
     Part("processor.load", "SYS_STATUS", processor_load),
+    Part("pilot.signal", "SYS_STATUS", radio_signal),
     Part("vibration.clippings", "Clipping", clippings),
     Part("vibration.level", "VIBRATION", vibration_stream),
     Part("vibration.levels", "VIBRATION", vibration_levels),

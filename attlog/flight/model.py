@@ -264,6 +264,17 @@ class FlightState:
 
 
 @dataclass(slots=True)
+class PilotInput:
+    """Input of the pilot by radio or joystick.
+
+    ``sticks`` (n, 3): roll right, pitch nose up, yaw right, from -1 to 1. ``signal``: True while it is received.
+    """
+
+    sticks: Stream | None = None
+    signal: TimeLine | None = None
+
+
+@dataclass(slots=True)
 class Setpoints:
     """Commanded attitude and commanded body rates (n, 3) rad/s."""
 
@@ -524,6 +535,7 @@ class FlightLog:
     poses: dict[str, Attitude] = field(default_factory=dict)
     true_heading: Stream | None = None
     state: FlightState = field(default_factory=FlightState)
+    pilot: PilotInput = field(default_factory=PilotInput)
     setpoints: Setpoints = field(default_factory=Setpoints)
     power: Power = field(default_factory=Power)
     processor: Processor = field(default_factory=Processor)

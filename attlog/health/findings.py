@@ -274,6 +274,7 @@ EVENT_KINDS = {
     "arming_refused": "arming",
     "device_error": "device",
     "parameter_changed": "parameters",
+    "radio_lost": "failsafe",
     "failsafe": "failsafe",
     "battery": "battery",
 }
@@ -285,6 +286,7 @@ MESSAGE_KINDS = (
     (re.compile(r"\bekf|variance|estimator|attitude|\bahrs", re.I), "estimator"),
 )
 EVENT_ACTIONS = {
+    "radio_lost": "Check antennas and range of the radio, and its receiver's failsafe.",
     "battery": "Charge or change the battery, and land earlier.",
     "arming_refused": "Mend what the autopilot names, then arm again.",
     "parameter_changed": "Set parameters on the ground, and find what changed them in flight.",

@@ -6,7 +6,15 @@ from dataclasses import replace
 
 from attlog.flight.model import FlightLog, guarded_part
 from attlog.segments.model import Segments
-from attlog.story import causes, drive_events, estimator_events, failsafe_events, flight_events, message_events
+from attlog.story import (
+    causes,
+    drive_events,
+    estimator_events,
+    failsafe_events,
+    flight_events,
+    message_events,
+    pilot_events,
+)
 from attlog.story.flight_events import CRASHES, KINDS, Event
 from attlog.story.headlines import WrongAngle, headline
 
@@ -23,6 +31,7 @@ def events(log: FlightLog, segments: Segments) -> list[Event]:
         ("Flights and crashes", flight_events.movement_events),
         ("Clipping and vibration", flight_events.sensor_events),
         ("Motors and control", drive_events.drive_events),
+        ("The pilot’s input", lambda log, segments: (pilot_events.pilot_events(log, segments), [])),
         ("Failsafes", failsafe_events.failsafe_events),
         ("The onboard estimator", estimator_events.onboard_estimator_events),
     ):

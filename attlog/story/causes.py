@@ -305,12 +305,35 @@ def _fall_seconds(log: FlightLog, t0: float, t1: float) -> float:
     return float((most < FALL_M_S2).mean()) * (t1 - t0) if len(most) > 1 else 0.0
 
 
+# Time from the end of a loss of the radio to its failsafe.
+AFTER_RADIO_S = 2.0
+RADIO_WORDS = re.compile(r"radio|\brc\b|manual control", re.I)
+
+
+def lost_radio(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join a lost radio to its failsafe."""
+    for k, lost in _of(events, "radio_lost"):
+        for n, event in _of(events, "failsafe", "message"):
+            soon = lost.t <= event.t <= (lost.t_end or lost.t) + AFTER_RADIO_S
+            if soon and RADIO_WORDS.search(_words(event)):
+                yield k, n, f"no signal for {event.t - lost.t:.1f} s"
+
+
 # --- crashes ----------------------------------------------------------------------------------------------------
 
 # Shortest time from an overturn to the blow that it causes: within it the blow may have come first, as tilt is slower.
 MIN_FALL_S = 0.3
 # Time after a crash in which the estimator's reports are its effects.
 STRUCK_S = 2.0
+
+
+def commanded_rotation(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
+    """Join full stick, which the vehicle followed, to the crash, unless a part had broken just before."""
+    for k, stick in _of(events, "full_stick"):
+        crash = next(((n, e) for n, e in enumerate(events) if e.is_crash and e.t >= stick.t), None)
+        if crash is None or any(-CAUSE_S <= e.t - crash[1].t <= 0.0 for _, e in _of(events, *BROKEN)):
+            continue
+        yield k, crash[0], f"it turned by {stick.value:.0f}° as commanded"
 
 
 def broken_drive(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
@@ -377,6 +400,8 @@ def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
 
 
 RULES: tuple[Rule, ...] = (
+    commanded_rotation,
+    lost_radio,
     broken_drive,
     weak_battery,
     stopped_motors,

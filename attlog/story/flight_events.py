@@ -50,6 +50,8 @@ KINDS = (
     "gnss_lost",
     "gnss_jump",
     "gnss_interference",
+    "full_stick",
+    "radio_lost",
     "failsafe",
     "battery",
     "arming_refused",

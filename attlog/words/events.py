@@ -42,6 +42,8 @@ EVENT_LABELS = {
     "gnss_lost": "GNSS lost",
     "gnss_jump": "GNSS jump",
     "gnss_interference": "GNSS interference",
+    "full_stick": "full stick",
+    "radio_lost": "radio lost",
     "failsafe": "failsafe",
     "battery": "battery",
     "arming_refused": "arming refused",

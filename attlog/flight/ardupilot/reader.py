@@ -42,6 +42,8 @@ STREAMS = (
     Part("state.landed", "Landing", vehicle.landed_line),
     Part("state.mode", "The flight mode", vehicle.mode_line),
     Part("state.mode_reason", "The reason of the flight mode", vehicle.mode_reason_line),
+    Part("pilot.sticks", "RCIN", vehicle.stick_stream),
+    Part("pilot.signal", "RCIN", vehicle.radio_signal),
     Part("setpoints.rates", "The rate set-point", sensors.rate_setpoint_stream),
     Part("gnss", "GPS", sensors.receivers),
     Part("utc_offset", "The date", utc_offset),

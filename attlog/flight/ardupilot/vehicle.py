@@ -8,19 +8,20 @@ ardupilot.org/copter/docs/common-diagnosing-problems-using-logs.html, and the en
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.timestamps import Stamps
+from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder
-from attlog.flight.builder import LogBuilder
-from attlog.flight.model import Firmware, Problem, Severity, TimeLine
+from attlog.flight.builder import LogBuilder, columns
+from attlog.flight.model import Array, Firmware, Problem, Severity, Stream, TimeLine
 from attlog.flight.parameters import boot_values
 from attlog.flight.vehicle import ardupilot_mode, version_number
-from attlog.formats.table import Messages
+from attlog.formats.table import Messages, Table
 
 BANNER = re.compile(
     r"(?:APM:|Ardu|APM|Antenna|\b)(Copter|Plane|Rover|rover2?|Sub|Tracker|Blimp)\s+"
@@ -346,6 +347,63 @@ EVENTS: dict[int, EventMeaning] = {
     54: EventMeaning("warning", "The pilot stopped the motors (emergency stop)"),
     60: EventMeaning("note", "The EKF set its height anew", "height"),
 }
+
+
+# Usual channels of the sticks, and usual ends and middle of a pulse in us.
+STICK_CHANNELS = (("RCMAP_ROLL", 1), ("RCMAP_PITCH", 2), ("RCMAP_YAW", 4))
+USUAL_PULSES_US = (1100.0, 1500.0, 1900.0)
+# RCI2.Flags since 4.5: the receiver's input is valid.
+VALID_INPUT = 1
+# Parameters that switch on the failsafe of a low throttle channel, with those of its pulse; of Copter and Rover, Plane.
+THROTTLE_FAILSAFES = (("FS_THR_ENABLE", "FS_THR_VALUE"), ("THR_FAILSAFE", "THR_FS_VALUE"))
+
+
+def channel_columns(table: Table, channels: Sequence[int]) -> list[str] | None:
+    """Return the columns of RC channels in RCIN, None where one is not logged."""
+    prefix = next((p for p in ("C", "Ch", "Chan") if f"{p}1" in table), "C")
+    names = [f"{prefix}{channel}" for channel in channels]
+    return names if all(name in table for name in names) else None
+
+
+def stick_share(pulse: Array, values: Mapping[str, float], channel: int) -> Array:
+    """Return the stick of a channel, -1 to 1, from its pulses (n,) in us and its calibration."""
+    name = f"RC{channel}_"
+    low, middle, high = (
+        values.get(f"{name}{end}") or usual for end, usual in zip(("MIN", "TRIM", "MAX"), USUAL_PULSES_US, strict=True)
+    )
+    if not low < middle < high:
+        low, middle, high = USUAL_PULSES_US
+    share: Array = np.where(pulse >= middle, (pulse - middle) / (high - middle), (pulse - middle) / (middle - low))
+    reversed_ = values.get(f"{name}REVERSED") == 1.0 or values.get(f"{name}REV") == -1.0
+    return -share if reversed_ else share
+
+
+def stick_stream(builder: DataflashBuilder) -> Stream | None:
+    """Return roll, pitch (nose up) and yaw sticks (n, 3), from RCIN."""
+    table = builder.sampled("RCIN")
+    channels = [int(builder.values.get(name) or usual) for name, usual in STICK_CHANNELS]
+    names = None if table is None else channel_columns(table, channels)
+    if table is None or names is None:
+        return None
+    pulses = columns(table, *names)
+    shares = [stick_share(pulse, builder.values, channel) for pulse, channel in zip(pulses.T, channels, strict=True)]
+    x = np.where(pulses > 0.0, np.column_stack(shares), np.nan)  # 0 is no pulse
+    return builder.quiet().stream(builder.stamps(table), x, "1", "RCIN", within=limits.STICK, allow_nan=True)
+
+
+def radio_signal(builder: DataflashBuilder) -> TimeLine | None:
+    """Return whether the radio is received: by RCI2.Flags, else by the throttle channel against its failsafe."""
+    table = builder.sampled("RCI2", "Flags")
+    if table is not None:
+        valid = table["Flags"].astype(np.int64) & VALID_INPUT != 0
+        return builder.time_line(builder.stamps(table), valid.tolist(), "RCI2.Flags")
+    table = builder.sampled("RCIN")
+    names = None if table is None else channel_columns(table, [int(builder.values.get("RCMAP_THROTTLE") or 3)])
+    for enabled, pulse in THROTTLE_FAILSAFES:
+        if table is not None and names is not None and builder.values.get(enabled) and builder.values.get(pulse):
+            valid = columns(table, *names)[:, 0] >= builder.values[pulse]
+            return builder.time_line(builder.stamps(table), valid.tolist(), f"{table.name}.{names[0]} below {pulse}")
+    return None
 
 
 def report_events(builder: DataflashBuilder) -> None:

@@ -43,6 +43,8 @@ STREAMS = (
     Part("vehicle", "The vehicle", sensors.vehicle_type),
     Part("simulated", "The simulator", sensors.is_simulated),
     Part("setpoints.attitude", "The attitude set-point", estimator.attitude_setpoint),
+    Part("pilot.sticks", "manual_control_setpoint", sensors.stick_stream),
+    Part("pilot.signal", "The radio", sensors.radio_signal),
     Part("setpoints.rates", "The rate set-point", sensors.rate_setpoint_stream),
     Part("state.armed", "Arming", sensors.armed_line),
     Part("state.mode", "The flight mode", sensors.mode_line),

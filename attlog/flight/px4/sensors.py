@@ -390,3 +390,45 @@ def landed_line(builder: TopicBuilder) -> TimeLine | None:
     if table is None or "landed" not in table:
         return None
     return builder.time_line(builder.stamps(table), (table["landed"] != 0).tolist(), "vehicle_land_detected")
+
+
+# --- pilot ------------------------------------------------------------------------------------------------------
+
+# Roll, pitch and yaw of the sticks since 1.14 and before; forward is nose down.
+STICK_COLUMNS = (("roll", "pitch", "yaw"), ("y", "x", "r"))
+NOSE_UP = (1.0, -1.0, 1.0)
+# Flags that are set while the pilot's input is lost, by topic.
+LOST_FLAGS = (
+    ("input_rc", ("rc_lost", "rc_failsafe")),
+    ("failsafe_flags", ("manual_control_signal_lost",)),
+    ("vehicle_status", ("rc_signal_lost",)),
+)
+
+
+def stick_stream(builder: TopicBuilder) -> Stream | None:
+    """Return roll, pitch (nose up) and yaw sticks (n, 3), from manual_control_setpoint."""
+    name = "manual_control_setpoint"
+    table = builder.table(name)
+    names = None if table is None else next((c for c in STICK_COLUMNS if all(x in table for x in c)), None)
+    if table is None or names is None:
+        return None
+    x = columns(table, *names) * NOSE_UP
+    return builder.quiet().stream(builder.stamps(table), x, "1", name, within=limits.STICK, allow_nan=True)
+
+
+def radio_signal(builder: TopicBuilder) -> TimeLine | None:
+    """Return whether the pilot's input is received, by the receiver's flags and the autopilot's."""
+    found = []
+    for topic, flags in LOST_FLAGS:
+        table = builder.table(topic)
+        known = [flag for flag in flags if table is not None and flag in table]
+        if table is None or not known:
+            continue
+        lost = np.any([table[flag].astype(np.int64) != 0 for flag in known], axis=0)
+        line = builder.time_line(builder.stamps(table), (~lost).tolist(), f"{topic}.{known[0]}")
+        found += [] if line is None else [line]
+    if len(found) < 2:
+        return found[0] if found else None
+    times = np.unique(np.concatenate([line.t for line in found]))
+    received = [all(bool(line.at(t)) for line in found) for t in times.tolist()]
+    return TimeLine(times, received, " and ".join(line.source for line in found))
