@@ -229,6 +229,14 @@ def from_matrix(m: Array) -> Array:
     return normalize(q)
 
 
+def product(q: Array) -> Array:
+    """Return the product (4,) of successive rotations (n, 4), by halves."""
+    while len(q) > 1:
+        pairs = multiply(q[0 : len(q) - 1 : 2], q[1::2])
+        q = np.concatenate([pairs, q[-1:]]) if len(q) % 2 else pairs
+    return np.asarray(q[0])
+
+
 def nearest_rotation(b: Array) -> Array:
     """Return the rotation matrix R that maximises trace(R^T B).
 

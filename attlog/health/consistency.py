@@ -178,7 +178,7 @@ def _gravity_check(imu: Imu, before: Segment, after: Segment) -> Check | None:
         return None
     share = ((0.5 * (edges[1:] + edges[:-1]) - t0) / (t1 - t0))[:, None]
     turns = gyro.between(edges[:-1], edges[1:]) - (bias0 + share * (bias1 - bias0)) * np.diff(edges)[:, None]
-    expected = np.asarray(rotation.rotate_inverse(_product(rotation.from_rotvec(turns)), force0))
+    expected = np.asarray(rotation.rotate_inverse(rotation.product(rotation.from_rotvec(turns)), force0))
     angle, moved = _degrees(expected, force1), _degrees(force0, force1)
     drift = math.degrees(float(np.linalg.norm(bias1 - bias0))) * (t1 - t0) / 2.0
     turned = math.degrees(float(np.linalg.norm(turns, axis=1).sum()))
@@ -231,14 +231,6 @@ def _mean_at_rest(imu: Imu, span: Span) -> tuple[Array, Array, float] | None:
         return None
     force, rate, t = imu.acc.x[part][good], imu.gyro.x[part][good], imu.gyro.t[part][good]
     return force.mean(axis=0), rate.mean(axis=0), float(t.mean())
-
-
-def _product(q: Array) -> Array:
-    """Return the product (4,) of successive rotations (n, 4), by halves."""
-    while len(q) > 1:
-        pairs = np.asarray(rotation.multiply(q[0 : len(q) - 1 : 2], q[1::2]))
-        q = np.concatenate([pairs, q[-1:]]) if len(q) % 2 else pairs
-    return np.asarray(q[0])
 
 
 def _degrees(a: Array, b: Array) -> float:

@@ -32,9 +32,10 @@ MAX_MISFIT_M_S2, MIN_MISFIT_M_S2 = 1.0, 0.5
 MIN_MISFIT_RATIO = 2.0
 # Offset of a sound accelerometer: it may explain a misfit, so that no exchange of axes is needed.
 USUAL_OFFSET_M_S2 = 1.0
-# Smallest horizontal offset that is a fault, and smallest angle of the mean force to the thrust axis: the tilt to
-# gravity that refuses an attitude.
-MIN_OFFSET_M_S2, MIN_THRUST_ANGLE_DEG = 1.7, 10.0
+# Smallest horizontal offset and turn that are faults: the tilt to gravity that refuses an attitude.
+MIN_OFFSET_M_S2, MIN_TURN_DEG = 1.7, 10.0
+# Smallest angle of the mean force to the thrust axis that shows it, and one that no wind makes.
+MIN_THRUST_ANGLE_DEG, FAR_THRUST_ANGLE_DEG = 5.0, 30.0
 # Smallest misfit of the force's size, which no attitude changes: vertical offsets of sound units stay below.
 MIN_SIZE_MISFIT_M_S2 = 0.5
 # Most times tried for a step of the offset; limit of a misfit in the search, so that it finds the most pieces.
@@ -112,7 +113,7 @@ def large_offset(pieces: ForcePieces) -> str:
     """Return which offset, from when on, or which turn of the accelerometer makes a wrong force fit, or empty.
 
     Two of three must show that it is no error of the attitude: no constant in earth axes fits as well; the mean force
-    in the air comes nearer to the thrust axis; the force gets the size of the expected one.
+    in the air comes nearer to the thrust axis (by far: this alone); the force gets the size of the expected one.
     """
     after, offset = _offset_step(pieces)
     horizontal = float(rotation.length(offset[:2]))
@@ -123,7 +124,7 @@ def large_offset(pieces: ForcePieces) -> str:
     in_body = np.einsum("kij,ki->kj", pieces.turn, pieces.expected)
     turn = rotation.nearest_rotation(in_body.T @ pieces.body)
     angle = float(np.degrees(np.arccos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))))
-    if angle > MIN_THRUST_ANGLE_DEG and _is_fixed_to_body(pieces, pieces.misfits(axes=turn), pieces.body @ turn.T):
+    if angle > MIN_TURN_DEG and _is_fixed_to_body(pieces, pieces.misfits(axes=turn), pieces.body @ turn.T):
         return f"the accelerometer fits the GNSS velocity only when turned by {angle:.0f} deg: its mounting is wrong"
     return ""
 
@@ -136,18 +137,23 @@ def _is_fixed_to_body(pieces: ForcePieces, misfits: Array, mended: Array) -> boo
     if left > min(MAX_MISFIT_M_S2, float(np.median(pieces.misfits())) / MIN_MISFIT_RATIO):
         return False
     excess, expected = pieces.excess(), rotation.length(pieces.expected)
-    in_earth = float(np.median(rotation.length(excess - np.median(excess, axis=0))))
+    in_earth = rotation.length(excess - np.median(excess, axis=0))
     angles, sizes = list[float](), list[float]()
     for body in (pieces.body, mended):
         x, y, z = np.mean(body[flown], axis=0)
         angles.append(float(np.degrees(np.arctan2(np.hypot(x, y), -z))))
         sizes.append(float(np.median(np.abs(rotation.length(body) - expected))))
     shown = (
-        in_earth > MIN_MISFIT_RATIO * left,
+        any(size(in_earth) > MIN_MISFIT_RATIO * size(misfits) for size in (np.median, _capped_rms)),
         angles[0] > max(MIN_THRUST_ANGLE_DEG, MIN_MISFIT_RATIO * angles[1]),
         sizes[0] > max(MIN_SIZE_MISFIT_M_S2, MIN_MISFIT_RATIO * sizes[1]),
     )
-    return sum(shown) >= 2
+    return sum(shown) >= 2 or (shown[1] and angles[0] > FAR_THRUST_ANGLE_DEG)
+
+
+def _capped_rms(misfits: Array) -> float:
+    """Return the root mean square of misfits (k,), each up to a limit."""
+    return float(np.sqrt(np.mean(np.minimum(misfits, MAX_COUNTED_MISFIT_M_S2) ** 2)))
 
 
 def _offset_step(pieces: ForcePieces) -> tuple[ForcePieces, Array]:

@@ -18,7 +18,7 @@ from attlog.estimators.evidence import still_windows, tilt_residual, within
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.reference import alignment, scoring, sensor_faults
 from attlog.reference.model import SMOOTHER, AlignmentStep, Reference, Track
-from attlog.segments import Segments, model
+from attlog.segments import Segments, increments, model
 from attlog.segments.model import interpolate_attitudes
 
 Array = NDArray[np.float64]
@@ -30,6 +30,9 @@ MIN_WRONG_SHARE, MIN_WRONG_SEGMENTS = 0.2, 2
 GRAVITY_M_S2, GRAVITY_TOLERANCE_M_S2 = 9.80665, 0.5
 # Time after its start in which an onboard attitude may be wrong.
 ALIGNED_S = 15.0
+# Longest time over which the gyro shows whether the reference turned as it, and step of its integration. Share of the
+# tilt up to which both agree; a biased gyro that misled the reference leaves the whole tilt.
+MAX_GYRO_S, GYRO_STEP_S, GYRO_SHARE = 200.0, 0.1, 0.4
 # Accelerometer samples of one segment that are enough for its mean.
 MAX_FORCE_SAMPLES = 2000
 QUIET_WORDS = {"rest": "at rest", "idle": "on the ground with motors on", "hover": "in hover"}
@@ -53,7 +56,8 @@ def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> 
     """Return how gravity contradicts the reference (or ""), with the step.
 
     By the median tilt at rest, else idling, else in hover, where the mean specific force is gravity too; and by single
-    quiet segments whose force has the size of gravity.
+    quiet segments whose force has the size of gravity. Segments to which gyro and reference turned alike from a sound
+    one are left out: the accelerometer changed between. A smoother follows this gyro and keeps them.
     """
     if imu is None:
         return "", []
@@ -64,6 +68,9 @@ def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> 
         for s in segments.of(kind)
         if (q := _quiet_segment(reference, *force, kind, s.t0, s.t1))
     ]
+    if reference.kind != SMOOTHER:
+        sound = [q for q in quiet if q.tilt <= SOUND_TILT_DEG]
+        quiet = [q for q in quiet if q.tilt <= MAX_GRAVITY_TILT_DEG or not _turned_as_gyro(reference, imu, sound, q)]
     kind = next((k for k in QUIET_WORDS if any(q.kind == k for q in quiet)), None)
     if kind is None:
         return "", []
@@ -91,6 +98,31 @@ def _intermittent_fault(reference: Reference, quiet: list[QuietSegment]) -> str:
         f"{reference.source} is wrong by {worst.tilt:.0f} deg {QUIET_WORDS[worst.kind]} at {worst.t0:.0f} s; the "
         f"accelerometer shows {worst.force:.1f} m/s^2 there; so in {len(wrong)} of {len(sound)} such times"
     )
+
+
+def _turned_as_gyro(reference: Reference, imu: Imu, sound: list[QuietSegment], wrong: QuietSegment) -> bool:
+    """Return whether the reference turned as the gyro from the last sound quiet segment to one off gravity.
+
+    Less the mean rate in the last sound rest, in which the gyro shows its bias.
+    """
+    before = [q for q in sound if wrong.t0 - MAX_GYRO_S <= q.t0 < wrong.t0]
+    rests = [q for q in sound if q.kind == "rest" and q.t0 < wrong.t0]
+    if not before:
+        return False
+    start = max(before, key=lambda q: q.t0)
+    t0, t1 = (q.t0 + 0.5 * q.seconds for q in (start, wrong))
+    gyro, edges = increments.gyro_increments(imu), np.linspace(t0, t1, max(int((t1 - t0) / GYRO_STEP_S), 2))
+    q, _ = interpolate_attitudes(reference.t, reference.q, reference.gap_segment, edges[[0, -1]])
+    if not gyro.known(edges[:1], edges[-1:]).all() or not np.isfinite(q).all():
+        return False
+    bias = np.zeros(3)
+    if rests:
+        rest = max(rests, key=lambda q: q.t0)
+        bias = np.nan_to_num(gyro.mean_rates(np.array([rest.t0]), np.array([rest.t0 + rest.seconds]))[0])
+    turns = gyro.between(edges[:-1], edges[1:]) - bias * np.diff(edges)[:, None]
+    expected = rotation.rotate_inverse(rotation.multiply(q[0], rotation.product(rotation.from_rotvec(turns))), DOWN)
+    apart = _angle(np.asarray(expected), np.asarray(rotation.rotate_inverse(q[1], DOWN)))
+    return float(apart) < GYRO_SHARE * wrong.tilt
 
 
 def _quiet_segment(

@@ -59,6 +59,7 @@ def test_the_trim_of_a_reference_is_put_back_before_gravity_in_the_imus_axes_jud
     force = rotation.rotate_inverse(own, np.tile([0.0, 0.0, -GRAVITY_M_S2], (len(t), 1)))
     unit = Imu(0, Stream(t, np.zeros_like(force), "rad/s", "FRD", "IMU"), Stream(t, force, "m/s^2", "FRD", "IMU"))
     vehicle: Any = SimpleNamespace(
+        kind="onboard",
         t=t,
         q=alignment.apply_trim(own, roll),
         segment=np.zeros(len(t), np.int64),
@@ -68,6 +69,25 @@ def test_the_trim_of_a_reference_is_put_back_before_gravity_in_the_imus_axes_jud
     fault, (step,) = gravity_check(vehicle, unit, Segments([Segment("rest.long", 0.0, 20.0)]))
     assert fault == ""
     assert step.value == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(("stepped", "refused"), [("accelerometer", False), ("attitude", True)])
+def test_gravity_after_a_flight_refuses_an_attitude_that_turned_otherwise_than_the_gyro(
+    stepped: str, refused: bool
+) -> None:
+    """Rest to 18 s, then turns; twice at rest from 50 s on. Accelerometer or attitude tilts by 20 deg at 30 s."""
+    log = flights_flight(80.0)
+    unit, onboard = log.imus[0], log.attitudes["ATT"]
+    if stepped == "accelerometer":
+        tilt = rotation.from_euler(np.radians(20.0), 0.0, 0.0)
+        unit.acc.x = np.where((unit.acc.t >= 30.0)[:, None], rotation.rotate(tilt, unit.acc.x), unit.acc.x)
+    else:
+        onboard.q = np.where((onboard.t >= 30.0)[:, None], tilted(onboard.q, 20.0), onboard.q)
+    quiet = [Segment("rest.long", 1.0, 18.0), Segment("hover", 50.0, 60.0), Segment("hover", 65.0, 78.0)]
+    quiet += [Segment("rest.long", 50.0, 60.0), Segment("rest.long", 65.0, 78.0)]
+    phases = Segments([Segment("continuous", 0.0, 80.0), *quiet])
+    found = choose(log, phases, ReferenceOptions())
+    assert ("onboard" in found.faults.refused) is refused
 
 
 # Where the vehicle stands still, gravity says who is tilted, the judge or the accused.
@@ -167,7 +187,8 @@ def flight(onboard: np.ndarray, force: np.ndarray | None = None) -> FlightLog:
     from tests.segments.flights import imu_log
 
     earth = np.tile([0.0, 0.0, -9.80665], (len(T), 1)) if force is None else force
-    log = imu_log(T, np.zeros((len(T), 3)), rotation.rotate_inverse(TURN, earth))
+    rate = rotation.relative_rotvecs(TURN[:-1], TURN[1:]) / np.diff(T)[:, None]
+    log = imu_log(T, np.concatenate([rate, rate[-1:]]), rotation.rotate_inverse(TURN, earth))
     log.attitudes, log.onboard = {"ATT": Attitude(T, onboard, "ATT")}, "ATT"
     return log
 
