@@ -170,7 +170,7 @@ def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | Non
 
 
 def _fastest_second(size: Array, grid: float) -> float:
-    """Return the rate exceeded for one second in all: a jump or a blow, which is shorter, must not decide a clock."""
+    """Return the rate exceeded for one second in all: a jump or impact, shorter than that, must not decide a clock."""
     known = np.sort(size[np.isfinite(size)])
     return float(known[-min(len(known), max(1, round(1.0 / grid)))]) if len(known) else np.inf
 

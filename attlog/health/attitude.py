@@ -325,7 +325,7 @@ def jumps_in_use(t: Array, start: float, segments: Segments) -> NDArray[np.bool_
 
 # Loss of control and impact.
 
-CRASH_LIMIT = "ok: no tilt beyond 90 deg that ends on the ground, no blow above 4 g after which it lies or tumbles"
+CRASH_LIMIT = "ok: no tilt beyond 90 deg that ends on the ground, no impact above 4 g after which it lies or tumbles"
 
 
 def crash_checks(case: HealthCase) -> list[Check]:
@@ -333,19 +333,19 @@ def crash_checks(case: HealthCase) -> list[Check]:
     log, segments = case.log, case.segments
     if not log.imus:
         return []
-    lost, blows = segments.of("loss_of_control"), segments.of("impact")
-    if not lost and not blows:
+    lost, impacts = segments.of("loss_of_control"), segments.of("impact")
+    if not lost and not impacts:
         return [_no_crash(log, segments)]
-    before = [x for x in lost if not blows or x.t0 <= blows[0].t0]  # a wreck that rolls over is no loss of control
-    first, what = (before[0], "Control was lost") if before else (blows[0], _crash_text(segments, blows[0].t0))
+    before = [x for x in lost if not impacts or x.t0 <= impacts[0].t0]  # a wreck that rolls over is no loss of control
+    first, what = (before[0], "Control was lost") if before else (impacts[0], _crash_text(segments, impacts[0].t0))
     times = f" {len(before)} times" if len(before) > 1 else ""
     text = f"{what}{times}{', first' if times else ''} at {first.t0:.1f} s: {first.why}."
-    if not blows:
+    if not impacts:
         after = "It flew again: what follows is compared too."
-    elif before and blows[0].t0 > before[-1].t1:
-        after = f"It flew again until an impact at {blows[0].t0:.1f} s, after which nothing is compared."
+    elif before and impacts[0].t0 > before[-1].t1:
+        after = f"It flew again until an impact at {impacts[0].t0:.1f} s, after which nothing is compared."
     else:
-        after = f"Nothing is compared after {blows[0].t0:.1f} s."
+        after = f"Nothing is compared after {impacts[0].t0:.1f} s."
     count = max(len(before), 1)
     return [Check("crash", "fault", text, float(count), "", CRASH_LIMIT, t=first.t0, count=count, evidence=[after])]
 
@@ -368,6 +368,6 @@ def _no_crash(log: FlightLog, segments: Segments) -> Check:
         return Check("crash", "ok", "No loss of control and no impact.", 0.0, "", CRASH_LIMIT)
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
     if not rate:
-        return unknown("crash", "No IMU is logged: a blow would not show.", CRASH_LIMIT)
-    blind = f"a blow shorter than {1000.0 / rate:.0f} ms would not show"
+        return unknown("crash", "No IMU is logged: an impact would not show.", CRASH_LIMIT)
+    blind = f"an impact shorter than {1000.0 / rate:.0f} ms would not show"
     return unknown("crash", f"IMU at {rate:.0f} Hz: nothing turned it over; {blind}.", CRASH_LIMIT)

@@ -15,12 +15,15 @@ from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.health.check import BUG, TROUBLE, Check, Weight, agreed_settings, as_sentence, settings_sentence
 from attlog.health.gravity import MEAN_GRAVITY
 from attlog.health.gyro import UNUSABLE_DPS
+from attlog.health.innovations import REJECTED_POSITION
 from attlog.health.registry import CAUSES, CHECKS
 from attlog.reference.model import Reference
 from attlog.story import causes
 from attlog.story.estimator_events import is_estimator_jump
 from attlog.story.flight_events import CRASHES, Event
 
+# Subject of signs that compare units, and kind of notes on sensors that are not in use.
+COMPARED, UNUSED = "imu_instances", "unused_sensor"
 # Worst first.
 SEVERITY_ORDER: tuple[Weight, ...] = ("serious", "warning", "note", "info")
 WEIGHTS: Mapping[Severity, Weight] = {"error": "serious", "warning": "warning", "note": "note", "info": "info"}
@@ -110,15 +113,35 @@ def findings(
     signs = [*signs, *reports]
     for rule in RULES:
         signs = rule(signs, context)
-    known = {sign.kind for sign in signs}
-    spare = [check_sign(c, log, "note") for c in _settings_first(checks) if not c.in_use]
-    signs += [sign for sign in spare if sign.kind not in known]
+    signs = add_spares(signs, checks, log)
     signs += [Finding(BUG, "serious", check.text) for check in checks if check.about == BUG]
     signs += [*_unchecked(checks), *_open(list(unanswered))]
     found = merge_causes(signs)
     place = {kind: k for k, kind in enumerate(KINDS)}
     found.sort(key=lambda f: (SEVERITY_ORDER.index(f.severity), place.get(f.kind, len(place)), f.t or 0.0))
     return choose_actions(found, checks, log)
+
+
+def add_spares(signs: Signs, checks: Sequence[Check], log: FlightLog) -> Signs:
+    """Add the signs of sensors that are not in use, as notes.
+
+    They are no evidence against the sensor in use: beside signs of their kind only those with parameters to set count,
+    apart from them unless these compare the units.
+    """
+    known, found = {sign.kind for sign in signs}, list(signs)
+    for check in _settings_first(c for c in checks if not c.in_use):
+        spare = check_sign(check, log, "note")
+        if spare.kind not in known:
+            found.append(spare)
+        elif check.settings:
+            pair = next((k for k, s in enumerate(found) if s.kind == spare.kind and s.about == COMPARED), None)
+            if pair is None:
+                found.append(replace(spare, kind=UNUSED))
+                continue
+            sign, values = found[pair], settings_text(check)
+            action = f"{sign.action.rstrip('.')}, or {values[:1].lower()}{values[1:]}" if sign.action else values
+            found[pair] = replace(sign, evidence=[*sign.evidence, check.text], action=action)
+    return found
 
 
 # Signs.
@@ -285,13 +308,27 @@ MESSAGE_KINDS = (
     (re.compile(r"\bgps|\bgnss|glitch", re.I), "gnss"),
     (re.compile(r"\bekf|variance|estimator|attitude|\bahrs", re.I), "estimator"),
 )
+# Action by kind of event, and by what the event is about.
 EVENT_ACTIONS = {
     "radio_lost": "Check antennas and range of the radio, and its receiver's failsafe.",
     "battery": "Charge or change the battery, and land earlier.",
     "arming_refused": "Mend what the autopilot names, then arm again.",
     "parameter_changed": "Set parameters on the ground, and find what changed them in flight.",
     "device_error": "Check wiring, power and baud rate of this device.",
+    "lane_switch": "Compare IMU, compass and innovations of the lane that was left with those of the others.",
+    "sensor_switch": "Compare the IMU that was left with the others: vibration, bias and temperature.",
+    "failsafe": "Check radio link, battery and position estimate at that time.",
     "gnss_interference": "Look for transmitters near the antenna; do not rely on position modes there.",
+}
+ACTIONS_BY_ABOUT = {
+    ("failsafe", "radio"): "Check range, antennas and receiver of the radio.",
+    ("failsafe", "ground station"): "Check the telemetry link, and the time-out of this failsafe.",
+    ("failsafe", "ekf"): "Find the aid that the EKF lost or rejected before.",
+    ("failsafe", "gnss"): "Give the GNSS antenna a free view of the sky, and check its cable.",
+    ("failsafe", "terrain"): "Load terrain data for the route, and check the rangefinder.",
+    ("failsafe", "kill switch"): "Check who or what used the kill switch, and its channel.",
+    ("gnss_lost", "fix"): "Give the GNSS antenna a free view of the sky, away from cameras, radios and power wires.",
+    ("gnss_lost", "messages"): "Check cable, power and baud rate of the GNSS receiver.",
 }
 # Failsafes of a sensor or the estimator, and maximum time from report to event.
 EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibration_failsafe"), 0.01
@@ -332,7 +369,8 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             if is_estimator_jump(event):
                 sign = replace(sign, kind="estimator", value=None, unit="", cause=STEADY_GNSS_CAUSE)
             about = {"clipping": "clipping", "realigned": "heading", "vibration": "vibration"}.get(event.kind, "")
-            sign = replace(sign, about=about, action=EVENT_ACTIONS.get(event.kind, ""))
+            action = ACTIONS_BY_ABOUT.get((event.kind, event.about), EVENT_ACTIONS.get(event.kind, ""))
+            sign = replace(sign, about=about, action=action)
             if about == "vibration":
                 sign = replace(sign, cause=CAUSES["vibration_level"], action=log.remedy("vibration"))
             pairs.append((event, sign))
@@ -695,7 +733,7 @@ def explain_by_force(signs: Signs, context: Context) -> Signs:
         return signs
     since = force.t or 0.0
     later = [s for s in signs if s.kind == "estimator" and s.t is not None and s.t >= since]
-    later = [s for s in later if "rejected its position" not in s.text]
+    later = [s for s in later if s.about != REJECTED_POSITION]
     named = [(s.text, s.t or 0.0) for s in sorted(later, key=lambda s: s.t or 0.0)]
     caused = _with_effects(force, named) if named else force
     return [caused if s is force else _as_kind(force.kind, s) if s in later else s for s in signs]
@@ -814,12 +852,16 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
     return merged
 
 
+# What findings of test ratios are about.
+TEST_RATIOS = ("innovations", REJECTED_POSITION)
+
+
 def _lead_rank(sign: Finding) -> tuple[bool, int, float]:
     """Return the sort key of a sign: a first cause, then severity, then size of impacts and test ratios.
 
     A step of the gyro's bias goes before its mean, poor GNSS quality comes last.
     """
-    by_size = sign.kind == "hard_landing" or (sign.kind == "estimator" and sign.about == "innovations")
+    by_size = sign.kind == "hard_landing" or (sign.kind == "estimator" and sign.about in TEST_RATIOS)
     poor = sign.about == "gnss_quality" and sign.unit != "s"
     first = sign.about != FIRST_CAUSE
     place = float(poor) - float(sign.about == "gyro_bias_step")

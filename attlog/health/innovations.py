@@ -31,6 +31,8 @@ LIMIT = f"ok: above 1 for less than {MIN_REJECTION_S:.0f} s in all, "
 LIMIT += f"or for {100 * OFTEN_SHARE:.0f} % and never that long on end; "
 LIMIT += f"fault: {LONG_REJECTION_S:.0f} s on end or {100 * FAULT_SHARE:.0f} %"
 SOURCE = "the firmware's own gate; some EKFs reset after 10 s"
+# What a check of a rejected position is about.
+REJECTED_POSITION = "rejected_position"
 REJECTION_CAUSES = {
     "compass": "A disturbed or badly calibrated compass, or a wrong heading.",
     "velocity": "Bad GNSS, vibration, or a wrong attitude.",
@@ -133,6 +135,7 @@ def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | Non
             check.evidence.insert(0, check.text)
             check.text, check.count = rejection.text, len(rejection.spans)
             check.t, check.t_end = rejection.spans[0][0], rejection.spans[-1][1]
+            check.about = REJECTED_POSITION if one.aid == "position" else ""
         wrong = case.trouble("heading_by_gnss")
         if wrong and one.aid in ("velocity", "position"):
             check.why_no_setting = "The heading is wrong, not GNSS: turned by one angle, both agree."

@@ -170,7 +170,7 @@ CAUSES: Mapping[str, str] = {
     "filter_delay": "Low-pass filters ahead of the logger, or another clock.",
     "imu_delay": "Samples are stamped when published, wait in a queue, or pass a filter that no parameter shows.",
     "gyro_dead": "The sensor does not answer: its wiring, its bus or the sensor itself.",
-    "gyro_range": "A blow or vibration beyond the sensor's range.",
+    "gyro_range": "An impact or vibration beyond the sensor's range.",
     "gyro_bias": "The gyro was not calibrated, was moved while it started, or warms up.",
     "frozen_gyro": "The sensor, its driver or its bus stopped.",
     "frozen_sensors": "The sensor, its driver or its bus stopped.",

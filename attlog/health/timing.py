@@ -88,6 +88,10 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
     lost = (end - begin)[~paused]
     total = float(lost.sum())
     share = 100.0 * total / float(t[-1] - t[0])
+    rate = 1.0 / float(np.median(np.diff(t)))
+    if log.settings.kind == "telemetry" and not is_replayable_rate(rate):
+        why = f"Telemetry at {rate:.0f} Hz: slow messages and lost packets look alike ({share:.0f} % of the time)."
+        return unknown("gaps", why, GAP_LIMIT)
     text = f"{len(lost)} gap{'s' if len(lost) > 1 else ''} in the inertial data, {total:.2f} s in all ({share:.1f} %)"
     text += f", of {np.median(lost):.2f} s (median), the longest {lost.max():.2f} s" if len(lost) > 1 else ""
     few = len(lost) < FEW_GAPS and share < FEW_GAPS_PCT
@@ -98,11 +102,11 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
     if onboard is not None and onboard.rate > 0:  # gaps in which it is logged do not come from the logger
         there = np.searchsorted(onboard.t, end[~paused]) - np.searchsorted(onboard.t, begin[~paused])
         others = int(np.count_nonzero(there >= np.maximum(2.0, 0.5 * onboard.rate * lost)))
-    if others:
+    if log.settings.kind == "telemetry":
+        check.cause = LINK_CAUSE
+    elif others:
         check.evidence.append(f"{log.onboard} goes on in {others} of them.")
         check.cause = "The IMU, its driver or the rate of its messages: others go on in the gaps."
-    elif log.settings.kind == "telemetry":
-        check.cause = LINK_CAUSE
     elif float(lost.max()) > LONG_PAUSE_S:
         check.about = "stopped"
     return check

@@ -101,7 +101,8 @@ class Orientation:
     ``ratio``: RMS residual as set over that of the best mounting; ``next_ratio``: that of the next best. ``dip_deg``:
     dip as set and turned; ``left_ut``: residuals likewise. ``angle_deg`` with ``sigma_deg``: the turn's angle.
     ``error`` (n, 3) uT at ``error_t`` (n,) s: field less the earth's, in true body axes. ``mirrored``: the axes are
-    those of a mirror, which no mounting is. ``why``: reason for ``unknown``.
+    those of a mirror, which no mounting is. ``why``: reason for ``unknown``. ``best`` (3, 3): the turn that fits best,
+    significant or not; None where none gives the earth's field.
     """
 
     verdict: Verdict
@@ -119,6 +120,7 @@ class Orientation:
     error_t: Array = field(default_factory=lambda: np.zeros(0))
     seconds: float = 0.0
     samples: int = 0
+    best: Array | None = None
 
 
 def mounting_orders(now: float | None) -> Array:
@@ -169,12 +171,17 @@ def compass_orientation(log: FlightLog, segments: Segments, mag: Mag) -> Orienta
     made = [judge(windows, orders, earth) for make in TILTS if (windows := make(log, segments, imu, mag))]
     if not made:
         return Orientation("unknown", "data", TOO_LITTLE)
+    return joined(made)
+
+
+def joined(made: Sequence[Orientation]) -> Orientation:
+    """Return what the tilts show together: a fault counts where every other tilt fits its mounting best."""
     named = next((one for one in made if one.verdict == "fault"), None)
     if named is None:
         return made[0] if made[0].verdict == "ok" else next((one for one in made if one.verdict == "ok"), made[0])
-    if any(np.abs(other.turn - named.turn).max() > 1e-6 for other in made):
+    if any(other.best is None or np.abs(other.best - named.turn).max() > 1e-6 for other in made):
         why = "Tilt by the onboard attitude and by gravity show different mountings."
-        if any(one.verdict == "unknown" for one in made):
+        if any(one.best is None for one in made):
             why = "Only one of two tilts, by the onboard attitude and by gravity, shows a mounting."
         return Orientation("unknown", "attitudes", why)
     return named
@@ -276,16 +283,16 @@ def judge(windows: Sequence[Window], orders: Array, earth: MagneticField) -> Ori
     mirrored = mirror.verdict != "unknown" and rival > MIN_MIRROR_RATIO * float(fits.left[other])
     if mirrored:
         found, best = replace(mirror, verdict="fault", mirrored=True), other
-    if found.verdict == "unknown" or best is None:
-        return replace(found, seconds=seconds, samples=samples)
     sign = -1.0 if mirrored else 1.0
+    turn = None if best is None else sign * orders[best]
+    found = replace(found, seconds=seconds, samples=samples, best=turn)
+    if found.verdict == "unknown" or best is None or turn is None:
+        return found
     shown = replace(
         found,
-        turn=sign * orders[best],
+        turn=turn,
         dip_deg=(float(fits.dip_deg[0]), sign * float(fits.dip_deg[best])),
         left_ut=(float(fits.left[0]), float(fits.left[best])),
-        seconds=seconds,
-        samples=samples,
     )
     return shown if mirrored else _measured(shown, windows, fits, orders[best], best)
 
@@ -364,7 +371,7 @@ def _measured(found: Orientation, windows: Sequence[Window], fits: Fits, order: 
     askew, askew_sigma = _angle(turn @ order.T, sd)
     if found.verdict == "fault" and askew - 1.96 * askew_sigma > MAX_ASKEW_DEG:
         why = f"The compass is rotated by {angle:.0f} deg, which no orientation parameter describes."
-        return replace(found, verdict="unknown", reason="askew", why=why, turn=np.eye(3))
+        return replace(found, verdict="unknown", reason="askew", why=why, turn=np.eye(3), best=None)
     errors = [
         window.field @ order.T - _expected(window, float(drift[best]), sums, order)
         for window, drift, sums in zip(windows, fits.drifts, whole, strict=True)

@@ -315,10 +315,10 @@ def find_spikes(imu: Imu) -> GyroSpikes:
 def _near_impact(imu: Imu, t: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which times (n,) are within IMPACT_S of an accelerometer peak."""
     stamps = imu.acc.t_best
-    blows = np.sort(stamps[(rotation.length(imu.acc.x) > IMPACT_M_S2) & np.isfinite(stamps)])
-    if not len(blows):
+    impacts = np.sort(stamps[(rotation.length(imu.acc.x) > IMPACT_M_S2) & np.isfinite(stamps)])
+    if not len(impacts):
         return np.zeros(len(t), bool)
-    k = np.searchsorted(blows, t)
-    before, after = blows[np.maximum(k - 1, 0)], blows[np.minimum(k, len(blows) - 1)]
+    k = np.searchsorted(impacts, t)
+    before, after = impacts[np.maximum(k - 1, 0)], impacts[np.minimum(k, len(impacts) - 1)]
     near: NDArray[np.bool_] = np.minimum(np.abs(t - before), np.abs(t - after)) < IMPACT_S
     return near

@@ -43,8 +43,8 @@ from attlog.segments.impacts import (
 
 # Overturn: minimum tilt and duration, or a larger tilt for a shorter duration.
 MIN_OVERTURN_DEG, MIN_OVERTURN_S, MIN_INVERTED_DEG, MIN_INVERTED_S = 90.0, 0.2, 120.0, 0.05
-# Ratio of down's parts along the body's axes above which it turned about one of them.
-ONE_AXIS_RATIO = 2.0
+# Ratio of down's parts along the body's axes above which it turned about one of them: 5 deg from the diagonal.
+ONE_AXIS_RATIO = 1.2
 # Time before an overturn in which it was upright; events closer than that are one.
 UPRIGHT_BEFORE_S = 5.0
 # Gyro rate that confirms an overturn, and how long before it.
@@ -296,8 +296,8 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
     crash: list[CrashEvent] = []
 
     def close(t1: float) -> None:
-        blow = next((e.t for e in crash if e.kind == "impact"), crash[0].t)
-        wrecks.append(Wreck(crash[0].t, blow, t1, "; ".join(e.why for e in crash)))
+        hit = next((e.t for e in crash if e.kind == "impact"), crash[0].t)
+        wrecks.append(Wreck(crash[0].t, hit, t1, "; ".join(e.why for e in crash)))
         crash.clear()
 
     air = context.air
@@ -320,8 +320,8 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
     lost = spans.complement([(w.impact_s, w.t1) for w in wrecks], -np.inf, np.inf)
     flown = spans.intersect(context.air.spans, lost)
     begun = {a for a, _ in context.air.spans}
-    blows = [e.t for e in kept if e.kind == "impact"]
-    stretched = [(a, next((e for e in blows if b < e <= b + AFTER_S), b)) for a, b in flown if a in begun]
+    impacts = [e.t for e in kept if e.kind == "impact"]
+    stretched = [(a, next((e for e in impacts if b < e <= b + AFTER_S), b)) for a, b in flown if a in begun]
     return FlightOutcome(stretched, kept, wrecks)
 
 
@@ -330,11 +330,11 @@ def _same_crash(crash: list[CrashEvent], ending: CrashEvent) -> bool:
 
     Another kind, a harder impact, one with the ground after one in the air, or an overturn after a fall.
     """
-    last, blows = crash[-1], [e.size for e in crash if e.kind == "impact" and not e.in_air]
-    if ending.kind == "impact" and blows:
-        return ending.size > HARDER_RATIO * max(blows)
+    last, impacts = crash[-1], [e.size for e in crash if e.kind == "impact" and not e.in_air]
+    if ending.kind == "impact" and impacts:
+        return ending.size > HARDER_RATIO * max(impacts)
     if ending.kind == last.kind == "impact":
-        return True  # after a blow in the air
+        return True  # after an impact in the air
     return ending.kind != last.kind or (last.unit == "deg" and last.size < MIN_OVERTURN_DEG < ending.size)
 
 

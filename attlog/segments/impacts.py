@@ -28,7 +28,7 @@ MAX_REST_RATE_DPS, MAX_REST_FORCE_ERROR_M_S2, MAX_TILT_DIFFERENCE_DEG = 60.0, 2.
 STILL_S, STILL_STEP_S = 0.4, 0.1
 
 
-# Fall after a blow that was not with the ground: propellers shift a barometer by up to 4 m.
+# Fall after an impact that was not with the ground: propellers shift a barometer by up to 4 m.
 MIN_FALL_M = 5.0
 
 
@@ -38,8 +38,8 @@ class CrashEvent:
 
     ``size`` in ``unit``: g of a peak, deg of the largest tilt, deg/s of a tumble. ``lies_deg``: tilt at rest
     afterwards, None without rest. ``rate``: IMU rate in Hz. ``why``: a sentence with numbers. ``sources``: evidence.
-    ``fell_m``: how far it fell in the seconds after a blow, 0 where no height shows it. ``axis``: of an overturn, roll
-    or pitch, empty for both.
+    ``fell_m``: how far it fell in the seconds after an impact, 0 where no height shows it. ``axis``: of an overturn,
+    roll or pitch, empty for both.
     """
 
     kind: CrashKind
@@ -56,7 +56,7 @@ class CrashEvent:
 
     @property
     def in_air(self) -> bool:
-        """True if a blow was above the ground: it fell far afterwards."""
+        """True if an impact was above the ground: it fell far afterwards."""
         return self.fell_m > MIN_FALL_M
 
     @property
@@ -307,30 +307,30 @@ def find_impacts(context: CrashContext) -> list[CrashEvent]:
     around = spans.merge([*around, *([] if disarmed is None else [(disarmed - DISARMED_S, disarmed + CONTACT_S)])])
     least_g = MIN_SIMULATED_LANDING_G if context.log.simulated else MIN_HARD_LANDING_G
     found: list[CrashEvent] = []
-    for blow in impact_peaks(context.log.imus, around, MIN_HARD_LANDING_G):
-        why = _impact_reason(context, blow) if blow.most > MIN_IMPACT_G else ""
-        lying = rest_tilt(context, blow.t)
-        size, source = f"a blow of {blow.g:.1f} g", (blow.source,)
+    for peak in impact_peaks(context.log.imus, around, MIN_HARD_LANDING_G):
+        why = _impact_reason(context, peak) if peak.most > MIN_IMPACT_G else ""
+        lying = rest_tilt(context, peak.t)
+        size, source = f"an impact of {peak.g:.1f} g", (peak.source,)
         if why:
             text = f"{size}, {why}"
-            fell_m = _fell_m(context, blow.t)
-            found.append(CrashEvent("impact", blow.t, blow.t, blow.g, "g", text, lying, blow.rate, source, fell_m))
+            fell_m = _fell_m(context, peak.t)
+            found.append(CrashEvent("impact", peak.t, peak.t, peak.g, "g", text, lying, peak.rate, source, fell_m))
             continue
-        upright = not context.tilt.largest(blow.t, blow.t + FALL_S) > MAX_LANDED_DEG
-        if blow.g > least_g and upright and _at_flight_end(context, blow.t):
+        upright = not context.tilt.largest(peak.t, peak.t + FALL_S) > MAX_LANDED_DEG
+        if peak.g > least_g and upright and _at_flight_end(context, peak.t):
             text = f"{size} as it landed"
-            landing = CrashEvent("hard_landing", blow.t, blow.t, blow.g, "g", text, lying, blow.rate, source)
+            landing = CrashEvent("hard_landing", peak.t, peak.t, peak.g, "g", text, lying, peak.rate, source)
             before = found[-1] if found and found[-1].kind == "hard_landing" else None
-            if before is None or blow.t - before.t > FLIES_ON_S:
+            if before is None or peak.t - before.t > FLIES_ON_S:
                 found.append(landing)
-            elif blow.t - before.t <= MAX_CONTACT_GAP_S and blow.g > HARDER_RATIO * before.size:
+            elif peak.t - before.t <= MAX_CONTACT_GAP_S and peak.g > HARDER_RATIO * before.size:
                 found[-1] = landing  # what follows are bounces
     return found
 
 
-def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
+def _impact_reason(context: CrashContext, peak: ImpactPeak) -> str:
     """Return the evidence that a peak above 4 g is an impact; empty without evidence."""
-    t = blow.t
+    t = peak.t
     if context.flies_at(t + FLIES_ON_S) and not _lies_over(context, t):
         return ""
     lying = rest_tilt(context, t)
@@ -349,22 +349,22 @@ def _impact_reason(context: CrashContext, blow: ImpactPeak) -> str:
         return f"at {spun:.0f} deg/s and {leaned:.0f} deg of tilt"
     disarmed = context.disarmed_s
     killed = disarmed is not None and 0.0 <= disarmed - t <= DISARMED_S
-    if blow.most > MIN_VIOLENT_G and leaned > MIN_KILLED_TILT_DEG and killed:
+    if peak.most > MIN_VIOLENT_G and leaned > MIN_KILLED_TILT_DEG and killed:
         return f"at {leaned:.0f} deg of tilt, and it was disarmed"
     leaned = context.tilt.largest(t - 0.5, t)
-    if blow.most > MIN_VIOLENT_G and leaned > MIN_LEAN_DEG:
+    if peak.most > MIN_VIOLENT_G and leaned > MIN_LEAN_DEG:
         return f"after {leaned:.0f} deg of tilt"
     return ""
 
 
 def _lies_over(context: CrashContext, t: float) -> bool:
-    """Return whether a vehicle without wings stays far tilted after a blow, with whatever drive."""
+    """Return whether a vehicle without wings stays far tilted after an impact, with whatever drive."""
     later = context.tilt.deg[spans.between(context.tilt.t, t + 0.5 * FLIES_ON_S, t + FLIES_ON_S)]
     return not context.log.kind.winged and len(later) > 0 and float(np.median(later)) > MAX_UPRIGHT_DEG
 
 
 def _fell_m(context: CrashContext, t: float) -> float:
-    """Return how far the vehicle fell within 6 s after a blow, 0 without a height."""
+    """Return how far the vehicle fell within 6 s after an impact, 0 without a height."""
     stream = height_stream(context.log)
     if stream is None:
         return 0.0

@@ -226,7 +226,7 @@ class Command:
 class Move:
     """A smooth move to these angles and height within ``seconds`` (fifth order, no jump in rate or acceleration).
 
-    What is not given stays. ``north_m east_m`` count from its begin. ``shock_m_s2``: blow at the end, along body
+    What is not given stays. ``north_m east_m`` count from its begin. ``shock_m_s2``: impact at the end, along body
     down, that rings off in hundredths of a second.
     """
 

@@ -131,7 +131,7 @@ def jumped_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         if jump.value is None or jump.value < MIN_JUMP_M:
             continue
         for n, event in _of(events, "failsafe", "aid_rejected"):
-            about = "position" in event.text or POSITION_WORDS.search(_words(event))
+            about = event.about == "position" or POSITION_WORDS.search(_words(event))
             if 0.0 <= event.t - jump.t <= MAX_JUMP_S and about and not OTHER_FAILSAFES.search(event.text):
                 yield k, n, f"GNSS position and velocity disagree by {jump.value:.0f} m"
 
@@ -143,12 +143,12 @@ SHAKEN_S, SETTLE_S = 2.0, 0.3
 # Resolution of vibration levels in time.
 LEVEL_S = 1.0
 VIBRATION_WORDS = re.compile(r"vibration comp|vibration failsafe|clipping", re.I)
-# Time between a switch of sensor or core and the jump of attitude that it brings.
+# Time between a switch of sensor or lane and the jump of attitude that it brings.
 SWITCH_S = 0.5
 
 
 def shaken(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
-    """Join vibration and clipping to switches of IMU and core, and to the autopilot's reports of them."""
+    """Join vibration and clipping to switches of IMU and lane, and to the autopilot's reports of them."""
     for k, source in sorted(_of(events, "vibration", "clipping"), key=lambda pair: pair[1].kind):
         if source.severity == "note":
             continue
@@ -202,7 +202,7 @@ def _clipped(log: FlightLog, unit: int | None, t0: float, t1: float) -> int:
 
 
 def jumped_by_switch(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
-    """Join a switch of IMU or core to the jump of attitude at it."""
+    """Join a switch of IMU or lane to the jump of attitude at it."""
     for k, switch in _of(events, "sensor_switch", "lane_switch"):
         for n, event in _of(events, "reset"):
             if 0.0 <= event.t - switch.t <= SWITCH_S:
@@ -218,7 +218,7 @@ ALIGN_S = 2.0
 def rejected_compass(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
     """Join a rejected compass to its replacement, or to a new alignment of yaw, while it lasts."""
     for k, event in _of(events, "aid_rejected"):
-        if "its compass" not in event.text:
+        if event.about != "compass":
             continue
         end = event.t if event.t_end is None else event.t_end
         for n, change in _of(events, "compass_switch", "realigned"):
@@ -244,7 +244,7 @@ def changed_parameters(log: FlightLog, events: Sequence[Event]) -> Iterator[Link
         mine = [(t, name) for t, name in turned if change.t - ROUNDING_S <= t <= end + ROUNDING_S]
         for n, event in _of(events, "realigned", "reset", "compass_switch", "aid_rejected"):
             names = [name for t, name in mine if -ROUNDING_S <= event.t - t <= REACTS_S]
-            if names and "height" not in event.text:
+            if names and event.about != "height":
                 yield k, n, f"{names[0]} acts on the heading"
 
 
@@ -281,21 +281,25 @@ def ended_flight(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
                 yield k, n, f"mode {mode.value[last]} set at {t:.1f} s, reason: {why}"
 
 
-# Specific force below which a vehicle falls freely, and for how long; time from the stop of the motors to the blow.
+# Specific force below which a vehicle falls freely, and for how long; time from the stop of the motors to the impact.
 FALL_M_S2, FALL_S, KILLED_S = 3.0, 0.1, 5.0
-STOPPED = re.compile(r"kill switch|emergency stop|terminat", re.I)
+STOPPED = re.compile(r"emergency stop|terminat", re.I)
 
 
 def stopped_motors(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
-    """Join motors stopped in the air to the blow that follows, where the accelerometer shows a fall between."""
+    """Join motors stopped in the air to the impact that follows, where the accelerometer shows a fall between."""
     for k, stop in _of(events, "failsafe", "disarmed"):
-        if stop.kind == "failsafe" and not STOPPED.search(stop.text):
+        if stop.kind == "failsafe" and not _stops_motors(stop):
             continue
         if any(e.kind in CRASHES and 0.0 <= stop.t - e.t <= KILLED_S for e in events):
             continue  # it was lost before
-        for n, blow in _of(events, "impact", "hard_landing", "overturn"):
-            if 0.0 < blow.t - stop.t <= KILLED_S and (fall := _fall_seconds(log, stop.t, blow.t)) >= FALL_S:
+        for n, hit in _of(events, "impact", "hard_landing", "overturn"):
+            if 0.0 < hit.t - stop.t <= KILLED_S and (fall := _fall_seconds(log, stop.t, hit.t)) >= FALL_S:
                 yield k, n, f"free fall of {fall:.1f} s between them"
+
+
+def _stops_motors(event: Event) -> bool:
+    return event.about == "kill switch" or bool(STOPPED.search(event.text))
 
 
 def _fall_seconds(log: FlightLog, t0: float, t1: float) -> float:
@@ -321,7 +325,7 @@ def lost_radio(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
 
 # --- crashes ----------------------------------------------------------------------------------------------------
 
-# Shortest time from an overturn to the blow that it causes: within it the blow may have come first, as tilt is slower.
+# Shortest time from an overturn to the impact that it causes: tilt is slower, so within it the impact may be first.
 MIN_FALL_S = 0.3
 # Time after a crash in which the estimator's reports are its effects.
 STRUCK_S = 2.0
@@ -387,14 +391,14 @@ def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
     """Join an event of a crash to the next one, and a crash to reports just after it."""
     crashes = [(k, e) for k, e in _of(events, *CRASHES) if e.severity == "serious"]
     for k, crash in crashes:
-        for n, blow in crashes:
-            fall = MIN_FALL_S if blow.kind == "impact" else 0.0
-            soon = crash.t + fall < blow.t <= (crash.t_end or crash.t) + CAUSE_S
-            if k < n and crash.kind != blow.kind and soon and "in the air" not in crash.text:
-                yield k, n, f"{blow.t - crash.t:.1f} s after it"
+        for n, hit in crashes:
+            fall = MIN_FALL_S if hit.kind == "impact" else 0.0
+            soon = crash.t + fall < hit.t <= (crash.t_end or crash.t) + CAUSE_S
+            if k < n and crash.kind != hit.kind and soon and crash.about != "air":
+                yield k, n, f"{hit.t - crash.t:.1f} s after it"
     for n, event in _of(events, "lane_switch", "sensor_switch", "reset", "failsafe", "compass_switch", "gnss_jump"):
         before = [(k, e) for k, e in crashes if 0.0 <= event.t - e.t <= STRUCK_S]
-        if before and not STOPPED.search(event.text):
+        if before and not _stops_motors(event):
             k, crash = before[-1]
             yield k, n, f"{event.t - crash.t:.1f} s after it"
 

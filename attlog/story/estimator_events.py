@@ -145,20 +145,30 @@ def _rejections_of(test: InnovationTest, flown: list[Span]) -> Rejection | None:
 def rejection_events(log: FlightLog, segments: Segments) -> list[Event]:
     """Return an event for each rejected aid."""
     return [
-        Event("aid_rejected", r.spans[0][0], "warning", r.text, r.spans[-1][1], round(r.worst, 2), evidence=[r.source])
+        Event(
+            "aid_rejected",
+            r.spans[0][0],
+            "warning",
+            r.text,
+            r.spans[-1][1],
+            round(r.worst, 2),
+            evidence=[r.source],
+            about=r.aid,
+        )
         for r in aid_rejections(log, segments)
         if r.spans
     ]
 
 
-# Texts of an estimator within this time are one event, and so are those of other cores within MAX_CORES_S: in 20 logs
-# with several cores they follow each other by up to 13.4 s, and by 80 s and more in another flight.
-TOGETHER_S, MAX_CORES_S = 1.5, 20.0
-CORE = re.compile(r"\bIMU\d+\b")
+# Texts of an estimator within this time are one event, and so are those of other lanes within MAX_LANES_S: in 20 logs
+# with several lanes they follow each other by up to 13.4 s, and by 80 s and more in another flight.
+TOGETHER_S, MAX_LANES_S = 1.5, 20.0
+UNIT = re.compile(r"\bIMU\d+\b")
 # Shortest outage of GNSS.
 LOST_S = 2.0
 # Number of outages that are events of their own.
 MAX_OUTAGES = 3
+OUTAGES = {"fix": "GNSS had no fix", "messages": "No GNSS message arrived"}
 # Formats of radio links, and the share of missing messages in which a pause of the attitude is one of the link.
 TELEMETRY, PAUSE_SHARE = ("tlog", "mavlink"), 0.5
 # Codes of problems: ERR 24 of ArduPilot, and PX4's estimator_selector_status.
@@ -178,22 +188,22 @@ def onboard_estimator_events(log: FlightLog, segments: Segments) -> tuple[list[E
 
 
 def _group_texts(texts: list[Text]) -> list[list[Text]]:
-    """Return groups of texts of one event: within a few seconds, or the same text of another core."""
+    """Return groups of texts of one event: within a few seconds, or the same text of another lane."""
     groups: list[list[Text]] = []
     for text in texts:
-        if groups and (text[0] - groups[-1][-1][0] <= TOGETHER_S or _is_of_other_core(text, groups[-1])):
+        if groups and (text[0] - groups[-1][-1][0] <= TOGETHER_S or _is_of_other_lane(text, groups[-1])):
             groups[-1].append(text)
         else:
             groups.append([text])
     return groups
 
 
-def _is_of_other_core(text: Text, group: list[Text]) -> bool:
-    """Return whether a core repeats what another core, but not itself, has reported in the group."""
-    if not CORE.search(text[2]) or text[0] - group[0][0] > MAX_CORES_S:
+def _is_of_other_lane(text: Text, group: list[Text]) -> bool:
+    """Return whether a lane repeats what another lane, but not itself, has reported in the group."""
+    if not UNIT.search(text[2]) or text[0] - group[0][0] > MAX_LANES_S:
         return False
     said = [x[2] for x in group]
-    return text[2] not in said and CORE.sub("", text[2]) in [CORE.sub("", x) for x in said]
+    return text[2] not in said and UNIT.sub("", text[2]) in [UNIT.sub("", x) for x in said]
 
 
 def _driven_at(segments: Segments, t: float) -> bool:
@@ -203,7 +213,7 @@ def _driven_at(segments: Segments, t: float) -> bool:
 
 
 def _realign_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
-    """Return yaw alignments while armed; the first of each core is normal, later ones are warnings."""
+    """Return yaw alignments while armed; the first of each lane is normal, later ones are warnings."""
     found = []
     texts = matching_texts(log, REALIGNED)
     quoted += texts
@@ -214,9 +224,9 @@ def _realign_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> l
         while_armed = next((k for k, (a, b) in enumerate(armed) if a <= t <= b), None)
         if while_armed is None:
             continue
-        cores = {(while_armed, core) for x in group for core in CORE.findall(x[2]) or [""]}
-        odd = any(ANOMALY.search(x[2]) for x in group) or bool(aligned & cores)
-        aligned |= cores
+        now = {(while_armed, lane) for x in group for lane in UNIT.findall(x[2]) or [""]}
+        odd = any(ANOMALY.search(x[2]) for x in group) or bool(aligned & now)
+        aligned |= now
         weight: EventSeverity = "warning" if odd else "info"
         text = f"The EKF {'re-aligned' if odd else 'aligned'} its yaw at {t:.1f} s."
         words = next((x for x in group if ANOMALY.search(x[2])), group[0])
@@ -235,13 +245,13 @@ def _reset_events(segments: Segments) -> list[Event]:
 
 
 def _switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
-    """Return changes of the estimator's core, of the IMU and of the compass while armed."""
+    """Return switches of the estimator's lane, of the IMU and of the compass while armed."""
     found = []
     lanes = [x for x in matching_texts(log, LANE) if _driven_at(segments, x[0])]
     quoted += lanes
     for group in _group_texts(lanes):
         t, why = group[0][0], _reason(group[0][2])
-        text = f"The estimator changed its core at {t:.1f} s{why}."
+        text = f"The EKF switched lanes at {t:.1f} s{why}."
         evidence = [quote_text(x) for x in group[:2]]
         found.append(Event("lane_switch", t, "warning", text, evidence=evidence, quote=clean_text(group[0][2])))
     for problem in log.problems:
@@ -290,7 +300,8 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
         mine = np.concatenate([[a], t[(t > a) & (t < b)], [b]])
         for k in np.flatnonzero(np.diff(mine) > max(LOST_S, MAX_INTERVALS * usual)).tolist():
             since, until = float(mine[k]), float(mine[k + 1])
-            if ((unfixed > since) & (unfixed < until)).any():
+            about = "fix" if ((unfixed > since) & (unfixed < until)).any() else "messages"
+            if about == "fix":
                 text = f"GNSS had no fix for {until - since:.0f} s in flight, from {since:.1f} s."
                 evidence = [f"{log.gnss[0].source}: no 3D fix"]
             elif is_link_loss(log, since, until):
@@ -298,15 +309,16 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
             else:
                 text = f"No GNSS message arrived for {until - since:.0f} s in flight, from {since:.1f} s."
                 evidence = [f"{log.gnss[0].source}: no record; with a fix before and after"]
-            found.append(Event("gnss_lost", since, "warning", text, until, round(until - since, 1), "s", evidence))
+            size = round(until - since, 1)
+            found.append(Event("gnss_lost", since, "warning", text, until, size, "s", evidence, about=about))
     return found if len(found) <= MAX_OUTAGES else [_joined_outages(found)]
 
 
 def _joined_outages(found: Sequence[Event]) -> Event:
     """Return many outages, which have one cause, as one event."""
     seconds = sum(e.value or 0.0 for e in found)
-    heads = {e.text.partition(" for ")[0] for e in found}
-    what = heads.pop() if len(heads) == 1 else "GNSS had no fix or sent no message"
+    lost = {e.about for e in found}
+    what = OUTAGES.get(lost.pop() if len(lost) == 1 else "", "GNSS had no fix or sent no message")
     text = f"{what} for {seconds:.0f} s in flight, in {len(found)} outages from {found[0].t:.1f} s."
     return replace(found[0], text=text, t_end=found[-1].t_end, value=round(seconds, 1))
 

@@ -40,8 +40,8 @@ MEASURED_S = 1.0
 # it.
 ENDED_S = 2.0
 AT_ONCE_S = 10.0
-# First word of a failsafe without a name, and the kill switch in events.
-UNNAMED, KILL = "Failsafe", "Kill switch"
+# First word of a failsafe without a name, and what the kill switch is about.
+UNNAMED, KILL = "Failsafe", "kill switch"
 # Maximum time between a failsafe's text and its mode change.
 SET_S = 1.0
 # Name of a failsafe by its text. Rover up to 2.50 reports bits: 1 throttle, 2 ground station (APMrover2, defines.h).
@@ -103,7 +103,7 @@ def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
             words = f"{name} {format_time(at)}."
             first = problem.code == "err_7_1" and _first_fix(log, at)
             early: EventSeverity = "note" if at < MEASURED_S or first else "warning"
-            found.append(Event("failsafe", at, early, words, evidence=[problem.text]))
+            found.append(Event("failsafe", at, early, words, evidence=[problem.text], about=_about(name)))
     found += _low_battery_events([x for x in low if not PREARM.search(x[2])], found, quoted)
     return [_weigh_failsafe(e, segments) for e in found], quoted
 
@@ -114,7 +114,7 @@ def _is_repeated(name: str, t: float, other: Event) -> bool:
     What follows a kill switch within a minute belongs to it.
     """
     apart = t - (other.t_end or other.t)
-    same = name.startswith(UNNAMED) or other.text.startswith((UNNAMED, name)) or (KILL in other.text and apart >= 0.0)
+    same = name.startswith(UNNAMED) or other.text.startswith((UNNAMED, name)) or (other.about == KILL and apart >= 0.0)
     return abs(apart) <= (AGAIN_S if same else CAUSE_S)
 
 
@@ -176,7 +176,14 @@ def _failsafe_name(text: Text, battery: bool) -> str:
 
 def _failsafe_event(kind: str, t: float, words: str, evidence: list[str], quote: str = "") -> Event:
     weight: EventSeverity = "note" if kind == "battery" and t < MEASURED_S else "warning"
-    return Event(kind, t, weight, f"{words} {format_time(t)}.", evidence=evidence, quote=quote)
+    text, about = f"{words} {format_time(t)}.", _about(words)
+    return Event(kind, t, weight, text, evidence=evidence, quote=quote, about=about)
+
+
+def _about(name: str) -> str:
+    """Return what a failsafe is about, as "radio"; empty where its name does not say."""
+    about, _, rest = name.lower().partition(" failsafe")
+    return about if about != name.lower() and not rest else ""
 
 
 def _kill_switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) -> list[Event]:
@@ -199,12 +206,14 @@ def _kill_switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) 
                     f"Kill switch at {text[0]:.1f} s.",
                     evidence=[quote_text(text)],
                     quote=clean_text(text[2]),
+                    about=KILL,
                 )
             )
     stopped = [p for p in log.problems if p.code == "ev_54" and p.t is not None]
     if not found and stopped and stopped[0].t is not None:
         t = stopped[0].t
-        found.append(Event("failsafe", t, weight(t), f"Kill switch at {t:.1f} s.", evidence=[stopped[0].text]))
+        evidence = [stopped[0].text]
+        found.append(Event("failsafe", t, weight(t), f"Kill switch at {t:.1f} s.", evidence=evidence, about=KILL))
     return found
 
 
@@ -215,7 +224,7 @@ def failsafe_phrases(first: list[str], log: FlightLog, segments: Segments, event
     else happened.
     """
     crash = next((e.t for e in events if e.is_crash), np.inf)
-    found = [e for e in events if e.kind in ("failsafe", "battery") and "Kill switch" not in e.text]
+    found = [e for e in events if e.kind in ("failsafe", "battery") and e.about != KILL]
     for a, b in reversed(segments.spans("airborne")):
         aloft = [e for e in found if e.severity == "warning" and a <= e.t <= min(b + ENDED_S, crash)]
         if aloft:

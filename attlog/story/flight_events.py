@@ -79,8 +79,9 @@ class Event:
     """Event at ``t`` s, or from ``t`` to ``t_end`` s, with its size and evidence.
 
     ``evidence``: sensors with their values, flags, and the autopilot's texts. ``quote``: the autopilot's own words,
-    empty without any. ``cause``: None where no evidence shows one. ``part``: what failed (motor, motor output, thrust,
-    propellers, control); ``motor``: its number from 1, ``position``: as "rear left".
+    empty without any. ``about``: rejected aid, cause of a failsafe, "fix" or "messages" of lost GNSS, "air" of an
+    impact above the ground. ``cause``: None where no evidence shows one. ``part``: what failed (motor, motor output,
+    thrust, propellers, control); ``motor``: its number from 1, ``position``: as "rear left".
     """
 
     kind: str
@@ -92,6 +93,7 @@ class Event:
     unit: str = ""
     evidence: list[str] = field(default_factory=list)
     quote: str = ""
+    about: str = ""
     cause: Cause | None = None
     part: str = ""
     motor: int | None = None
@@ -340,7 +342,7 @@ def overturn_word(ending: CrashEvent) -> str:
 def _crash_event(ending: CrashEvent, evidence: list[str]) -> Event:
     lies = "" if ending.lies_deg is None else f" It then lay at {ending.lies_deg:.0f}°."
     words = {
-        "impact": f"{'Took a blow in the air' if ending.in_air else 'Hit the ground or an obstacle'} "
+        "impact": f"{'Struck in the air' if ending.in_air else 'Hit the ground or an obstacle'} "
         f"at {ending.t:.1f} s: {format_size(ending)}.",
         "hard_landing": f"Hard landing at {ending.t:.1f} s: {format_size(ending)}, and it stayed upright.",
         "overturn": f"{overturn_word(ending)} at {ending.t:.1f} s, to {format_size(ending)}.",
@@ -350,7 +352,8 @@ def _crash_event(ending: CrashEvent, evidence: list[str]) -> Event:
     text = words[ending.kind] + (lies if ending.is_crash else "")
     unit = {"deg": "°", "deg/s": "°/s"}.get(ending.unit, ending.unit)
     t_end = ending.t_end if ending.t_end - ending.t > 0.5 else None
-    return Event(ending.kind, ending.t, weight, text, t_end, round(ending.size, 2), unit, evidence)
+    about = "air" if ending.in_air else ""
+    return Event(ending.kind, ending.t, weight, text, t_end, round(ending.size, 2), unit, evidence, about=about)
 
 
 def _wreck_moved(segments: Segments, crashes: list[CrashEvent], end: float) -> list[Event]:
@@ -375,7 +378,7 @@ def impact_limit_text(log: FlightLog) -> str:
     rate = max((imu.acc.rate for imu in log.imus), default=0.0)
     if shows_impacts(log) or rate == 0.0:
         return ""
-    return f"IMU at {rate:.0f} Hz: a blow shorter than {1000.0 / rate:.0f} ms would not show"
+    return f"IMU at {rate:.0f} Hz: an impact shorter than {1000.0 / rate:.0f} ms would not show"
 
 
 # --- clipping and vibration --------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.spans import Span, inside
@@ -31,6 +32,8 @@ from attlog.story.flight_events import (
     overturn_word,
 )
 
+Array = NDArray[np.float64]
+
 # --- flight ------------------------------------------------------------------------------------------------------
 
 # Throttle-up spans closer than this are merged.
@@ -48,6 +51,8 @@ MIN_RANGES = 10
 # On the ground, above this speed a vehicle moves. Below, it moves where its speed stays above MIN_SPEED_M_S and four
 # times the lowest quarter, which is the scatter of a receiver that stands, for 3 s.
 FAST_M_S, MIN_SPEED_M_S, SPEED_SCATTERS, MIN_MOVING_S = 0.5, 0.2, 4.0, 3
+# Smallest turn that is mentioned, and turn of a second that is more than the heading's drift.
+MIN_TURNED_DEG, TURNING_DPS = 20.0, 2.0
 
 
 def flight_phrases(log: FlightLog, segments: Segments, events: Sequence[Event]) -> list[str]:
@@ -123,7 +128,7 @@ def _grounded_phrases(log: FlightLog, segments: Segments, events: Sequence[Event
     seconds = max([log.seconds, *(e.t for e in events if e.kind in ("failsafe", "battery"))])
     total = f"{seconds:.0f} s"
     if not log.kind.flies:
-        return [_ground_phrase(log, total)]
+        return [_ground_phrase(log, segments, total)]
     if "airborne" in segments.unknown:
         return [f"{f'{total}; ' if seconds > 0 else ''}nothing in the log shows whether it flew."]
     if any(e.is_crash for e in events):
@@ -155,8 +160,8 @@ def _undriven_phrase(segments: Segments) -> str:
     return "motors never ran" if driven else "never left the ground"
 
 
-def _ground_phrase(log: FlightLog, total: str) -> str:
-    """Return how a vehicle on the ground or in water moved, by its speed every second."""
+def _ground_phrase(log: FlightLog, segments: Segments, total: str) -> str:
+    """Return how a vehicle on the ground or in water moved and turned, by its speed every second."""
     t = np.arange(0.0, max(log.seconds, 1.0), 1.0)
     speed = speed_at(log, t)
     if not np.isfinite(speed).any():
@@ -172,7 +177,19 @@ def _ground_phrase(log: FlightLog, total: str) -> str:
         return f"moved {fast} in {total}."
     metres = sum(float(speed[a:b].sum()) for a, b in runs)
     begin, end = float(t[runs[0][0]]), min(float(t[runs[-1][1] - 1]) + 1.0, max(log.seconds, 1.0))
-    return f"moved {format_significant(metres)} m {fast} from {begin:.0f} to {end:.0f} s of {total}."
+    turned = _turned_deg(log, segments, t)
+    turn = f", turned by {turned:.0f}°" if turned > MIN_TURNED_DEG else ""
+    return f"moved {format_significant(metres)} m {fast} from {begin:.0f} to {end:.0f} s of {total}{turn}."
+
+
+def _turned_deg(log: FlightLog, segments: Segments, t: Array) -> float:
+    """Return the net turn of the heading in deg at times ``t`` (n,) s, 0 where it is unknown or was reset."""
+    attitude = log.onboard_attitude
+    if attitude is None or len(attitude.t) < 2 or segments.of("reset"):
+        return 0.0
+    heading = np.degrees(np.unwrap(rotation.to_euler(attitude.q)[:, 2]))
+    steps = np.diff(np.interp(t, attitude.t, heading))
+    return abs(float(steps[np.abs(steps) > TURNING_DPS].sum()))
 
 
 def _times(n: int) -> str:
@@ -278,7 +295,7 @@ def headline(
     flew, end = flight_phrases(log, segments, events), _ending_phrases(log, segments, events, sound)
     broken = drive_events.drive_phrase(events)
     if broken:
-        # The size of a blow goes before the part that broke.
+        # The size of an impact goes before the part that broke.
         end = [*end, *(re.sub(r" \([^()]*\)", "", text) for text in end)]
     fault = failsafe_events.failsafe_phrases(_first_fault(segments, events), log, segments, events)
     first = _with_angle(fault, wrong, segments, broken)
@@ -326,7 +343,7 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
     """Return phrases on the first fault, before a crash if any; longest first."""
     crash = next((e.t for e in events if e.is_crash), np.inf)
     found = [e for e in events if e.severity == "warning" and e.kind in TOLD_FIRST and e.t <= crash]
-    found = [e for e in found if not (e.kind == "failsafe" and "Kill switch" in e.text)]
+    found = [e for e in found if e.about != failsafe_events.KILL]
     if not found:
         return [""]
     first = next((e for e in found if e.kind == "clipping"), None) if found[0].kind == "vibration" else None
@@ -346,10 +363,10 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
         "failsafe": first.text.rstrip("."),
         "battery": first.text.rstrip("."),
         "realigned": _realigned([e for e in found if e.kind == "realigned"]),
-        "lane_switch": f"Estimator core changed at {since}",
+        "lane_switch": f"EKF switched lanes at {since}",
         "compass_switch": f"Compass changed at {since}",
-        "aid_rejected": f"{first.text.partition(' for ')[0]} from {since}",
-        "gnss_lost": f"GNSS {'messages missing' if first.text.startswith('No ') else 'lost'} from {since}",
+        "aid_rejected": f"The EKF rejected its {first.about} from {since}",
+        "gnss_lost": f"GNSS {'messages missing' if first.about == 'messages' else 'lost'} from {since}",
         "gnss_interference": f"“{first.quote}” {format_time(first.t)}",
         "device_error": first.quote,
         "parameter_changed": _changed_parameters(first),
@@ -368,10 +385,7 @@ def _effect_phrase(first: Event, events: Sequence[Event]) -> str:
     failsafes = [event for event in results if event.kind == "failsafe"]
     if failsafes:
         return f", hence {causes.effect_phrase(failsafes[-1].text, failsafes[-1].t)}"
-    for kind, words in (
-        ("lane_switch", "the EKF changed its core"),
-        ("sensor_switch", "the autopilot changed its IMU"),
-    ):
+    for kind, words in (("lane_switch", "the EKF switched lanes"), ("sensor_switch", "the autopilot changed its IMU")):
         found = [event for event in results if event.kind == kind]
         if found:
             return f", so {words} {how_often(len(found)) if len(found) > 1 else f'at {found[0].t:.1f} s'}"
@@ -412,10 +426,10 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
     """Return phrases on how the flight ended, longest first."""
     crashes = _crashes(segments.crash_events)
     if crashes:
-        blow = next((e for e in crashes[0] if e.kind == "impact"), crashes[0][0])
-        full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, blow))
+        impact = next((e for e in crashes[0] if e.kind == "impact"), crashes[0][0])
+        full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, impact))
         if len(crashes) == 1:
-            bare = re.sub(r"^Took .*?, hit", "Hit", short.partition(", then ")[0])
+            bare = re.sub(r"^Struck .*?, hit", "Hit", short.partition(", then ")[0])
             return list(dict.fromkeys((f"{full}.", f"{short}.", f"{bare}.")))
         again = f"; crashed again at {crashes[1][0].t:.1f} s"
         sizes = f"{again}{_size(crashes[1])}"
@@ -425,7 +439,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
     hard = [e for e in segments.crash_events if e.kind == "hard_landing"]
     if hard:
         worst = max(hard, key=lambda e: e.size)
-        killed = next((e for e in events if "Kill switch" in e.text and 0 <= worst.t - e.t < KILLED_S), None)
+        killed = next((e for e in events if e.about == failsafe_events.KILL and 0 <= worst.t - e.t < KILLED_S), None)
         before = f"Kill switch at {killed.t:.1f} s, then hard landing" if killed else "Hard landing"
         hit = f"{before} at {worst.t:.1f} s ({format_size(worst)})"
         return [
@@ -460,20 +474,20 @@ def _crashes(endings: Sequence[CrashEvent]) -> list[list[CrashEvent]]:
 
 
 def _size(group: Sequence[CrashEvent]) -> str:
-    blow = next((e for e in group if e.kind == "impact"), None)
-    return "" if blow is None else f" ({format_size(blow)})"
+    impact = next((e for e in group if e.kind == "impact"), None)
+    return "" if impact is None else f" ({format_size(impact)})"
 
 
-def _crash_target(kind: VehicleKind, segments: Segments, blow: CrashEvent) -> str:
+def _crash_target(kind: VehicleKind, segments: Segments, impact: CrashEvent) -> str:
     """Return what was hit: the ground or an obstacle; empty if it never flew."""
     if not segments.spans("airborne"):
         return ""
     air = segments.air
-    if blow.in_air:
+    if impact.in_air:
         return "something"
     if kind.winged:
         return "the ground"
-    levels = [] if air is None else [level.above[air.grid.index(blow.t)] for level in air.levels]
+    levels = [] if air is None else [level.above[air.grid.index(impact.t)] for level in air.levels]
     high = [x for x in levels if np.isfinite(x)]
     return "something" if high and max(high) > HIGH_M else "the ground"
 
@@ -484,20 +498,18 @@ TURNED = {"roll": "Rolled", "pitch": "Pitched", "": "Tilted"}
 
 def _crash_phrases(group: Sequence[CrashEvent], what: str) -> tuple[str, str]:
     """Return a long and a short phrase for a crash; ``what`` is the object hit or empty."""
-    blow, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
-    if blow is not None:
-        hit = f"hit {what or 'something'} at {blow.t:.1f} s ({format_size(blow)})"
-        ground = next((e for e in group if e.kind == "impact" and not e.in_air), blow)
-        if blow.in_air and ground is not blow:
-            hit = (
-                f"took a blow in the air at {blow.t:.1f} s, hit the ground at {ground.t:.1f} s ({format_size(ground)})"
-            )
+    impact, over, spun = (next((e for e in group if e.kind == kind), None) for kind in ("impact", "overturn", "tumble"))
+    if impact is not None:
+        hit = f"hit {what or 'something'} at {impact.t:.1f} s ({format_size(impact)})"
+        ground = next((e for e in group if e.kind == "impact" and not e.in_air), impact)
+        if impact.in_air and ground is not impact:
+            hit = f"struck in the air at {impact.t:.1f} s, hit the ground at {ground.t:.1f} s ({format_size(ground)})"
         harder = max((e for e in group if e.kind == "impact"), key=lambda e: e.size)
-        hit += f", then {format_size(harder)} at {harder.t:.1f} s" if harder not in (blow, ground) else ""
+        hit += f", then {format_size(harder)} at {harder.t:.1f} s" if harder not in (impact, ground) else ""
         short = hit[0].upper() + hit[1:]
         if over is None:
-            return f"{short}{_rest_phrase(blow)}", short
-        if over.t <= blow.t:
+            return f"{short}{_rest_phrase(impact)}", short
+        if over.t <= impact.t:
             return f"{TURNED[over.axis]} to {over.size:.0f}° at {over.t:.1f} s and {hit}", short
         return f"{short} and turned over to {over.size:.0f}°", short
     if over is not None:

@@ -72,21 +72,21 @@ class DriveStudy:
 
 # Time from lift-off in which ground contact disturbs, for faults of one motor and for the others.
 MOTOR_MARGIN_S, MARGIN_S = 0.5, 2.0
-# Time for which a vehicle without a blow is followed after it turned over.
+# Time for which a vehicle without an impact is followed after it turned over.
 AFTER_OVERTURN_S = 2.0
 # Time before a loss of control or impact within which a fault is its cause.
 CAUSE_S = 5.0
 
 
 def flown_spans(segments: Segments, margin_s: float) -> list[Span]:
-    """Return the flights from ``margin_s`` after lift-off, with the loss of control, up to the first blow."""
+    """Return the flights from ``margin_s`` after lift-off, with the loss of control, up to the first impact."""
     flown = merge((s.t0, s.t1) for kind in ("airborne", "loss_of_control") for s in segments.of(kind))
     crashes = [e for e in segments.crash_events if e.is_crash]
     found = []
     for a, b in flown:
-        blows = [e.t for e in crashes if e.kind == "impact" and a <= e.t]
+        impacts = [e.t for e in crashes if e.kind == "impact" and a <= e.t]
         over = [e.t_end + AFTER_OVERTURN_S for e in crashes if e.kind != "impact" and a <= e.t]
-        end = min([b, *blows, *(over if not blows else [])])
+        end = min([b, *impacts, *(over if not impacts else [])])
         if end > a + margin_s:
             found.append((a + margin_s, end))
     return found

@@ -485,6 +485,31 @@ def test_a_sensor_that_is_not_in_use_is_a_note_and_no_evidence_against_the_one_t
     (found,) = of_kind("compass", FIELD, spare)
     assert (found.severity, found.text, found.evidence) == ("warning", FIELD.text, [])
     assert found.action != SET
+    (other,) = of_kind("unused_sensor", FIELD, spare)
+    assert (other.severity, other.text, other.action) == ("note", OFFSET.text, SET)
+
+
+@pytest.mark.parametrize(
+    ("kind", "about"),
+    [("lane_switch", ""), ("sensor_switch", ""), ("gnss_lost", "fix"), ("gnss_lost", "messages"), ("failsafe", "")]
+    + [("failsafe", about) for about in ("radio", "ground station", "ekf", "gnss", "terrain", "kill switch")],
+)
+def test_every_switch_failsafe_and_loss_has_its_own_action(kind: str, about: str) -> None:
+    other = "messages" if about == "fix" else "fix"
+    events = [Event(kind, 20.0, "warning", "It happened at 20.0 s.", about=about)]
+    (found,) = rules.event_signs(events, [], LOG)
+    assert found.action
+    elsewhere = [Event("gnss_lost", 20.0, "warning", "It happened.", about=other)]
+    assert found.action != rules.event_signs(elsewhere, [], LOG)[0].action
+
+
+def test_the_offset_of_a_spare_unit_stands_beside_the_pair_that_differs() -> None:
+    pair = Check("imu_instances", "warning", "IMU2 and IMU differ.", action="Calibrate in six positions.")
+    spare = Check("accelerometer_offset", "warning", "IMU2 is off.", in_use=False)
+    spare.settings = [Setting("INS_ACC2OFFS_Z", 1.8, 1.5)]
+    (found,) = of_kind("accelerometer", pair, spare)
+    assert (found.text, found.evidence) == (pair.text, ["IMU2 is off."])
+    assert found.action == "Calibrate in six positions, or set INS_ACC2OFFS_Z 1.5."
 
 
 @pytest.mark.parametrize("kind", ["", "gyro_bias"])

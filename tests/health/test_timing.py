@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from attlog import segments
+from attlog.core.timestamps import gap_indices
 from attlog.flight.model import Firmware, FlightLog, Gnss, Problem, Stream, TimeLine
 from attlog.health import timing
 from attlog.health.check import Check, HealthCase
@@ -46,6 +47,22 @@ def test_a_logger_that_keeps_every_tenth_sample_is_not_called_uneven_too() -> No
     thinned = f"{log.imus[0].gyro.source}: the logger kept one sample per 100 ms."
     log.problems.append(Problem("imu_decimated", "note", thinned))
     assert "jitter" not in [c.question for c in timing_checks(HealthCase(log, Segments()))]
+
+
+@pytest.mark.parametrize(("kind", "hz", "verdict"), [("telemetry", 4.0, "unknown"), ("telemetry", 50.0, "warning")])
+def test_lost_packets_of_slow_telemetry_are_no_gaps_of_the_imu(kind: str, hz: float, verdict: str) -> None:
+    t = np.delete(
+        np.arange(0.0, 100.0, 1.0 / hz), [k for n in range(10, 90, 20) for k in range(int(n * hz), int((n + 2) * hz))]
+    )
+    log: Any = SimpleNamespace(
+        state=SimpleNamespace(armed=None),
+        param=lambda _: None,
+        settings=SimpleNamespace(kind=kind),
+        onboard_attitude=None,
+    )
+    check = timing.gap_check(t, gap_indices(t) - 1, log, Segments())
+    assert check.verdict == verdict
+    assert verdict == "unknown" or check.cause == timing.LINK_CAUSE
 
 
 # A sensor that stops in motion is said; one that rests, or is coarse, or simulated without noise, is not.

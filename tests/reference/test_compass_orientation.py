@@ -52,6 +52,15 @@ def windows(
     return [Window(t, drifted @ earth, logged, power)]
 
 
+def test_an_unsure_tilt_agrees_by_its_best_mounting() -> None:
+    """A fault counts where the other tilt, sure or not, fits the same mounting best."""
+    named = judged(windows(6))
+    unsure = Orientation("unknown", "next", best=named.turn)
+    assert orientation.joined([unsure, named]) is named
+    for other in (Orientation("unknown", "world"), Orientation("unknown", "next", best=np.eye(3)), judged(windows())):
+        assert orientation.joined([other, named]).verdict == "unknown"
+
+
 def judged(made: list[Window], now: int = 0) -> Orientation:
     return orientation.judge(made, orientation.mounting_orders(now), EARTH)
 

@@ -26,7 +26,7 @@ def joined(*events: Event, **fields: Any) -> dict[str, str]:
     return {e.kind: e.cause.kind for e in found if e.cause is not None}
 
 
-LOST = event("gnss_lost", 60.3, "No GNSS message arrived for 6 s in flight, from 60.3 s.", 66.3)
+LOST = event("gnss_lost", 60.3, "No GNSS message arrived for 6 s in flight, from 60.3 s.", 66.3, about="messages")
 BLIND = event("failsafe", 65.4, "Failsafe at 65.4 s.", evidence=["text at 65.4 s: Failsafe: blind land"])
 INVALID = event("message", 65.3, "“invalid setpoints”.")
 
@@ -39,7 +39,7 @@ def test_a_failsafe_for_want_of_a_position_follows_from_the_gnss_that_is_missing
     "other",
     [
         event("failsafe", 65.4, "Radio failsafe at 65.4 s."),
-        event("failsafe", 65.4, "Kill switch at 65.4 s."),
+        event("failsafe", 65.4, "Kill switch at 65.4 s.", about="kill switch"),
         event("failsafe", 65.4, "Failsafe at 65.4 s."),  # no word about a position
         event("failsafe", 69.0, BLIND.text, evidence=BLIND.evidence),  # GNSS is back
         event("failsafe", 60.0, BLIND.text, evidence=BLIND.evidence),  # before it was lost
@@ -90,7 +90,7 @@ def test_vibration_explains_clipping_and_what_the_autopilot_calls_so() -> None:
 
 @pytest.mark.parametrize(("change_t", "linked"), [(35.0, True), (40.5, True), (30.2, False), (45.0, False)])
 def test_a_rejected_compass_explains_its_replacement_while_it_is_rejected(change_t: float, linked: bool) -> None:
-    rejected = event("aid_rejected", 30.0, "The EKF rejected its compass for 10 s of 60.", 40.0)
+    rejected = event("aid_rejected", 30.0, "The EKF rejected its compass for 10 s of 60.", 40.0, about="compass")
     change = event("compass_switch", change_t)
     assert joined(rejected, change) == ({"compass_switch": "aid_rejected"} if linked else {})
 
@@ -145,7 +145,7 @@ def falling(t0: float, t1: float) -> FlightLog:
 
 @pytest.mark.parametrize(("fall", "linked"), [((40.1, 41.0), True), ((0.0, 0.0), False), ((41.5, 43.0), False)])
 def test_stopped_motors_explain_a_blow_only_where_it_fell_between(fall: tuple[float, float], linked: bool) -> None:
-    killed = event("failsafe", 40.0, "Kill switch at 40.0 s.")
+    killed = event("failsafe", 40.0, "Kill switch at 40.0 s.", about="kill switch")
     blow = event("impact", 41.0, severity="serious")
     found = causes.link(falling(*fall), [killed, blow])
     assert (found[1].cause is not None) is linked
@@ -202,7 +202,7 @@ def test_a_jump_of_gnss_explains_its_rejection_only_where_it_is_beyond_any_gate(
     metres: float | None, linked: bool
 ) -> None:
     jump = event("gnss_jump", 50.0, value=metres, unit="m")
-    rejected = event("aid_rejected", 51.0, "The EKF rejected its position for 9 s of 60.", 60.0)
+    rejected = event("aid_rejected", 51.0, "The EKF rejected its position for 9 s of 60.", 60.0, about="position")
     assert joined(jump, rejected) == ({"aid_rejected": "gnss_jump"} if linked else {})
 
 

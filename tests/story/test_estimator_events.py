@@ -55,7 +55,7 @@ def test_a_switch_that_a_text_told_within_a_second_and_a_half_is_told_once(monke
     problems = [Problem("lane_switch", "warning", f"At {t}.", t=t) for t in (11.4, 11.6, 33.0)]
     found = estimator_events._switch_events(log(problems=problems), SPANS, [])
     assert [(e.kind, e.t) for e in found] == [("lane_switch", 10.0), ("lane_switch", 11.6)]
-    assert found[0].text == "The estimator changed its core at 10.0 s (x)."
+    assert found[0].text == "The EKF switched lanes at 10.0 s (x)."
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_slow_log_tells_how_the_vehicle_stood_two_to_five_seconds_after(deg: f
 
 
 @pytest.mark.parametrize(
-    ("rate", "said"), [(10.0, "IMU at 10 Hz: a blow shorter than 100 ms would not show"), (400.0, ""), (0.0, "")]
+    ("rate", "said"), [(10.0, "IMU at 10 Hz: an impact shorter than 100 ms would not show"), (400.0, ""), (0.0, "")]
 )
 def test_a_slow_imu_tells_no_short_blow(monkeypatch: pytest.MonkeyPatch, rate: float, said: str) -> None:
     monkeypatch.setattr(flight_events, "shows_impacts", lambda log: rate > 50.0)

@@ -53,15 +53,15 @@ def test_it_stays_where_the_words_run_out_and_flights_are_counted() -> None:
     lies = CrashEvent("impact", 80.0, 81.0, 12.0, "g", "seen", lies_deg=44.0, rate=400.0)
     long = flown((10.0, 50.0), (60.0, 80.0), crash_events=[lies])
     crash = Event("impact", 80.0, "serious", "Hit.")
-    first = Event("lane_switch", 61.0, "warning", "The estimator changed its core at 61.0 s.")
+    first = Event("lane_switch", 61.0, "warning", "The EKF switched lanes at 61.0 s.")
     made = log(mode=modes((0.0, "LOITER"), (70.0, "LAND")))
     text = said(made, long, first, failsafe(70.0), crash)
     assert text.endswith("EKF failsafe at 70.0 s. Hit the ground at 80.0 s (12 g), lay at 44°.")
-    assert "two flights from 10 s. Estimator core changed at 61.0 s." in text
+    assert "two flights from 10 s. EKF switched lanes at 61.0 s." in text
     assert len(text.split()) <= 30
     short = flown((10.0, 80.0), crash_events=[lies])
     text = said(made, short, first, failsafe(70.0), crash)
-    assert "Estimator core changed at 61.0 s. EKF failsafe at 70.0 s. Hit" in text
+    assert "EKF switched lanes at 61.0 s. EKF failsafe at 70.0 s. Hit" in text
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_a_failsafe_ended_a_flight_that_landed_at_once_or_in_the_mode_that_it_se
 def test_what_was_first_itself_is_not_told_twice_and_the_kill_switch_stays_with_the_landing() -> None:
     made, spans = log(), flown((10.0, 80.0))
     assert said(made, spans, failsafe(42.0)).count("EKF failsafe") == 1
-    kill = Event("failsafe", 79.0, "warning", "Kill switch at 79.0 s.")
+    kill = Event("failsafe", 79.0, "warning", "Kill switch at 79.0 s.", about="kill switch")
     assert "Kill switch" not in said(made, spans, GLITCH, kill)
 
 

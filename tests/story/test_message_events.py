@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from attlog import story
+from attlog.core import rotation
 from attlog.flight.ardupilot.vehicle import is_simulated
-from attlog.flight.model import FlightLog, Gnss, InnovationTest, Problem
+from attlog.flight.model import Attitude, FlightLog, Gnss, InnovationTest, Problem
 from attlog.segments.impacts import CrashEvent
 from attlog.segments.model import Segment, Segments
 from attlog.story import Event, estimator_events, failsafe_events, message_events
@@ -215,6 +216,19 @@ def test_a_rover_that_moves_slowly_does_not_stand(speed_m_s: float, scatter_m_s:
     gnss.vel_ned[:, 0] += speed_m_s * ((gnss.t > 19.6) & (gnss.t < 29.4))
     text = story.headline(log(gnss=[gnss], vehicle="rover", seconds=100.0), spans(), [], sound=False)
     assert text.endswith(said_)
+
+
+@pytest.mark.parametrize(("turn_deg", "said_"), [(-61.5, ", turned by 60°."), (12.0, "of 100 s.")])
+def test_a_rover_turns_on_the_spot_but_not_by_drift(turn_deg: float, said_: str) -> None:
+    """It turns within 5 s before it moves; standing, its heading drifts by 0.3 deg/s."""
+    gnss = receiver()
+    gnss.vel_ned[:] = 0.0
+    gnss.vel_ned[:, 0] = 0.4 * ((gnss.t > 19.6) & (gnss.t < 29.4))
+    t = np.arange(0.0, 100.0, 0.05)
+    heading = np.radians(turn_deg * np.clip((t - 10.0) / 5.0, 0.0, 1.0) + 0.3 * t + 170.0)
+    turned = Attitude(t, rotation.from_euler(0.0 * t, 0.0 * t, heading), "vehicle_attitude")
+    made = log(gnss=[gnss], vehicle="rover", seconds=100.0, attitudes={"A": turned}, onboard="A")
+    assert story.headline(made, spans(), [], sound=False).endswith(said_)
 
 
 def test_a_broken_part_stays_in_the_headline_where_flights_do_not() -> None:

@@ -43,7 +43,7 @@ _ROWS = (
     ("BETA_MASK", "bits", 0, 0, 3, "1 air data may correct more than the wind beside GNSS", (4, 0)),
     ("ACC_BIAS_LIM", "m/s^2", 1.0, 0.5, 2.5, "largest accelerometer bias"),
     ("GND_EFF_DZ", "m", 4, 0, 10, "dead zone of the barometer in ground effect", (4, 1)),
-    ("MAG_MASK", "bits", 0, 0, 255, "cores that fuse a heading only"),
+    ("MAG_MASK", "bits", 0, 0, 255, "lanes that fuse a heading only"),
     ("SRC1_POSXY", "", 3, 0, 6, "source of the horizontal position: 0 none, 3 GNSS", SOURCES),
     ("SRC1_VELXY", "", 3, 0, 7, "source of the horizontal velocity: 0 none, 3 GNSS", SOURCES),
     ("SRC1_VELZ", "", 3, 0, 6, "source of the vertical velocity: 0 none, 3 GNSS", SOURCES),
@@ -60,10 +60,10 @@ PLANE_DEFAULTS = {"VELNE_M_NSE": 0.5, "VELD_M_NSE": 0.7, "ALT_M_NSE": 3.0, "CHEC
 _ALIASES = {"GPS1_DELAY_MS": "GPS_DELAY_MS"}
 # Parameters of EKF3 that the re-run does not offer, and why.
 _NOT_OFFERED = {
-    "EK3_IMU_MASK": "the cores are those that flew",
-    "EK3_PRIMARY": "the core is the one that flew",
+    "EK3_IMU_MASK": "the lanes are those that flew",
+    "EK3_PRIMARY": "the lane is the one that flew",
     "EK3_AFFINITY": "the choice of sensors is taken from the log",
-    "EK3_ERR_THRESH": "the choice of the core is taken from the log",
+    "EK3_ERR_THRESH": "the choice of the lane is taken from the log",
     "EK3_FLOW_": "optical flow is not modelled",
     "EK3_MAX_FLOW": "optical flow is not modelled",
     "EK3_RNG_": "the range finder is not modelled",

@@ -392,7 +392,7 @@ def core_of(builder: DataflashBuilder, unit: int | None) -> int:
         for core in cores:
             if unit_of_core(builder, "XK", core, cores) == unit:
                 return core
-        raise UsageError(f"EKF3 cannot be run again on IMU {unit}: no core of it used that unit.")
+        raise UsageError(f"EKF3 cannot be run again on IMU {unit}: no lane of it used that unit.")
     return longest_held(t_us, lanes) or 0
 
 

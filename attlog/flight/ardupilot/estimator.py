@@ -114,7 +114,7 @@ def reset_times(builder: DataflashBuilder) -> list[int]:
     times = [int(lane_t[k]) for k in range(1, len(lanes)) if lanes[k] != lanes[k - 1]]
     if times:
         often = "once" if len(times) == 1 else f"{len(times)} times"
-        text = f"The EKF changed its primary core {often}, first from {lanes[0]}; the attitude steps there."
+        text = f"The EKF switched its primary lane {often}, first from {lanes[0]}; the attitude steps there."
         builder.problem("lane_switch", "warning", text, count=len(times))
     events = messages.first("EV")
     if events is not None and "Id" in events:

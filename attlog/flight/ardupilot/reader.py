@@ -65,7 +65,7 @@ STREAMS = (
     Part("estimator.yaw", "The yaw estimator", estimator.yaw_estimator_stream),
     Part("vibration.clippings", "Clipping", sensors.clippings),
     Part("estimator.innovation_tests", "Test ratios", estimator.innovation_tests),
-    Part("estimator.lane", "The EKF's core", estimator.primary_core_line),
+    Part("estimator.lane", "The EKF's lane", estimator.primary_core_line),
     Part("", "ERR and EV", vehicle.report_events),
     Part("texts", "Texts", lambda builder: builder.texts(lambda at: int(builder.clock.at(np.array([at]))[0]))),
     Part("power.outputs", "RCOU", drive.motor_outputs),
@@ -82,9 +82,9 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     _report_clock(builder)
     candidates = best_per_unit(builder, imu_candidates(builder))
     flown = read_optional(
-        "The primary EKF core", partial(flown_units, builder, [c.index for c in candidates]), FlownUnits()
+        "The primary EKF lane", partial(flown_units, builder, [c.index for c in candidates]), FlownUnits()
     )
-    flew, why = longest_held(flown.t_us, flown.units), f"it fed the primary EKF core ({flown.source})"
+    flew, why = longest_held(flown.t_us, flown.units), f"it fed the primary EKF lane ({flown.source})"
     if flew is None and candidates:
         flew, why = candidates[0].index, "the first; the log does not say which is primary"
     log.firmware = read_optional("The firmware", partial(vehicle.read_firmware, messages), Firmware("ArduPilot"))
@@ -92,7 +92,7 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
     log.settings = VehicleSettings("ArduPilot", log.firmware.version, builder.family, builder.values)
     add_imus(builder, candidates, flew, why, imu, partial(first_stamp, builder))
     log.imu_that_flew = read_optional(
-        "The primary EKF core", partial(builder.time_line, flown.t_us, flown.units, flown.source), None
+        "The primary EKF lane", partial(builder.time_line, flown.t_us, flown.units, flown.source), None
     )
     log.mags = read_optional("MAG", partial(sensors.magnetometers, builder), [])
     preferred = sensors.primary_compass(builder)
@@ -120,7 +120,7 @@ def _report_clock(builder: DataflashBuilder) -> None:
 
 
 def flown_units(builder: DataflashBuilder, have: list[int]) -> FlownUnits:
-    """Return the IMU of the primary EKF core over time; ``have``: logged units."""
+    """Return the IMU of the primary EKF lane over time; ``have``: logged units."""
     family, t_us, lanes = primary_core(builder)
     unit = {core: unit_of_core(builder, family, core, have) for core in set(lanes)}
     return FlownUnits(t_us, [unit[core] for core in lanes], f"{family}F4.PI")

@@ -238,7 +238,7 @@ def _event_line(builder: LogBuilder, t_us: Stamps, on: NDArray[np.bool_], source
 
 # --- reports ----------------------------------------------------------------------------------------------------
 
-# Subsystems of ERR records whose code is a mode, fence bits or a core.
+# Subsystems of ERR records whose code is a mode, fence bits or a lane.
 FLIGHT_MODE, FENCE, EKF_PRIMARY = 10, 9, 24
 # Most kinds of reports shown of a log: a firmware defines about 70, a flight has a few.
 MAX_EVENT_KINDS = 100
@@ -247,7 +247,7 @@ MAX_EVENT_KINDS = 100
 # Usual cause and remedy of a report, by key.
 CAUSES = {
     "": ("", ""),
-    "core": ("Another core agreed better with its sensors.", ""),
+    "lane": ("Another lane agreed better with its sensors.", ""),
     "mode": ("The mode needs a position or an arming state that was not there.", ""),
     "compass": (
         "The compass does not answer: wiring, bus or the compass itself.",
@@ -436,8 +436,8 @@ def report_events(builder: DataflashBuilder) -> None:
 def error_meaning(subsystem: int, code: int) -> EventMeaning | None:
     """Return the meaning of an ERR record, None if it reports the end of a fault."""
     if subsystem == EKF_PRIMARY:
-        text = f"The EKF changed its primary core to {code}"
-        return EventMeaning("warning", text, "core", "lane_switch")
+        text = f"The EKF switched to lane {code}"
+        return EventMeaning("warning", text, "lane", "lane_switch")
     if code == 0:
         return None
     if subsystem == FLIGHT_MODE:

@@ -373,5 +373,5 @@ def gyro_mask_problem(builder: TopicBuilder, source: str, table: Table, column: 
         return []
     count = int(np.count_nonzero(mask))
     text = f"{source}: the gyro was at the end of its range in {count} samples ({column})."
-    cause = "A blow, vibration, or a range that is set too small."
+    cause = "An impact, vibration, or a range that is set too small."
     return [Problem("gyro_clipped", "warning", text, count=count, cause=cause)]

@@ -73,7 +73,7 @@ STREAMS = (
     Part("vibration.levels", "The vibration metric", sensors.vibration_levels),
     Part("vibration.spectrum", "sensor_gyro_fft", sensors.onboard_spectrum),
     Part("estimator.innovation_tests", "Test ratios", estimator.innovation_tests),
-    Part("estimator.lane", "The estimator's instance", estimator.selected_instance_line),
+    Part("estimator.lane", "The EKF's lane", estimator.selected_instance_line),
     Part("", "estimator_status", estimator.report_faults),
     Part("", "vehicle_status", estimator.report_failsafe),
     Part("texts", "Texts", TopicBuilder.texts),

@@ -287,7 +287,7 @@ LISTED = [
     (9, 6, "(circle and polygon)", "warning"),
     (9, 16, "(code 16)", "warning"),
     (10, 5, "flight mode 5 was refused", "note"),
-    (24, 0, "primary core to 0", "warning"),
+    (24, 0, "switched to lane 0", "warning"),
     (12, 9, "Subsystem 12 reported error 9", "note"),
     (99, 1, "Subsystem 99 reported error 1", "note"),
 ]
