@@ -179,6 +179,14 @@ class Signals:
         return self._clocks[key]
 
 
+def numeric_fields(table: Table) -> list[str]:
+    """Return the names of a message's signals, of an array the first and the last: ``q[0] to q[3]``."""
+    if table.name in NO_SIGNALS:
+        return []
+    named = [_numbers(column, spec) for column, spec in table.fields.items()]
+    return [parts[0] if len(parts) == 1 else f"{parts[0]} to {parts[-1]}" for parts in named if parts]
+
+
 def _is_signal(table: Table, column: str) -> bool:
     """Return whether a column, or the element of an array, holds one number per record."""
     spec = table.fields.get(column)

@@ -27,8 +27,9 @@ from attlog.core.files import file_names, staging_folder, write_all_atomic
 from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
 from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
+from attlog.flight.signals import NAME
 from attlog.flight.timestamps import record_clock
-from attlog.formats import Messages
+from attlog.formats import Field, Messages, Table
 from attlog.pipeline.summary import sha256
 
 if TYPE_CHECKING:
@@ -78,13 +79,14 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
     opened = log.messages or formats.open(log.path, system).boot(log.boot)
     clock = record_clock(opened, system)
     size, limit = 0, max(EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO * log.path.stat().st_size)
-    for name, instance in select_tables(opened, names):
+    for (name, instance), wanted in select_tables(opened, names).items():
         table = opened[name, instance]
         columns: dict[str, NDArray[Any]] = {}
         stamps = clock(table)
         if stamps is not None:
             columns["time_s"] = (stamps - log.t0_us) / 1e6
-        for column, spec in table.fields.items():
+        for column in wanted or table.fields:
+            spec = field_of(table, column)
             columns.update(_flat(column, table.value(column) if spec.scale != 1.0 else table[column]))
         size += sum(COLUMN_BYTES + len(c) + CELL_BYTES * len(values) for c, values in columns.items())
         if size > limit:
@@ -92,36 +94,65 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
                 f"{log.path}: what was asked for would take more than {limit >> 20} MB; "
                 "name the messages that are wanted"
             )
-        units = {c: spec.unit for c, spec in table.fields.items() if spec.unit}
+        units = {c: unit for c in wanted or table.fields if (unit := field_of(table, c).unit)}
         several = len(opened.instances(name)) > 1
         yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
 
 
-def select_tables(opened: Messages, asked: Iterable[str]) -> list[tuple[str, int]]:
-    """Select messages and instances by names, each once; all without names.
+def select_tables(opened: Messages, asked: Iterable[str]) -> dict[tuple[str, int], list[str]]:
+    """Select messages and instances by names, each with the named fields; all without names.
 
-    Names are ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``. UsageError for unknown names, each with similar ones, else with
-    all.
+    Names are ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``, and those of signals: ``ATT.Roll``, ``BAT[0].Volt``. A message
+    without fields is wanted whole. UsageError for unknown names, each with similar ones, else with all.
     """
     known = opened.names()
-    found: dict[tuple[str, int], None] = {}
+    found: dict[tuple[str, int], list[str]] = {}
+    whole: set[tuple[str, int]] = set()
     wrong = []
     for text in list(asked) or known:
-        name, instance = _name_and_instance(text, known)
-        name = name if name in known else next((n for n in known if n.casefold() == name.casefold()), name)
-        instances = opened.instances(name)
-        if not instances:
-            near = difflib.get_close_matches(name.casefold(), [n.casefold() for n in known], 3)
-            close = [n for n in known if n.casefold() in near]
-            hint = f"did you mean {', '.join(close)}?" if close else f"it has {', '.join(sorted(known))}"
-            wrong.append(f"no message {text}; {hint}")
-        elif instance is not None and instance not in instances:
-            wrong.append(f"no instance {instance} of {name}; it has {', '.join(map(str, instances))}")
-        else:
-            found |= dict.fromkeys((name, i) for i in instances if instance in (None, i))
+        keys, fields, reason = _selected(opened, text, known)
+        wrong += [reason] if reason else []
+        whole |= set() if fields else set(keys)
+        for key in keys:
+            found[key] = [*dict.fromkeys([*found.get(key, []), *fields])]
     if wrong:
         raise UsageError("\n".join(f"{opened.path}: {line}" for line in wrong))
-    return list(found)
+    return {key: [] if key in whole else fields for key, fields in found.items()}
+
+
+def _selected(opened: Messages, text: str, known: Collection[str]) -> tuple[list[tuple[str, int]], list[str], str]:
+    """Return the tables that a name selects and the field it names, or why it selects none."""
+    name, instance = _name_and_instance(text, known)
+    field = ""
+    if not opened.instances(_known_name(name, known)) and (signal := NAME.fullmatch(text)) is not None:
+        if opened.instances(_known_name(signal["message"], known)):
+            name, field = signal["message"], signal["field"]
+            instance = None if signal["instance"] is None else int(signal["instance"])
+    name = _known_name(name, known)
+    instances = opened.instances(name)
+    if not instances:
+        near = difflib.get_close_matches(name.casefold(), [n.casefold() for n in known], 3)
+        close = [n for n in known if n.casefold() in near]
+        hint = f"did you mean {', '.join(close)}?" if close else f"it has {', '.join(sorted(known))}"
+        return [], [], f"no message {text}; {hint}"
+    if instance is not None and instance not in instances:
+        return [], [], f"no instance {instance} of {name}; it has {', '.join(map(str, instances))}"
+    keys = [(name, i) for i in instances if instance in (None, i)]
+    if not field:
+        return keys, [], ""
+    having = [key for key in keys if field in opened[key]]
+    fields = list(dict.fromkeys(column for key in keys for column in opened[key].fields))
+    return having, [field], "" if having else f"no field {field} of {name}; it has {', '.join(fields)}"
+
+
+def _known_name(name: str, known: Collection[str]) -> str:
+    """Return a message's name as in the log, in any case."""
+    return name if name in known else next((n for n in known if n.casefold() == name.casefold()), name)
+
+
+def field_of(table: Table, column: str) -> Field:
+    """Return the declared field of a column, or of the array that it is an element of."""
+    return table.fields.get(column) or table.fields[column.rpartition("[")[0]]
 
 
 def _name_and_instance(text: str, known: Collection[str]) -> tuple[str, int | None]:

@@ -10,6 +10,7 @@ from attlog.core.log_cache import log_cache
 from attlog.core.plain import to_plain
 from attlog.flight import flight_in
 from attlog.flight.model import guarded_part
+from attlog.flight.signals import numeric_fields
 from attlog.flight.timestamps import table_time_span
 from attlog.formats import Messages
 from attlog.health import answerable
@@ -25,10 +26,11 @@ def inspect(path: Path, *, boot: int | None = None, system: int | None = None) -
     """Inspect a log: contents, physics checks, answerable questions and findings.
 
     Keys: ``log``; ``headline`` and ``events`` (what happened); ``messages`` of the boot (name, instance, records,
-    rate_hz, fields; the rate is None without times and for records within one second); ``compared_with`` (reference of
-    an analysis); ``checks``; ``answerable``; ``findings`` (every problem known before a filter runs, worst first, with
-    cause and action); ``damage``; ``gyro_bias`` (bias that an analysis subtracts from the gyro; None without inertial
-    data). Works on logs without inertial data too. LogUnreadable or LogUnusable as in ``attlog.read``.
+    rate_hz, fields, signals; the rate is None without times and for records within one second; signals are the
+    numeric fields by name); ``compared_with`` (reference of an analysis); ``checks``; ``answerable``; ``findings``
+    (every problem known before a filter runs, worst first, with cause and action); ``damage``; ``gyro_bias`` (bias
+    that an analysis subtracts from the gyro; None without inertial data). Works on logs without inertial data too.
+    LogUnreadable or LogUnusable as in ``attlog.read``.
     """
     messages = formats.open(path, system)
     log = flight_in(messages, boot=boot, system=system)
@@ -66,6 +68,7 @@ def _listed(messages: Messages, system: int | None) -> list[dict[str, Any]]:
             "records": len(table),
             "rate_hz": _rate(len(table), stamps(table)),
             "fields": len(table.fields),
+            "signals": numeric_fields(table),
         }
         for table in messages.values()
     ]

@@ -184,3 +184,19 @@ def test_a_folder_is_written_whole_or_not_at_all(samples, tmp_path, monkeypatch)
     assert sorted(path.name for path in folder.iterdir()) == sorted(
         [path.name for path in written] + [f"{path.name}.json" for path in written]
     )
+
+
+def test_fields_are_named_as_on_the_page_and_those_of_a_message_share_its_table(attlog, samples, tmp_path):
+    log = samples / "copter_steps_stabilize.bin"
+    asked = ("ATT.Roll", "att.DesRoll", "IMU[0].GyrX")
+    assert attlog("extract", log, *asked, "-o", tmp_path / "x").code == 0
+    files = {path.name: pandas.read_csv(path) for path in (tmp_path / "x").glob("*.csv")}
+    assert sorted(files) == ["ATT.csv", "IMU.csv"]
+    assert list(files["ATT.csv"].columns) == ["time_s", "Roll", "DesRoll"]
+    assert attlog("extract", log, "ATT", "-o", tmp_path / "whole.csv").code == 0
+    whole = pandas.read_csv(tmp_path / "whole.csv")
+    assert files["ATT.csv"].equals(whole[["time_s", "Roll", "DesRoll"]])
+    assert attlog("extract", log, "ATT.Roll", "ATT", "-o", tmp_path / "both.csv").code == 0
+    assert pandas.read_csv(tmp_path / "both.csv").equals(whole)
+    done = attlog("extract", log, "ATT.Rol", "-o", tmp_path / "none")
+    assert (done.code, "no field Rol of ATT; it has TimeUS, DesRoll, Roll" in done.err) == (2, True)

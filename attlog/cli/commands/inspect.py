@@ -118,7 +118,7 @@ def info_lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator
             m["name"] + (f".{m['instance']}" if m["instance"] else ""),
             f"{m['records']:>7} records",
             "" if m["rate_hz"] is None else f"{m['rate_hz']:>8.2f} Hz",
-            f"{m['fields']:>3} fields",
+            f"{m['fields']:>3} fields" + (f": {', '.join(m['signals'])}" if verbose and m["signals"] else ""),
         )
         for m in report["messages"]
     ]
@@ -331,7 +331,8 @@ def extract_command(
             metavar="[MESSAGE[.N]]...",
             show_default=False,
             autocompletion=options.complete_messages,
-            help="Write these messages, in any case; MAG.0 or MAG[0] is one instance. [default: all]",
+            help="Write these messages, in any case; MAG.0 or MAG[0] is one instance, MAG[0].MagX a field. "
+            "[default: all]",
         ),
     ] = None,
 ) -> None:
