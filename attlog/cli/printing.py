@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import sys
 import textwrap
 from collections.abc import Collection, Iterable, Iterator, Sequence
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 GAP = "  "
 SENTENCE_COLUMNS = 100  # longer lines are hard to read
 MIN_COLUMNS = 30
-UNIT_BLANK = re.compile(r"(?<=\d) (?=\S{1,4}(?:[\s.,;:)]|$))")  # between a number and its unit
 # Variables that ask for colours where the output is no terminal.
 COLOR_VARIABLES = ("FORCE_COLOR", "TTY_COMPATIBLE")
 
@@ -37,7 +35,9 @@ class TextLine:
 
 def wrapped(label: str, text: str, width: int, style: str = "") -> Iterator[TextLine]:
     """Break a sentence after its label between words, but not between a number and its unit."""
-    text = UNIT_BLANK.sub("\u00a0", text)
+    from attlog.words.text import with_fixed_units
+
+    text = with_fixed_units(text)
     room = min(width, SENTENCE_COLUMNS) - len(label)
     lines = textwrap.wrap(text, room, break_long_words=False, break_on_hyphens=False) or [""]
     for i, line in enumerate(lines):

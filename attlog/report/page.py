@@ -18,7 +18,14 @@ from attlog.report.figures.signals import picker
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
 from attlog.result import MEASURED_TIMES, Result, agreed_settings
 from attlog.words.events import minor_title, shown_events
-from attlog.words.findings import findings, question_titles, reasons_unknown, repeat_advice_once, shown_checks
+from attlog.words.findings import (
+    findings,
+    first_screen_findings,
+    question_titles,
+    reasons_unknown,
+    repeat_advice_once,
+    shown_checks,
+)
 from attlog.words.flight import (
     alarming,
     firmware,
@@ -34,7 +41,7 @@ from attlog.words.names import duplicate_rows_text
 from attlog.words.numbers import counted, duration, moment, number, quantity, unit_sign
 from attlog.words.parameters import parameter_counts, parameter_lines
 from attlog.words.table import axis_table, main_table, window_tables
-from attlog.words.text import plain_value, typeset
+from attlog.words.text import plain_value, typeset, with_fixed_units
 
 # Functions available in the template.
 FILTERS: dict[str, Callable[..., Any]] = {
@@ -50,6 +57,7 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "minor_title": minor_title,
     "titles": question_titles,
     "reasons": reasons_unknown,
+    "first_screen": first_screen_findings,
 }
 
 
@@ -91,7 +99,7 @@ def render(
         look=look,
         title=str(result.log.get("name") or "log"),
         subtitle=subtitle(result),
-        headline=what_happened(result),
+        headline=with_fixed_units(what_happened(result)),
         tone=flight_tone(result),
         strip=flight_strip(result),
         strip_height=STRIP_HEIGHT,

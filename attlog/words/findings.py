@@ -70,6 +70,33 @@ def shown_findings(found: Iterable[Finding]) -> list[ShownFinding]:
     return [_shown_finding(finding) for finding in sorted(found, key=lambda f: order.get(f.severity, 9))]
 
 
+# Most findings and words of the first screen's list, and findings that it has in any case.
+MAX_FIRST, MAX_FIRST_WORDS, MIN_FIRST = 5, 75, 2
+# The end of a sentence with another behind it.
+SENTENCE_END = re.compile(r"(?<=[.!?]) (?=[A-Z“])")
+
+
+def first_screen_findings(trouble: Sequence[ShownFinding]) -> list[ShownFinding]:
+    """Return the findings of the first screen: each with its first sentence, the others as evidence."""
+    found: list[ShownFinding] = []
+    words = 0
+    for finding in map(_first_sentence, trouble[:MAX_FIRST]):
+        words += len(finding.line.split())
+        if len(found) >= MIN_FIRST and words > MAX_FIRST_WORDS:
+            break
+        found.append(finding)
+    return found
+
+
+def _first_sentence(finding: ShownFinding) -> ShownFinding:
+    """Return a finding whose later sentences are evidence, unless its time stands in one of them."""
+    ends = SENTENCE_END.split(finding.after if finding.when else finding.before, maxsplit=1)
+    if len(ends) < 2 or (finding.when and SENTENCE_END.search(finding.before)):
+        return finding
+    why = (ends[1], *finding.why)
+    return replace(finding, after=ends[0], why=why) if finding.when else replace(finding, before=ends[0], why=why)
+
+
 def no_problem_text(shown: list[ShownFinding], hidden: int = 0) -> str:
     """Return the sentence for an empty list; ``hidden``: number of notes not listed."""
     if shown:
@@ -162,6 +189,11 @@ class ShownCheck:
     def listed(self) -> bool:
         """True for a fault, a warning, or a check with settings."""
         return self.verdict in BAD_VERDICTS or bool(self.settings)
+
+    @property
+    def asks(self) -> bool:
+        """True for a fault, and for what asks the reader to set or to do something."""
+        return self.verdict == "fault" or bool(self.settings or self.advice)
 
 
 def shown_checks(checks: Iterable[Check]) -> list[ShownCheck]:

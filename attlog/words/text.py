@@ -123,6 +123,15 @@ UNITS_IN_TEXT = (
 )
 
 
+# Blank between a number and its unit.
+UNIT_BLANK = re.compile(r"(?<=\d) (?=\S{1,4}(?:[\s.,;:)]|$))")
+
+
+def with_fixed_units(text: str) -> str:
+    """Put a no-break space between each number and its unit."""
+    return UNIT_BLANK.sub("\u00a0", text)
+
+
 # A time on the log's clock in a sentence.
 INSTANT = re.compile(r"\b(at|from|until) (\d{3,}(?:\.\d+)?) s\b")
 

@@ -129,8 +129,8 @@ def test_faults_and_warnings_are_open_and_the_rest_is_a_line_each():
     assert seen.index("compass offset") < seen.index("vibration")
     assert "as set." not in seen
     assert "fly two full turns" not in seen
-    assert "Ok: gravity at rest, GNSS delay<" in whole
-    assert "Unknown on this log: compass soft iron<" in whole
+    assert "gravity at rest, GNSS delay<" in whole
+    assert "1 check unknown on this log<" in whole
     assert "GNSS is 203 ms late, as set." in whole
 
 

@@ -12,6 +12,7 @@ from attlog.cli.tables import finding_lines
 from attlog.health.check import Setting, unknown
 from attlog.result import Check, Finding
 from attlog.words.findings import (
+    first_screen_findings,
     no_problem_text,
     parameter_changes,
     question_title,
@@ -22,6 +23,7 @@ from attlog.words.findings import (
     shown_findings,
     value_text,
 )
+from attlog.words.text import with_fixed_units
 from tests.golden import check_golden
 from tests.health.made import MADE, OFFSET, REFUSED, SILENT, SOUND
 
@@ -51,6 +53,24 @@ FOUND = (
     Finding("x", "warning", "It left out 2078 records.", count=2078),
     Finding("x", "warning", "It shook.", count=2078),
 )
+
+
+def test_the_first_screen_has_first_sentences_and_few_words() -> None:
+    long = Finding(
+        "x", "warning", f"It shook at 53.7 s{' very' * 30}. It rolled. It fell.", t=53.7, evidence=["By IMU."]
+    )
+    (one, two) = first_screen_findings(shown_findings([long, replace(long, kind="y"), replace(long, kind="z")]))
+    assert one.line.startswith("It shook at 53.7 s")
+    assert one.why == ("It rolled. It fell.", "By IMU.")
+    assert two.line.endswith("very.")
+    assert len(first_screen_findings(shown_findings([GYRO] * 9))) == 5
+    late = Finding("x", "warning", "It shook. It fell at 7.0 s.", t=7.0)
+    (kept,) = first_screen_findings(shown_findings([late]))
+    assert (kept.line, kept.when) == (late.text, "7.0 s")
+
+
+def test_a_number_stays_with_its_unit() -> None:
+    assert with_fixed_units("flew 1 to 77.5 s (13 g)") == "flew 1\u00a0to 77.5\u00a0s (13\u00a0g)"
 
 
 def test_findings_are_as_reviewed_with_their_time_to_click_on_once() -> None:
