@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from attlog.core import rotation
 from attlog.core.limits import READ_BYTES
 from attlog.flight.drive import MotorOutputs
 from attlog.flight.model import FIX_3D, Array, FlightLog, Stream, guarded_part
@@ -60,6 +61,7 @@ PANELS: dict[str, PanelUnit] = {
     "climb": PanelUnit("m/s", -1_000.0, 1_000.0),
     "speed": PanelUnit("m/s", 0.0, 1_000.0),
     **{axis: PanelUnit("deg/s", -1e5, 1e5) for axis in RATE_PANELS},
+    "heading": PanelUnit("deg"),
     "motors": PanelUnit("%", -1_000.0, 1_000.0),
     "servos": PanelUnit("%", -1_000.0, 1_000.0),
     "outputs": PanelUnit("us", 1.0, 10_000.0),
@@ -107,6 +109,8 @@ CONVERSIONS = {
 MAX_NUMBER, MAX_INSTANCES = 18, 8
 # Panels that show every instance of a message.
 SEVERAL = {"outputs", "esc_current", "volts", "amperes", "used", "remaining", "rails", "temperature"}
+# Speed from which the course over ground is drawn, m/s.
+MIN_COURSE_M_S = 2.0
 # Shortest and longest pulse of a servo or speed controller, us.
 MIN_PULSE_US, MAX_PULSE_US = 700.0, 2600.0
 # Pulses that move by less in a log drive nothing, us.
@@ -166,6 +170,7 @@ def _of_flight(log: FlightLog) -> Iterator[PanelLine]:
     yield from _stream("height", "rangefinder", log.rangefinder)
     yield from _stream("speed", "onboard", log.estimator.speed)
     yield from _stream("speed", "air", log.airspeed)
+    yield from _headings(log)
     if log.setpoints.rates is not None:
         for axis, x in zip(RATE_PANELS, log.setpoints.rates.x.T, strict=True):
             yield PanelLine(axis, "set-point", log.setpoints.rates.t, np.degrees(x))
@@ -182,6 +187,25 @@ def _of_flight(log: FlightLog) -> Iterator[PanelLine]:
     yield from _stream("rails", "board", power.board)
     for unit in log.imus:
         yield from _stream("temperature", numbered("IMU", unit.index), unit.temperature)
+
+
+def _headings(log: FlightLog) -> Iterator[PanelLine]:
+    """Yield headings in deg: onboard, commanded, and by GNSS where it shows one."""
+    known = {"onboard": log.onboard_attitude, "set-point": log.setpoints.attitude}
+    for label, attitude in known.items():
+        if attitude is not None and len(attitude.t):
+            yield PanelLine("heading", label, attitude.t, np.degrees(rotation.to_euler(attitude.q)[:, 2]))
+    for k, g in enumerate(log.gnss[:MAX_INSTANCES]):
+        north, east = g.vel_ned[:, 0], g.vel_ned[:, 1]
+        moving = (g.fix >= FIX_3D) & (north**2 + east**2 >= MIN_COURSE_M_S**2)
+        yield PanelLine(
+            "heading", numbered("course", k), g.t, np.where(moving, np.degrees(np.arctan2(east, north)), np.nan)
+        )
+        for stream in () if g.heading is None else (g.heading,):
+            yield PanelLine("heading", numbered("two antennas", k), stream.t, np.degrees(stream.x[:, 0]))
+    if log.estimator.yaw is not None:
+        yaw = log.estimator.yaw
+        yield PanelLine("heading", "GNSS motion", yaw.t, np.degrees(yaw.x[:, 0]))
 
 
 def _scaled_outputs(log: FlightLog) -> MotorOutputs | None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +12,16 @@ from attlog.core.files import write_atomic
 from attlog.health.settings import param_file
 from attlog.report import shell
 from attlog.report.bundle import ArrayPacker, Bundle
-from attlog.report.figures.catalogue import sections
-from attlog.report.figures.figure import FigureSource
+from attlog.report.figures.behind import figure_behind
+from attlog.report.figures.catalogue import UNTITLED, sections
+from attlog.report.figures.figure import FigureSource, PageFigure
 from attlog.report.figures.signals import picker
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
 from attlog.result import MEASURED_TIMES, Result, agreed_settings
-from attlog.words.events import minor_title, shown_events
+from attlog.words.events import ShownEvent, minor_title, shown_events
 from attlog.words.findings import (
+    ShownCheck,
+    ShownFinding,
     findings,
     first_screen_findings,
     question_titles,
@@ -81,6 +84,7 @@ def render(
     source = FigureSource.of(result)
     chosen = picker(result)
     look, figures, lines = source.styles, sections(source), parameter_lines(result)
+    behind = places_behind(figures, {"parameters"} if lines else set())
     return shell.render(
         "page.html",
         rows=source.rows,
@@ -115,6 +119,7 @@ def render(
         axes=axis_table(result),
         windows=window_tables(result),
         sections=figures,
+        behind=behind,
         parameters=lines,
         parameter_counts=parameter_counts(lines),
         checks=shown_checks(result.checks),
@@ -125,6 +130,34 @@ def render(
         firmware=firmware(result),
         definitions={m: d for m, d in result.definitions.items() if not (deterministic and m in MEASURED_TIMES)},
     )
+
+
+Behind = Callable[[Any], "Place | None"]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Place on the page that shows a finding, event or check: link and title."""
+
+    href: str
+    title: str
+
+
+def places_behind(figures: Mapping[str, Sequence[PageFigure]], others: Collection[str] = ()) -> Behind:
+    """Return a function from a shown finding, event or check to the figure behind it, None without one.
+
+    ``others``: ids of places that are no figures.
+    """
+    titles = {figure.id: figure.title for part in figures.values() for figure in part}
+
+    def behind(shown: ShownFinding | ShownEvent | ShownCheck) -> Place | None:
+        kind, about = (shown.id, shown.id) if isinstance(shown, ShownCheck) else (shown.kind, shown.about)
+        name = figure_behind(kind, about, shown.text, shown.t is not None, titles.keys() | set(others))
+        if name in titles:
+            return Place(f"#fig-{name}", titles[name] or UNTITLED)
+        return Place(f"#{name}", name.capitalize()) if name else None
+
+    return behind
 
 
 def file_stem(result: Result) -> str:

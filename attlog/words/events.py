@@ -95,6 +95,8 @@ class ShownEvent:
     text: str
     source: str
     minor: bool = False
+    about: str = ""
+    t_end: float | None = None
 
 
 def shown_events(result: Result) -> list[ShownEvent]:
@@ -110,13 +112,17 @@ def shown_event(event: Event) -> ShownEvent:
     """Return an event as a row."""
     minor = event.kind in ("power_up", "reset") or (event.kind == "message" and event.severity == "note")
     label, source = EVENT_LABELS.get(event.kind, ""), source_text(event)
-    return ShownEvent(event.t, event.kind, label, *_severity(event.severity), typeset(event.text), source, minor)
+    words = typeset(event.text)
+    return ShownEvent(event.t, event.kind, label, *_severity(event.severity), words, source, minor, t_end=event.t_end)
 
 
 def _finding(finding: Finding, t: float) -> ShownEvent:
     label = FINDING_LABELS.get(finding.about, finding.kind.replace("_", " "))
     source = f"check of {question_title(finding.about)}" if finding.about else "checks"
-    return ShownEvent(t, "finding", label, *_severity(finding.severity), typeset(finding.text), source)
+    words, about = typeset(finding.text), finding.about or finding.kind
+    return ShownEvent(
+        t, "finding", label, *_severity(finding.severity), words, source, about=about, t_end=finding.t_end
+    )
 
 
 def _severity(severity: str) -> tuple[str, str]:

@@ -30,8 +30,8 @@ SEVERITY = {
 class ShownFinding:
     """Finding for display.
 
-    ``when``: the part of its sentence with the time, or empty. ``t`` s, None without a time. ``why``: evidence and
-    cause, one line each.
+    ``when``: the part of its sentence with the time, or empty. ``t`` to ``t_end`` s, None without a time. ``why``:
+    evidence and cause, one line each. ``kind`` and ``about``: those of the finding.
     """
 
     label: str
@@ -42,6 +42,9 @@ class ShownFinding:
     t: float | None
     action: str
     why: tuple[str, ...] = ()
+    kind: str = ""
+    about: str = ""
+    t_end: float | None = None
 
     @property
     def text(self) -> str:
@@ -117,7 +120,8 @@ def _shown_finding(finding: Finding) -> ShownFinding:
     why = [typeset(line) for line in finding.evidence]
     why += [f"Cause: {typeset(finding.cause)}"] if finding.cause else []
     action = "" if finding.action in finding.text else typeset(finding.action)
-    return ShownFinding(label, style, before, when, after, t, action, tuple(why))
+    end = finding.t_end if t is not None and finding.t_end is not None and finding.t_end > t else None
+    return ShownFinding(label, style, before, when, after, t, action, tuple(why), finding.kind, finding.about, end)
 
 
 def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
@@ -167,7 +171,7 @@ class ShownCheck:
     """Check for display: a row of a table.
 
     ``value`` with unit and 95 % interval. ``settings``: parameters to set; ``advice``: action if there are none.
-    ``why``: components, evidence, extent, limit, one line each.
+    ``why``: components, evidence, extent, limit, one line each. ``id``: that of the question.
     """
 
     sensor: str
@@ -179,6 +183,8 @@ class ShownCheck:
     advice: str
     why: tuple[str, ...]
     t: float | None
+    id: str = ""
+    t_end: float | None = None
 
     @property
     def to_set(self) -> str:
@@ -283,6 +289,8 @@ def _shown_check(one: Check) -> ShownCheck:
         typeset(advice),
         tuple(map(typeset, why)),
         one.t,
+        one.question,
+        one.t_end,
     )
 
 

@@ -46,6 +46,20 @@ def test_panels_without_a_line_take_no_room() -> None:
     assert found["battery"].words == "voltage: battery 12.0 V to 12.0 V; rails: board 5.00 V to 5.00 V"
 
 
+def test_every_line_is_saved_under_its_panel_and_label_with_its_unit() -> None:
+    found = figures(result_with(volts={"battery": 12.0 + 0 * T}, accuracy={"horizontal": 1.0 + 0 * T}))
+    for figure, quantity, unit in (("battery", "voltage battery", "V"), ("reception", "accuracy horizontal", "m")):
+        (line,) = found[figure].data["views"][0]["traces"]
+        assert (line["meta"]["quantity"], line["meta"]["unit"]) == (quantity, unit)
+
+
+def test_a_full_turn_breaks_the_line_of_a_heading() -> None:
+    turning = (3.6 * 2.0 * T + 180.0) % 360.0 - 180.0
+    (line,) = figures(result_with(heading={"onboard": turning}))["headings"].data["views"][0]["traces"]
+    assert line["meta"]["wraps"]
+    assert float(np.ptp(line["y"])) < 360.0
+
+
 def test_a_motor_has_the_colour_of_its_rotor_and_speed_controller() -> None:
     found = figures(
         result_with(

@@ -90,7 +90,7 @@ def test_what_to_fix_stands_above_the_comparison_with_its_action_and_why():
     places = [page.index(mark) for mark in ('id="findings"', "It shakes heavily", 'id="comparison"', 'id="table"')]
     assert places == sorted(places)
     assert all(text in page for text in ("Cause: A loose arm.", "<b>Fasten it.</b>"))
-    assert 'heavily from <a href="#part-flight" data-t="12.0">12.0 s</a>.' in page
+    assert 'heavily from <a href="#fig-attitude" data-t="12.0" title="Attitude">12.0 s</a>.' in page
 
 
 def test_no_sentence_of_the_page_ends_twice():

@@ -15,7 +15,7 @@ import numpy as np
 
 from attlog.flight.panels import PANELS, RATE_PANELS
 from attlog.report.figures.figure import FigureSource, PageFigure, View, axis_key, panel_domain, sampling_text
-from attlog.report.figures.flight import SENSED, before_crash
+from attlog.report.figures.flight import SENSED, before_crash, heading_cut
 from attlog.result import Trace
 from attlog.words.numbers import quantity, unit_sign
 
@@ -67,6 +67,7 @@ AXES: dict[str, Axis] = {
     "roll_rate": Axis("roll", 10.0, 0.02),
     "pitch_rate": Axis("pitch", 10.0, 0.02),
     "yaw_rate": Axis("yaw", 10.0, 0.02),
+    "heading": Axis("heading", 10.0, 0.02),
     "motors": Axis("motors", 10.0, 0.02, (("floor", -25.0), ("pad", 0.06))),
     "servos": Axis("servos", 10.0, 0.02),
     "outputs": Axis("outputs", 100.0, 0.5),
@@ -102,6 +103,12 @@ FIGURES = (
         "Each height less its own before take-off; a rangefinder measures from the ground below. Climbing is positive.",
     ),
     DataFigure("speeds", "Speed", ("speed",)),
+    DataFigure(
+        "headings",
+        "Heading",
+        ("heading",),
+        "Course: direction of motion over ground; a copter may fly sideways. GNSS motion: heading without a compass.",
+    ),
     DataFigure("rates", "Body rates", RATE_PANELS, "Right wing down, nose up and nose right are positive."),
     DataFigure("motors", "Motor and servo outputs", ("motors", "servos", "outputs", "commands", "rpm", "esc_current")),
     DataFigure("sticks", "Sticks and switches", ("sticks", "stick_pulses", "channels")),
@@ -148,6 +155,7 @@ def _draw_panel(
     """Draw the lines of a panel, set-points at the bottom."""
     axis, unit = AXES[key], PANELS[key].unit
     named = [(label, trace, y) for trace in lines for label, y in trace.columns.items()]
+    cut = heading_cut([Trace("", "", t.t, {"heading": y}) for _, t, y in named]) if key == "heading" else None
     digits = int(np.clip(np.ceil(-np.log10(axis.step)), 0, 3))
     fit: dict[str, Any] = {"least": axis.least, "pad": 0.08} | dict(axis.fit)
     fit |= before_crash(source) if key in UPSET else {}
@@ -159,11 +167,17 @@ def _draw_panel(
             view.line("", "edge", ends, np.full(2, limit), dash="dash", yaxis=axis_key(i), meta=silent)
     for label, trace, y in sorted(named, key=lambda one: "set-point" not in one[0]):
         colour, dash = styles[label]
-        meta: dict[str, Any] = {"time": True, "step": axis.step, "digits": digits}
-        meta |= {"quantity": f"{axis.title} {label}"} | {"beyond": True} if "share" in fit else {}
+        meta: dict[str, Any] = {"time": True, "step": axis.step, "digits": digits, "quantity": f"{axis.title} {label}"}
+        if "share" in fit:
+            meta["beyond"] = True
+        if cut is not None:
+            y = y - 360.0 * np.floor((y - cut) / 360.0)
+            meta |= {"wraps": True, "cut": cut}
         view.line(label, colour, trace.t, y, unit=unit, dash=dash, yaxis=axis_key(i), meta=meta)
     sign = unit_sign(unit)
     view.axis(axis_key(i), f"{axis.title}, {sign}" if sign else axis.title, nticks=5, fit=fit, zeroline=False)
+    if cut is not None:
+        view.axes["yaxis"]["heading"] = True
 
 
 def _styles(figure: DataFigure, lines: list[Trace]) -> dict[str, tuple[str, str]]:

@@ -62,7 +62,7 @@ function legend() {
     toggled();
   }));
   $('all').addEventListener('click', () => { boxes.forEach((box) => { box.checked = true; }); toggled(); });
-  $('reset').addEventListener('click', () => zoom(full));
+  $('reset').addEventListener('click', () => { pointed = null; zoom(full); });
   document.querySelector('.legend').hidden = false;
 }
 
@@ -156,13 +156,17 @@ function printed() {
   });
 }
 
-// a time in a list or a problem shows its surroundings in the figures
+// a finding, event or check shows the figure behind it around its time, which is shaded; folded places open
 function jumps() {
   document.addEventListener('click', (e) => {
-    const link = e.target.closest('a[data-t]');
+    const link = e.target.closest('a[href^="#"]');
     if (!link) return;
-    const t = +link.dataset.t, around = Math.max(5, (full[1] - full[0]) / 60);
-    zoom([t - around, t + around]);
+    const place = document.getElementById(link.hash.slice(1));
+    if (place && place.tagName === 'DETAILS') place.open = true;
+    if (link.dataset.t === undefined) return;
+    const t = +link.dataset.t, end = Math.max(+(link.dataset.end || t), t), around = Math.max(5, (full[1] - full[0]) / 60, 0.5 * (end - t));
+    pointed = [t, end];
+    zoom([t - around, end + around]);
   });
 }
 

@@ -161,6 +161,8 @@ function arrows(t, L) {
   return [heads];
 }
 
+// the span that a link of a finding points at
+let pointed = null;
 const MANY_MARKS = 80;
 // too many to be seen singly are not drawn until the figure is zoomed
 const few = (marks, range) => { const here = marks.filter((m) => (m.length > 2 ? m[1] : m[0]) >= range[0] && m[0] <= range[1]); return here.length > MANY_MARKS ? [] : here; };
@@ -173,6 +175,7 @@ function phases(L, named) {
   for (const [a, b] of M.impact) L.shapes.push(band(a, Math.max(b, a), css('--crash')), bar(a, css('--bad'), 'solid'));
   for (const [a, b] of few(M.gaps, range)) L.shapes.push(band(a, b, css('--gap')), bar(a, css('--edge'), 'solid'), bar(b, css('--edge'), 'solid'));
   for (const [t] of few(M.resets, range)) L.shapes.push(bar(t, css('--bad'), 'dot'));
+  if (pointed && seen(...pointed)) L.shapes.push(band(...pointed, faded(css('--ac'), 0.14)), bar(pointed[0], css('--ac'), 'solid'), bar(pointed[1], css('--ac'), 'solid'));
   if (!named) return;
   const share = (a, b) => (Math.min(b, range[1]) - Math.max(a, range[0])) / (range[1] - range[0]);
   const label = (spans, text, least) => {
