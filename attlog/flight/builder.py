@@ -176,7 +176,8 @@ class LogBuilder:
         if count == 0:
             return x
         text = f"{source}: left out {count:,} of {x.size:,} values of {quantity.name}, outside {quantity.limits}"
-        self.problem("values_out_of_range", "warning", f"{text} ({quantity.why}).", count=count)
+        severity: Severity = "note" if quantity.minor else "warning"
+        self.problem("values_out_of_range", severity, f"{text} ({quantity.why}).", count=count)
         return np.where(beyond, np.nan, x)
 
     def clipping(self, sensor: str, unit: int, source: str, table: Table, column: str) -> Clipping:

@@ -25,13 +25,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Physical range of a quantity, ``low`` to ``high`` in ``unit``, with its reason ``why``."""
+    """Physical range of a quantity, ``low`` to ``high`` in ``unit``, with its reason ``why``.
+
+    ``minor``: values outside stand for unknown, or only describe the autopilot's own state.
+    """
 
     name: str
     low: float
     high: float
     unit: str
     why: str
+    minor: bool = False
 
     def outside(self, x: Array) -> NDArray[np.bool_]:
         """Mark the values of x (any shape) outside the range; NaN is not outside."""
@@ -62,8 +66,8 @@ SPEED = _symmetric(
 )
 PLACE_ACCURACY = Quantity("GNSS position accuracy", 0.0, 1e5, "m", "worse is no position")
 SPEED_ACCURACY = Quantity("GNSS speed accuracy", 0.0, 1e4, "m/s", "worse is no speed")
-SATELLITES = Quantity("satellites", 0.0, 100.0, "", "no receiver uses more; 255 stands for unknown")
-HDOP = Quantity("horizontal dilution of precision", 0.1, 50.0, "", "99.99 and more stand for unknown")
+SATELLITES = Quantity("satellites", 0.0, 100.0, "", "no receiver uses more; 255 stands for unknown", minor=True)
+HDOP = Quantity("horizontal dilution of precision", 0.1, 50.0, "", "99.99 and more stand for unknown", minor=True)
 GNSS_YAW = _symmetric("GNSS heading", 2.0 * math.pi, "rad", "one turn")
 ESTIMATED_YAW = _symmetric("estimated heading", 2.0 * math.pi, "rad", "one turn")
 
@@ -77,7 +81,7 @@ RANGE = Quantity("distance to the ground", 0.0, 5_000.0, "m", "no rangefinder of
 AIRSPEED = Quantity("airspeed", -100.0, 1_000.0, "m/s", "no pitot tube of an autopilot measures more")
 STICK = _symmetric("stick", 1.5, "", "1 is full; calibration ends are exceeded by a tenth")
 THROTTLE = _symmetric("throttle", 10.0, "", "1 is full")
-SHARE_IN_USE = Quantity("processor load", 0.0, 1.0, "", "a processor has no more time and memory than all")
+SHARE_IN_USE = Quantity("processor load", 0.0, 1.0, "", "a processor has no more time and memory than all", minor=True)
 RPM = _symmetric("rotor speed", 1e6, "rpm", "small motors reach 100,000, counted electrically 7 times that")
 VOLTAGE = Quantity("battery voltage", 0.0, 1_000.0, "V", "no vehicle with these autopilots carries more")
 CURRENT = _symmetric("battery current", 10_000.0, "A", "no battery of a vehicle gives more")
@@ -85,7 +89,7 @@ RATE_SETPOINT = _symmetric("rate set-point", 200.0, "rad/s", "twice what a gyro 
 ACC_BIAS = _symmetric("accelerometer bias", 10.0, "m/s^2", "estimators bound theirs far below 1 g")
 GYRO_BIAS = _symmetric("gyro bias", 10.0, "rad/s", "estimators bound theirs below 0.5 rad/s")
 VIBRATION = Quantity("vibration", 0.0, ACC_LIMIT_M_S2, "m/s^2", "no accelerometer measures more")
-TEST_RATIO = Quantity("test ratio", 0.0, 1e6, "", "a thousand standard deviations, squared")
+TEST_RATIO = Quantity("test ratio", 0.0, 1e6, "", "a thousand standard deviations, squared", minor=True)
 QUATERNION_NORM = Quantity(
     "norm of the quaternion", 0.95, 1.05, "", "an attitude has norm 1; float16 and integers of 16 bits keep it to 0.001"
 )

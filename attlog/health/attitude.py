@@ -85,9 +85,9 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
     if wrong:
         return made("fault", f"{imu.gyro.source} against {name}: {wrong}")
     slopes = np.sum(g * a, axis=0) / np.sum(g * g, axis=0)
-    shown = ", ".join(f"{axis} {s:.3f}" for axis, s, m in zip("xyz", slopes, moving, strict=True) if m)
+    shown = ", ".join(f"{s:.3f} ({axis})" for axis, s, m in zip("xyz", slopes, moving, strict=True) if m)
     verdict = graded(float(np.abs(np.log(np.maximum(slopes[moving], 1e-3))).max()), SLOPE_OFF, SLOPE_FAR)
-    text = f"{name} turns as the gyro does by {shown} (1 is equal)."
+    text = f"By {name} the vehicle turns {shown} times as far as by the gyro."
     if onboard.rate < MIN_ATTITUDE_HZ and verdict == "fault":
         verdict, text = "warning", text + f" At {onboard.rate:.0f} Hz the attitude smears fast motion."
     check = made(verdict, text, value=round(float(slopes[moving][np.argmax(np.abs(slopes[moving] - 1))]), 4))

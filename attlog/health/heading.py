@@ -47,7 +47,7 @@ def gnss_heading_checks(case: HealthCase) -> list[Check]:
     if not whole.known:
         return [unknown(HEADING_BY_GNSS, f"{whole.why[0].upper()}{whole.why[1:]}.", GNSS_HEADING_LIMIT)]
     size = abs(whole.offset_deg)
-    text = f"{log.onboard}'s heading is {size:.1f} deg off by GNSS acceleration (± {whole.sigma_deg:.1f} deg)."
+    text = f"{log.onboard}'s heading fits the motion by GNSS to {size:.1f} deg (± {whole.sigma_deg:.1f} deg)."
     return [Check(HEADING_BY_GNSS, "ok", text, round(size, 1), "deg", GNSS_HEADING_LIMIT)]
 
 
@@ -57,7 +57,8 @@ def _wrong_heading_check(case: HealthCase, wrong: WrongHeading) -> Check:
     first, last = wrong.spans[0][0], wrong.spans[-1][1]
     seconds = sum(b - a for a, b in wrong.spans)
     when = f" from {first:.0f} s to {last:.0f} s" + (f", {seconds:.0f} s in all" if len(wrong.spans) > 1 else "")
-    text = f"The onboard heading is {size:.0f} deg off by GNSS acceleration (± {wrong.offset.sigma_deg:.0f} deg){when}."
+    sigma = f"± {wrong.offset.sigma_deg:.0f} deg"
+    text = f"The onboard heading is {size:.0f} deg wrong ({sigma}){when}, by the motion that GNSS shows."
     evidence = ["At other times it is correct."] if wrong.partly else []
     rejected = _rejected_gnss(log, segments, wrong.spans)
     if rejected:

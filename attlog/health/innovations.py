@@ -108,16 +108,18 @@ def innovation_checks(case: HealthCase) -> list[Check]:
 def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | None) -> Check:
     share = one.above / max(one.seconds, 1e-9)
     text = f"The EKF's {one.aid} test ratio is {one.median:.2f} in the median, {one.p95:.2f} in the 95th percentile"
-    check = Check("innovations", "ok", f"{text}.", round(one.median, 3), "of the gate", LIMIT, sensor=one.source)
+    check = Check("innovations", "ok", f"{text}.", round(one.median, 3), "of the gate", LIMIT, sensor=f"EKF {one.aid}")
     check.source, check.n, check.seconds = SOURCE, one.n, round(one.seconds, 1)
     check.ci95 = (round(one.interval[0], 3), round(one.interval[1], 3))
+    logged = f"Logged as {one.source}."
     if one.longest is None:
-        check.evidence = [f"It stays below 1 in {one.seconds:.0f} s of flight."]
+        check.evidence = [f"It stays below 1 in {one.seconds:.0f} s of flight.", logged]
     else:
         check.t = round(one.longest[0], 1)
         check.evidence = [
             f"It is above 1 for {one.above:.1f} s ({100 * share:.1f} %) of {one.seconds:.0f} s, "
-            f"the longest {one.longest_s:.1f} s from {one.longest[0]:.1f} s."
+            f"the longest {one.longest_s:.1f} s from {one.longest[0]:.1f} s.",
+            logged,
         ]
     if one.above >= MIN_REJECTION_S and (share > OFTEN_SHARE or one.longest_s >= MIN_REJECTION_S):
         fault = share > FAULT_SHARE or one.longest_s >= LONG_REJECTION_S

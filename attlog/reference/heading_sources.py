@@ -146,8 +146,9 @@ def wrong_onboard_heading(log: FlightLog, segments: Segments) -> str:
 
 
 def heading_error_words(found: HeadingOffset) -> str:
-    """Return ``28 deg off by GNSS acceleration (± 4 deg)``."""
-    return f"{abs(found.offset_deg):.0f} deg off by GNSS acceleration (± {max(found.sigma_deg, 1.0):.0f} deg)"
+    """Return ``28 deg wrong (± 4 deg) by the motion that GNSS shows``."""
+    size, sigma = abs(found.offset_deg), max(found.sigma_deg, 1.0)
+    return f"{size:.0f} deg wrong (± {sigma:.0f} deg) by the motion that GNSS shows"
 
 
 # Heading references in the air: other sources of the direction of the nose, or of the path.

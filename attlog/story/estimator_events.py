@@ -113,7 +113,7 @@ class Rejection:
         times = parts if len(self.spans) > 1 else ""
         return (
             f"The EKF rejected its {self.aid} for {self.seconds:.0f} s of {self.seconds_flown:.0f}{times}, "
-            f"{first:.1f} to {last:.1f} s. Largest test ratio {self.worst:.1f} ({self.source})."
+            f"{first:.1f} to {last:.1f} s. Largest test ratio {self.worst:.1f}."
         )
 
 

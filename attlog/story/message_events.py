@@ -41,7 +41,7 @@ FAULT_IN_FLIGHT = re.compile(r"preflight.*(fault|failure|terminat)", re.IGNORECA
 # The autopilot's computer, of which a flight feels nothing.
 COMPUTER = re.compile(r"timesync|low on stack|ram usage", re.IGNORECASE)
 # Measured values such as times and voltages, and cores of a lane switch, but no numbers of sensors.
-MEASURED = re.compile(r"[-+]?\d+\.\d+|[-+]?\d{3,}|(?<=changed )\d|(?<=-> )\d")
+MEASURED = re.compile(r"[-+]?\d+\.\d+|[-+]?\d{3,}|(?<=changed )\d|(?<=-> )\d|\d+(?= ?(us|ms|s|V|m|m/s|deg|%)(\W|$))")
 
 
 def message_events(log: FlightLog, quoted: Iterable[Text], segments: Segments) -> list[Event]:

@@ -194,7 +194,7 @@ def test_a_turned_compass_is_one_finding_with_the_heading_it_spoils() -> None:
     (found,) = [f for f in flown.findings if f.kind in ("compass", "estimator")]
     assert (found.severity, found.about) == ("serious", "compass_orientation")
     assert found.action == "Set COMPASS_ORIENT 6, and calibrate this compass before flying."
-    assert any("off by GNSS acceleration" in text for text in found.evidence)
+    assert any("by the motion that GNSS shows" in text for text in found.evidence)
 
 
 def test_clipping_is_said_with_what_it_did_to_the_estimator() -> None:

@@ -218,6 +218,13 @@ def test_a_rover_that_moves_slowly_does_not_stand(speed_m_s: float, scatter_m_s:
     assert text.endswith(said_)
 
 
+def test_texts_that_differ_by_a_measured_value_are_one_event() -> None:
+    texts = [(float(t), 4, f"[timesync] RTT too high: {10 + t} ms") for t in range(21)]
+    sensors = [(50.0, 4, "IMU 1 is bad"), (51.0, 4, "IMU 2 is bad")]
+    groups = message_events._by_cause([*texts, *sensors])
+    assert [len(group) for group in groups] == [21, 1, 1]
+
+
 @pytest.mark.parametrize(("turn_deg", "said_"), [(-61.5, ", turned by 60°."), (12.0, "of 100 s.")])
 def test_a_rover_turns_on_the_spot_but_not_by_drift(turn_deg: float, said_: str) -> None:
     """It turns within 5 s before it moves; standing, its heading drifts by 0.3 deg/s."""
