@@ -68,6 +68,12 @@ class IndexRow:
         return round(sum(reason.points for reason in self.reasons), 1)
 
     @property
+    def why(self) -> str:
+        """Heaviest reason that the text does not give, without the final stop; empty without one."""
+        others = (reason.text for reason in self.reasons if reason.kind != "crash" and reason.text != self.text)
+        return next(others, "").rstrip(".")
+
+    @property
     def name(self) -> str:
         """Name of the report."""
         return self.record.name
@@ -213,7 +219,8 @@ def _urgent(rows: Sequence[IndexRow], width: int) -> Iterator[str]:
     if first:
         yield "  open first:"
     for row in first:
-        yield from _wrapped(f"    {row.name}: {row.text}", min(width, HEADLINE_COLUMNS), "      ")
+        why = f" ({row.why})" if row.why else ""
+        yield from _wrapped(f"    {row.name}: {row.text}{why}", min(width, HEADLINE_COLUMNS), "      ")
 
 
 def _failures(failed: Sequence[Record], width: int) -> Iterator[str]:

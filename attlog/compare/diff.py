@@ -11,7 +11,7 @@ import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -122,7 +122,8 @@ class RunDifference:
     """Two results side by side.
 
     ``statements``: headline, and findings more severe than notes. ``verdicts``: sentences. ``made_by``: versions of
-    attlog. ``log``: firmware, vehicle, format. ``config``: options. ``parameters`` of the log: shared ones first, none
+    attlog. ``log``: firmware, vehicle, format. ``config``: options. ``references``: kind and source of what was
+    compared with; where they differ no value is better or worse. ``parameters`` of the log: shared ones first, none
     for two kinds of autopilot, None where a result has none. ``gains``: filter parameters. ``status``: of rows.
     ``moved``: numbers that differ, sorted.
     """
@@ -134,6 +135,7 @@ class RunDifference:
     made_by: list[TextChange] = field(default_factory=list)
     log: list[TextChange] = field(default_factory=list)
     config: list[TextChange] = field(default_factory=list)
+    references: list[TextChange] = field(default_factory=list)
     parameters: list[TextChange] | None = None
     gains: list[TextChange] = field(default_factory=list)
     rows_appeared: list[str] = field(default_factory=list)
@@ -255,7 +257,8 @@ def compare_results(
     found = RunDifference(name, same_log=sha[0] is not None and sha[0] == sha[1])
     found.statements = _changed_statements(old, new)
     sentences = ({QUESTIONS[v.question].capitalize(): v.sentence for v in r.verdicts} for r in (old, new))
-    found.verdicts = _changed_entries(*sentences)
+    found.references = _changed_references(old, new)
+    found.verdicts = [] if found.references else _changed_entries(*sentences)
     found.made_by = _changed_entries({"attlog": old.attlog.get("version")}, {"attlog": new.attlog.get("version")})
     about = ("name", "firmware", "vehicle", "format")
     if not found.same_log:
@@ -276,8 +279,18 @@ def compare_results(
                 found.equal += 1
             else:
                 found.moved.append(moved)
+    if found.references:  # another reference measures another error
+        found.moved = [replace(m, closer=None) for m in found.moved]
     found.moved.sort(key=lambda m: m.order)
     return found
+
+
+def _changed_references(old: Result, new: Result) -> list[TextChange]:
+    """Return the reference of two results where its kind or, in one log, its source differs."""
+    kinds = [("nothing", "") if r.reference is None else (r.reference.choice, r.reference.source) for r in (old, new)]
+    same_log = old.log.get("sha256") == new.log.get("sha256")
+    texts = [f"{kind} ({source})" if source and same_log else kind for kind, source in kinds]
+    return _changed_entries({"reference": texts[0]}, {"reference": texts[1]})
 
 
 def _changed_statements(old: Result, new: Result) -> list[TextChange]:

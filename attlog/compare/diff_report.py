@@ -56,6 +56,7 @@ def diff_blocks(d: RunDifference, everything: bool = False) -> DiffBlocks:
     unknown = d.parameters is None and not d.same_log
     found = DiffBlocks(
         [
+            DiffBlock("Compared with different references", d.references),
             DiffBlock("Headline and findings", d.statements),
             DiffBlock("Verdicts that differ", [c.name for c in d.verdicts]),
             DiffBlock("Filters that vanished", d.rows_vanished),
@@ -123,6 +124,7 @@ def diff_summary(d: RunDifference) -> str:
     versions = [e.old if e.old == e.new else f"{e.old} → {e.new}" for e in d.made_by]
     what = "the same log" if d.same_log else "two logs"
     by = f", attlog {versions[0]}" if versions else ""
+    by += "".join(f", compared with {c.old} → {c.new}, so no value is better or worse" for c in d.references)
     total, more = d.equal + len(d.moved), d.count - len(d.beyond)
     if not d.moved and not more:
         return f"{what}{by}: no difference in {total:,} numbers"
@@ -224,7 +226,8 @@ def _page_section(d: RunDifference) -> dict[str, Any]:
         shown = min(max(main, MIN_NUMBERS_SHOWN), MAX_NUMBERS_SHOWN)
         cells = [_page_cells(m) for m in block.numbers]
         tables.append((block.title, cells[:shown], cells[shown:]))
-    lists = before[bool(d.statements) + bool(d.verdicts) :]  # statements and verdicts are shown side by side
+    # the summary has the references; statements and verdicts are shown side by side
+    lists = before[bool(d.references) + bool(d.statements) + bool(d.verdicts) :]
     quiet = [*_quiet_parts(d, "within tolerance"), *([f"{d.equal:,} equal"] if d.equal else [])]
     return {
         "name": d.name,

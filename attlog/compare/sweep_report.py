@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from attlog.compare.comparison import Question, modes_text
+from attlog.compare.comparison import Question, commonest_reason, modes_text
 from attlog.compare.grid import GridAxis, Setting, setting_text
 from attlog.compare.paired import Difference
 from attlog.compare.search import SettingResult, Sweep, SweepColumn
@@ -21,7 +21,7 @@ from attlog.estimators.registry import FLOWN
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure, json_numbers
 from attlog.words.numbers import between, change, change_end, counted, listed, number, quantity, unit_sign
-from attlog.words.text import clean
+from attlog.words.text import clean, typeset
 
 SWEEP_SCHEMA = "attlog-sweep/3"
 DEFAULT_GAINS = "default gains"
@@ -98,10 +98,14 @@ def _question_sentences(s: Sweep, c: SweepColumn) -> Iterator[str]:
     if edges and not all_equal:
         yield f"The optimum lies at the end of the range of {listed(edges)}: a wider one may hold a better setting."
     if c.left_out:
-        some = [s.logs[j] for j in c.left_out]
-        rest = len(some) - MAX_NAMED_LOGS + 1
-        names = listed(some if len(some) <= MAX_NAMED_LOGS else [*some[: MAX_NAMED_LOGS - 1], f"{rest} more"])
+        names = named_logs([s.logs[j] for j in c.left_out])
         yield f"Not counted: {clean(names)} ({next(iter(c.left_out.values()))})."
+
+
+def named_logs(names: list[str]) -> str:
+    """Join the names of logs; beyond MAX_NAMED_LOGS the others are counted."""
+    rest = len(names) - MAX_NAMED_LOGS + 1
+    return listed(names if rest <= 1 else [*names[: MAX_NAMED_LOGS - 1], f"{rest} more"])
 
 
 def _base_name(s: Sweep) -> str:
@@ -272,10 +276,13 @@ class PageSection:
     folded: bool = False
 
 
-def render_sections(name: str, title: str, document: dict[str, Any], sections: Sequence[PageSection]) -> str:
+def render_sections(
+    name: str, title: str, document: dict[str, Any], answer: Sequence[str], sections: Sequence[PageSection]
+) -> str:
     """Return a self-contained page.
 
-    ``name`` begins the file names of saved tables. ``document``: JSON of the page.
+    ``name`` begins the file names of saved tables. ``document``: JSON of the page. ``answer``: sentences before all
+    figures, the first as headline.
     """
     return shell.render(
         "settings.html",
@@ -288,6 +295,7 @@ def render_sections(name: str, title: str, document: dict[str, Any], sections: S
         name=name,
         title=title,
         about=document,
+        answer=answer,
         sections=sections,
     )
 
@@ -300,13 +308,17 @@ def titled(name: str, unit: str) -> str:
 def sweep_page(s: Sweep, about: Mapping[str, Any]) -> str:
     """Return the page; ``about``: version, command and logs as in the JSON."""
     title = f"{s.filter}: {counted(len(s.grid), 'setting')} on {counted(len(s.logs), 'log')}"
-    return render_sections("sweep", title, sweep_document(s, about), list(_sweep_sections(s, about)))
+    answer = [next(_question_sentences(s, column)) for column in s.columns]
+    return render_sections("sweep", title, sweep_document(s, about), answer, list(_sweep_sections(s, about)))
 
 
 def _sweep_sections(s: Sweep, about: Mapping[str, Any]) -> Iterator[PageSection]:
-    said = list(sweep_sentences(s, count_references(about)))
+    remarks = list(agreement_sentence(count_references(about), s.filter, s.modes))
     for m, column in enumerate(s.columns):
-        under = said[m:] if m + 1 == len(s.columns) else said[m : m + 1]
+        _, *rest = _question_sentences(s, column)  # the first is the page's answer
+        under = [" ".join(rest)] if rest else []
+        if m + 1 == len(s.columns):
+            under += remarks
         yield PageSection(column.question.title, figures=list(_question_figures(s, m)), said=under)
     single = s.columns[0].single
     if single is not None:
@@ -403,7 +415,38 @@ def _axis_figure(s: Sweep, c: SweepColumn, axis: GridAxis, name: str, *, alone: 
     }
     title = f"{c.question.title} along {axis.name}{'' if alone else _at_best('all others')}"
     caption = f"Red: best. Band and filled: not significantly worse.{' Thin lines: each log.' if each else ''}"
+    caption = f"{caption} {missing_values(s, c, axis)}".rstrip()
     return PageFigure(name, "along", title, caption, 300, data, alone, _figure_words(s, c))
+
+
+def missing_values(s: Sweep, c: SweepColumn, axis: GridAxis) -> str:
+    """Return sentences on values of a parameter without a result on a log: ``kp above 0.17 diverged on NAME.``."""
+    logs_by_words: dict[str, list[str]] = {}
+    for j, log in enumerate(s.logs):
+        lost: dict[float | str, list[SettingResult]] = {}
+        for value in axis.values:
+            cells = [s.cells[k][j] for k in range(s.base) if s.settings[k][axis.name] == value]
+            if not any(cell.counts(c.question) for cell in cells):
+                lost[value] = cells
+        if not 0 < len(lost) < len(axis.values):  # all lost: the log is left out and named elsewhere
+            continue
+        cells = [cell for some in lost.values() for cell in some]
+        diverged = any(cell.status == "diverged" for cell in cells)
+        what = " diverged" if diverged else f": {commonest_reason(cell.reason(c.question) for cell in cells)}"
+        logs_by_words.setdefault(f"{axis.name} {_range_words(axis, list(lost))}{what}", []).append(log)
+    return " ".join(f"{typeset(words)} on {clean(named_logs(logs))}." for words, logs in logs_by_words.items())
+
+
+def _range_words(axis: GridAxis, values: Sequence[float | str]) -> str:
+    """Return values of a parameter: ``above 0.17``, ``below 0.1``, else their list."""
+    kept = [v for v in axis.values if v not in values]
+    if all(isinstance(v, float) for v in axis.values):
+        sizes, others = [float(v) for v in values], [float(v) for v in kept]
+        if min(sizes) > max(others):
+            return f"above {max(others):g}"
+        if max(sizes) < min(others):
+            return f"below {min(others):g}"
+    return listed([value_text(v) for v in values])
 
 
 def _at_best(others: str) -> str:

@@ -209,13 +209,13 @@ def tune_page(t: Tuning, about: Mapping[str, Any]) -> str:
     tried = [_tried_figure(t, f, k) for k, f in enumerate(t.free)]
     said = list(tune_sentences(t, count_references(about)))
     sections = [
-        PageSection("How flat the optimum is", figures=tried, said=said),
+        PageSection("How flat the optimum is", figures=tried),
         PageSection("Gains, ready to paste", code="\n".join(paste_lines(t))),
         PageSection("On what was left out", table=held_out_rows(t), folded=True),
         PageSection("How much the gains depend on the logs", table=gain_rows(t), folded=True),
         PageSection("Each part, with gains that were not found on it", table=part_rows(t), folded=True),
     ]
-    return render_sections("tune", f"{t.filter}: gains from {where}", tune_document(t, about), sections)
+    return render_sections("tune", f"{t.filter}: gains from {where}", tune_document(t, about), said, sections)
 
 
 def _tried_figure(t: Tuning, f: FreeParameter, number: int) -> PageFigure:

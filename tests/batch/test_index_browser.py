@@ -208,6 +208,18 @@ def test_it_fits_the_screen(visit: Any, tmp_path: Path, width: int) -> None:
     assert page.locator("tr[data-log]").nth(1).locator(".why").is_visible()
 
 
+def test_a_phone_shows_a_log_first_and_the_filters_when_asked(visit: Any, tmp_path: Path) -> None:
+    page = visit(write_index(tmp_path, BATCH), viewport={"width": 390, "height": 667}).page
+    box = page.locator("tr[data-log] .why").first.bounding_box()
+    assert box["y"] + box["height"] < 667
+    assert not page.locator("#vehicle").is_visible()
+    page.get_by_role("button", name="Filters").click()
+    page.locator("#vehicle").select_option(index=1)
+    page.reload()
+    page.wait_for_selector("tr[data-log]")
+    assert page.locator("#vehicle").is_visible(), "a filter that is set is seen"
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "width"), [("light", 390), ("dark", 1280)])
 def test_axe_finds_no_violation(visit: Any, tmp_path: Path, scheme: str, width: int) -> None:

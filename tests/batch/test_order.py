@@ -251,10 +251,10 @@ def test_it_counts_by_reason_and_names_five_logs_to_open_first_with_what_happene
     assert lines[1:] == [
         "  open first:",
         "    fell.ulg: Quadrotor: hit the ground.",
-        "    gyro.ulg: Plane.",
-        "    bench.ulg: Never flew.",
-        "    0.ulg: Rover 0.",
-        "    1.ulg: Rover 1.",
+        "    gyro.ulg: Plane. (Something about the sensor)",
+        "    bench.ulg: Never flew. (Something about the sensor)",
+        "    0.ulg: Rover 0. (Something about the sensor)",
+        "    1.ulg: Rover 1. (Something about the sensor)",
     ]
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -23,7 +25,7 @@ from attlog.compare.diff_report import diff_blocks, diff_document, diff_lines, d
 from attlog.core.errors import LogUnreadable, LogUnusable, UsageError
 from attlog.health.findings import Finding
 from attlog.metrics.metric import Answer
-from attlog.result import EstimatorRow
+from attlog.result import EstimatorRow, ReferenceSummary, Verdict
 from tests.compare.made import filtered, result
 from tests.words.made import absent, lag, merged, noise, tilt
 
@@ -110,6 +112,32 @@ def test_parameters_gains_and_options_are_told_and_count_for_nothing() -> None:
     text = "\n".join(diff_lines([found], [], False))
     assert "Q: 2 → 3" in text
     assert "R: absent → 1" in text
+
+
+def test_with_another_reference_that_is_said_first_and_nothing_is_better_or_worse() -> None:
+    old, new = result(filtered(lag(1.0))), result(filtered(lag(20.0)))
+    assert [m.closer for m in compare_results("x", old, new, NONE).moved] == [False]
+    truth = ReferenceSummary("truth", "SIM", 400.0, 0.0, "")
+    old.reference, new.reference = truth, replace(truth, choice="onboard", source="ATT")
+    old.verdicts = [Verdict("accuracy", "A is best.", "tilt_rmse_deg", "all")]
+    new.verdicts = [Verdict("accuracy", "B is best.", "tilt_rmse_deg", "all")]
+    found = compare_results("x", old, new, NONE)
+    assert found.references == [TextChange("reference", "truth (SIM)", "onboard (ATT)")]
+    assert [m.closer for m in found.moved] == [None]
+    assert found.count == 1
+    assert not found.verdicts
+    first, *rest = diff_lines([found], [], False)
+    assert first.index("truth (SIM) → onboard (ATT)") < first.index("beyond tolerance")
+    assert not re.search("better|worse", "\n".join(rest))
+    page = diff_page([found], [], "old", "new", "1", "diff")
+    assert page.index("onboard (ATT)") < page.index("<table")
+
+
+def test_of_two_logs_another_source_of_the_same_kind_is_no_other_reference() -> None:
+    old, new = result(filtered(lag(1.0))), result(filtered(lag(20.0)), sha="b", log={"sha256": "b"})
+    old.reference = ReferenceSummary("onboard", "ATT", 10.0, 0.0, "")
+    new.reference = replace(old.reference, source="AHR2")
+    assert compare_results("x", old, new, NONE).references == []
 
 
 def test_a_parameter_that_only_one_log_lists_had_its_default_in_the_other() -> None:

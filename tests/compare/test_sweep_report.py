@@ -143,3 +143,21 @@ def test_a_curve_has_the_mean_over_logs_at_each_value_and_each_log_beside() -> N
     again = next(f for f in sweep_figures(s) if f.kind == "along")
     assert again.data["y"][1] is None
     assert again.data["say"][1] == ""
+
+
+def test_the_answer_comes_before_the_first_figure() -> None:
+    page = sweep_page(swept("kp=0.1,0.2,0.4"), ABOUT)
+    main = page[page.index("<main") :]
+    assert main.index("best single setting") < main.index("<figure")
+
+
+def test_values_without_result_are_named_with_the_log_below_the_figure() -> None:
+    axes = parse_grid(["kp=0.1,0.2,0.4"], get("mahony"))
+    logs = [Made("a.bin", 0.2), Made("bb.bin", 0.2, unsound=0.4), Made("ccc.bin", 0.2, unsound=0.2)]
+    found = sweep("mahony", axes, logs)  # type: ignore[arg-type]
+    for k in range(3):
+        found.cells[k][2].status = "diverged" if k else "ok"
+    (curve,) = (f for f in sweep_figures(found) if f.kind == "along")
+    assert "kp above 0.2: tilt error above 30° on bb.bin." in curve.caption
+    assert "kp above 0.1 diverged on ccc.bin." in curve.caption
+    assert "a.bin" not in curve.caption

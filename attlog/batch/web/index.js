@@ -201,6 +201,8 @@ function listen() {
   for (const id of ['kind', 'firmware', 'vehicle', 'by', 'metric']) $(id).addEventListener('change', () => { state[id] = $(id).value; apply(); });
   $('row').addEventListener('change', () => { state.row = $('row').value; settle(); selects(); apply(); });
   $('filters').addEventListener('submit', (event) => event.preventDefault());
+  if (state.kind || state.firmware || state.vehicle) $('fold').setAttribute('aria-expanded', 'true');
+  $('fold').addEventListener('click', () => $('fold').setAttribute('aria-expanded', String($('fold').getAttribute('aria-expanded') === 'false')));
   $('clear').addEventListener('click', () => { Object.assign(state, DEFAULT); settle(); selects(); apply(); $('q').focus(); });
   $('more').addEventListener('click', () => { const k = shownRows; append(k, Math.min(k + STEP, list.length)); const row = $('table').tBodies[0].querySelector('[aria-rowindex="' + (k + 2) + '"] .open'); if (row) row.focus({ preventScroll: true }); });
   $('trend').addEventListener('pointermove', (event) => {
