@@ -175,6 +175,17 @@ def test_a_pose_repeated_while_the_vehicle_turns_is_a_gap_and_at_rest_a_pose(log
     assert tilt_deg(found) < 2.0 * found.fit.sigma_tilt_deg
 
 
+def test_a_heading_that_wanders_slowly_as_vision_does_enters_sigma(log: FlightLog, tmp_path: Path) -> None:
+    """By 2 deg with a period of 60 s; the flight's gyro is exact but for noise."""
+    m = made()
+    wander = np.radians(2.0) * np.sin(2.0 * np.pi * m.t / 60.0)
+    up = np.column_stack([np.zeros((len(m.t), 2)), wander]) @ rotation.to_matrix(WORLD).T
+    seen = replace(m, q=rotation.multiply(rotation.from_rotvec(up), m.q))
+    fit = brought(log, tum(tmp_path, seen)).fit
+    assert fit.sigma_heading_deg == pytest.approx(np.degrees(np.std(wander)), rel=0.25)
+    assert fit.sigma_tilt_deg < 0.3
+
+
 def test_noise_is_told(log: FlightLog, tmp_path: Path) -> None:
     quiet, loud = (brought(log, tum(tmp_path, made(noise_deg=x), f"{x}.txt")).fit for x in (0.02, 0.3))
     assert loud.sigma_heading_deg == pytest.approx(0.3, rel=0.25)
