@@ -24,7 +24,10 @@ from attlog.words.text import clean, cleaned, typeset
 
 WEB = Path(__file__).parent / "web"
 # Scripts of the page, joined in this order; a page's own scripts are inserted before the last.
-SCRIPTS = ("unpack.js", "theme.js", "reduce.js", "plots.js", "spreadsheet.js", "export.js", "signals.js", "page.js")
+SCRIPTS = (
+    *("unpack.js", "theme.js", "reduce.js", "plots.js", "spreadsheet.js", "export.js"),
+    *("signals.js", "reading.js", "page.js"),
+)
 # Empty marks of the time axis, for pages of several flights.
 MARKS = ("modes", "armed", "airborne", "texts", "rest", "impact", "gaps", "resets")
 NO_MARKS: dict[str, Any] = {"range": [0, 1], **{name: [] for name in MARKS}}

@@ -368,6 +368,53 @@ def test_values_under_the_pointer_stand_in_the_margin_and_hide_no_line(visit, re
 
 
 @pytest.mark.slow
+def test_a_read_out_names_its_panel_and_the_nearest_line_is_thick(visit, report):
+    page = visit(report).page
+    area = page.locator("#attitude .nsewdrag").nth(1)
+    area.scroll_into_view_if_needed()
+    area.hover()
+    page.wait_for_timeout(500)
+    panel = page.evaluate("() => document.getElementById('attitude')._fullLayout.yaxis2.title.text.split(',')[0]")
+    assert page.locator("#attitude-read b").inner_text().startswith(f"{panel} ")
+    width = (
+        "() => [...document.querySelectorAll('#attitude .near .js-line')].map((e) => getComputedStyle(e).strokeWidth)"
+    )
+    assert page.evaluate(width) == ["3.5px"]
+    page.mouse.move(2, 2)
+    page.wait_for_timeout(300)
+    assert page.evaluate(width) == []
+
+
+@pytest.mark.slow
+def test_a_figure_is_reached_by_tab_and_read_and_zoomed_by_keys(visit, report):
+    page = visit(report)
+    keys, whole = page.page.keyboard, page.range("attitude")
+    page.page.focus(".out[data-figure=attitude] [data-out=csv]")
+    while page.page.evaluate("document.activeElement.id") != "attitude":
+        keys.press("Tab")
+    assert "Shift" in page.page.locator("#attitude-read").inner_text(), "the keys are shown"
+    quarter = 0.25 * (whole[1] - whole[0])
+    keys.press("+")
+    assert page.range("difference") == pytest.approx([whole[0] + quarter, whole[1] - quarter])
+    keys.press("ArrowRight")
+    keys.press("ArrowRight")
+    keys.press("ArrowRight")
+    assert page.range("attitude") == pytest.approx([whole[0] + 2 * quarter, whole[1]]), "it stops at the end, as long"
+    keys.press("Home")
+    assert page.range("attitude") == pytest.approx(whole)
+    keys.press("Shift+ArrowRight")
+    said = page.page.locator("#attitude-read").inner_text()
+    assert said.startswith("102.0 s: roll")
+    assert all(panel in said for panel in ("pitch", "heading"))
+    page.page.focus("#spectrum")
+    before = page.range("spectrum")
+    keys.press("+")
+    assert page.range("spectrum")[1] - page.range("spectrum")[0] == pytest.approx(0.5 * (before[1] - before[0]))
+    assert page.range("attitude") == pytest.approx(whole)
+    assert page.complaints == []
+
+
+@pytest.mark.slow
 def test_the_result_can_be_saved_from_the_page(visit, report):
     import json
 

@@ -23,8 +23,7 @@ function draw(id) {
   if (id === 'attitude') $('ratio').textContent = 'The attitude figure now draws ' + points.toLocaleString('en') + ' of ' + stored.toLocaleString('en') + ' points.';
   if ($(id).dataset.ready) return;
   $(id).dataset.ready = '1';
-  $(id).on('plotly_hover', (e) => readout(id, e));
-  $(id).on('plotly_unhover', () => { $(id + '-read').textContent = ''; });
+  reachable(id);
   if (timed(id)) {
     $(id).on('plotly_relayout', (e) => { if (!busy && 'xaxis.range[0]' in e) zoom([+e['xaxis.range[0]'], +e['xaxis.range[1]']]); });
     $(id).on('plotly_doubleclick', () => { zoom(home); return false; });
@@ -64,15 +63,6 @@ function legend() {
   $('all').addEventListener('click', () => { boxes.forEach((box) => { box.checked = true; }); toggled(); });
   $('reset').addEventListener('click', () => { pointed = null; zoom(full); });
   document.querySelector('.legend').hidden = false;
-}
-
-// what the lines show where the pointer is, in the margin above the figure: a box would hide them
-function readout(id, e) {
-  const points = e.points.filter((p) => p.data.say !== undefined);
-  if (!points.length) return;
-  const x = points[0].x, digits = Math.abs(x) < 10 ? 2 : Math.abs(x) < 1000 ? 1 : 0;
-  const say = (p) => p.data.name + ' ' + minus(p.y.toFixed(p.data.digits)) + p.data.say + (p.data.also ? p.data.also[p.pointIndex] : '');
-  $(id + '-read').textContent = minus((+x).toFixed(digits)) + points[0].data.at + ': ' + [...new Set(points.map(say))].join(' · ');
 }
 
 function selectors() {
