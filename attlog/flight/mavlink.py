@@ -26,7 +26,7 @@ from attlog.flight.ardupilot import vehicle
 from attlog.flight.ardupilot.imu import filter_cutoffs
 from attlog.flight.builder import LogBuilder, Part, columns, from_euler, optional_column
 from attlog.flight.compass import build_mag, choose_mag
-from attlog.flight.drive import SERVO_OUTPUTS, MotorOutputs
+from attlog.flight.drive import SERVO_OUTPUTS, Esc, MotorOutputs, esc_telemetry
 from attlog.flight.gnss import build_gnss
 from attlog.flight.imu import ImuCandidate, add_imus, best_per_unit, low_pass_delay, validate_candidate
 from attlog.flight.model import (
@@ -275,6 +275,8 @@ def utc_offset(builder: TelemetryBuilder) -> float | None:
     return None
 
 
+# Controllers of a message of ESC telemetry.
+ESCS_A_MESSAGE = 4
 # Standard atmosphere: pressure in hPa at sea level, and height = SCALE_M (1 - (pressure / sea level) ** EXPONENT).
 SEA_LEVEL_HPA, HEIGHT_SCALE_M, HEIGHT_EXPONENT = 1013.25, 44330.77, 0.190263
 BAROMETERS = ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3")
@@ -323,6 +325,21 @@ def rpm_stream(builder: TelemetryBuilder) -> Stream | None:
     if not turned.any():
         return None
     return builder.stream(builder.stamps(table), x[:, turned], "rpm", "ESC_TELEMETRY_1_TO_4", within=limits.RPM)
+
+
+def esc_list(builder: TelemetryBuilder) -> list[Esc]:
+    """Return the speed controllers whose rotors turned; their numbers are not those of the motors."""
+    found = []
+    for first, name in enumerate(("ESC_TELEMETRY_1_TO_4", "ESC_TELEMETRY_5_TO_8")):
+        table = builder.packets(name)
+        if table is None:
+            continue
+        table, t = builder.near_rows(table)
+        parts = [columns(table, c) * scale for c, scale in (("rpm", 1.0), ("current", 0.01), ("temperature", 1.0))]
+        for k in range(ESCS_A_MESSAGE):
+            number = ESCS_A_MESSAGE * first + k
+            found.append(esc_telemetry(t, np.column_stack([part[:, k] for part in parts]), f"ESC[{number}]"))
+    return [esc for esc in found if esc is not None]
 
 
 def motor_outputs(builder: TelemetryBuilder) -> MotorOutputs | None:
@@ -582,6 +599,7 @@ STREAMS = (
     Part("power.rpm", "Rotor speed", rpm_stream),
     Part("power.battery", "SYS_STATUS", battery_stream),
     Part("power.outputs", SERVO_OUTPUTS, motor_outputs),
+    Part("power.escs", "ESC_TELEMETRY", esc_list),
     Part("processor.load", "SYS_STATUS", processor_load),
     Part("pilot.signal", "SYS_STATUS", radio_signal),
     Part("vibration.clippings", "Clipping", clippings),

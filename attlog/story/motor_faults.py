@@ -24,7 +24,7 @@ from attlog.segments.flight_signs import true_runs
 from attlog.segments.heights import height_stream
 from attlog.segments.model import Segments
 from attlog.story.flight_events import KILLED, LANDED, matching_texts
-from attlog.story.motor_speeds import STOPPED_SHARE, match_motors, motor_stops, speeds_in
+from attlog.story.motor_speeds import MIN_CURRENT_A, STOPPED_SHARE, currents_in, match_motors, motor_stops, speeds_in
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -322,6 +322,7 @@ STOP_NEAR_S, STOP_TO_LOSS_S = 1.0, 3.0
 # Least output of a motor that is to turn, and rise of it that shows the controller at work, over so many s before.
 MIN_COMMAND, MIN_RISE, BEFORE_S = 0.1, 0.2, 1.0
 STOPPED_CAUSE = "The motor, its ESC or a connector: it stood still."
+BLOCKED_CAUSE = "The motor stood still and drew current: it is blocked, or its ESC lost synchronisation."
 PROPELLER_CAUSE = "The propeller, lost, broken or slipping: the motor turned."
 
 
@@ -343,10 +344,14 @@ def with_speed(
         stands = speeds[least] < STOPPED_SHARE * np.median(np.delete(speeds, least))
         own = least if stands else int(np.argmax(speeds))
     others = float(np.median(np.delete(speeds, own)))
-    evidence = [*fault.evidence, f"{escs[own].name}: {speeds[own]:,.0f} rpm, median of the others {others:,.0f} rpm"]
+    drawn = currents_in(escs, fault.t, fault.t_end + STOP_NEAR_S)
+    ampere = f", {drawn[own]:.1f} A" if np.isfinite(drawn[own]) else ""
+    line = f"{escs[own].name}: {speeds[own]:,.0f} rpm{ampere}, median of the others {others:,.0f} rpm"
+    evidence = [*fault.evidence, line]
     cause = fault.cause
     if speeds[own] < STOPPED_SHARE * others:
-        cause = cause.replace(NO_THRUST_CAUSE, STOPPED_CAUSE)
+        blocked = np.isfinite(drawn[own]) and drawn[own] >= max(MIN_CURRENT_A, np.median(np.delete(drawn, own)))
+        cause = cause.replace(NO_THRUST_CAUSE, BLOCKED_CAUSE if blocked else STOPPED_CAUSE)
     elif speeds[own] > others:  # driven at its ceiling
         cause = cause.replace(NO_THRUST_CAUSE, PROPELLER_CAUSE)
     return replace(fault, cause=cause, evidence=evidence)

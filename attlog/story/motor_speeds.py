@@ -96,7 +96,7 @@ def motor_stops(escs: Sequence[Esc], spans: Sequence[Span]) -> list[Stop]:
 
 
 def _without_current(esc: Esc, others: Sequence[Esc], t0: float, t1: float) -> bool | None:
-    means = [_mean(one.t, one.current, t0, t1) for one in (esc, *others)]
+    means = currents_in([esc, *others], t0, t1)
     if not np.isfinite(means).all() or np.median(means[1:]) < MIN_CURRENT_A:
         return None
     return bool(means[0] < NO_CURRENT_SHARE * np.median(means[1:]))
@@ -111,6 +111,11 @@ def speeds_in(escs: Sequence[Esc], t0: float, t1: float) -> Array:
     """Return the last speed (escs,) in rpm of each ESC between two times, NaN without records there."""
     parts = [esc.rpm[between(esc.t, t0, t1)] for esc in escs]
     return np.array([part[-1] if len(part) else np.nan for part in parts])
+
+
+def currents_in(escs: Sequence[Esc], t0: float, t1: float) -> Array:
+    """Return the mean current (escs,) in A of each ESC between two times, NaN without records there."""
+    return np.array([_mean(esc.t, esc.current, t0, t1) for esc in escs])
 
 
 # --- load --------------------------------------------------------------------------------------------------------

@@ -440,6 +440,11 @@ def test_only_rotors_that_ever_turn_are_rotors() -> None:
     assert found is not None
     assert found.x[-1].tolist() == [5000.0, 1500.0]
     assert read_rare(mavlink.rpm_stream, ESC_TELEMETRY_1_TO_4={"rpm": 0 * rpm}) is None
+    first, second = ({"rpm": rpm, "current": 100 + 0 * rpm, "temperature": 30 + 0 * rpm} for _ in range(2))
+    found = read_rare(mavlink.esc_list, ESC_TELEMETRY_1_TO_4=first, ESC_TELEMETRY_5_TO_8=second)
+    turned = [k for k in range(4) if rpm[:, k].any()]
+    assert [esc.name for esc in found] == [f"ESC[{first + k}]" for first in (0, 4) for k in turned]
+    assert (found[0].current[0], found[0].temperature[0]) == (1.0, 30.0)
 
 
 @pytest.mark.parametrize(("vehicle", "has_airspeed"), [("quadrotor", False), ("fixed wing", True)])

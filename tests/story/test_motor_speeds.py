@@ -66,11 +66,13 @@ def test_motors_that_move_alike_match_none_unless_the_log_names_them() -> None:
     assert match_motors(named, outputs, [(1.0, 20.0)]) == list(ORDER)
 
 
-@pytest.mark.parametrize(("stands", "word"), [(True, "stood still"), (False, "propeller")])
-def test_a_motor_without_thrust_stands_or_lost_its_propeller(stands: bool, word: str) -> None:
+@pytest.mark.parametrize(("current", "word"), [(0.0, "it stood still"), (40.0, "blocked"), (None, "propeller, lost")])
+def test_a_motor_without_thrust_stands_is_blocked_or_lost_its_propeller(current: float | None, word: str) -> None:
     flown = flight(Fall(1))
-    if stands:
-        stopped(flown[0].power.escs[1], 10.0, 20.0)
+    if current is not None:
+        esc = flown[0].power.escs[1]
+        stopped(esc, 10.0, 20.0)
+        esc.current[esc.t >= 10.0] = current
     (found,) = faults(flown)
     assert (found.kind, found.motor) == ("motor_no_thrust", 2)
     assert word in found.cause.lower()
