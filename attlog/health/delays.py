@@ -278,7 +278,7 @@ ROUND_MS = 5.0
 # with a standard deviation of 8 ms; compass delays scatter by 5 ms (44 to 53, and -2 to 2 ms).
 OFF_MS = 20.0
 # A single flight offers a value with an interval below +-20 ms and a difference from 40 ms on: five flights of one
-# vehicle scatter by 20 ms about the value that is right.
+# vehicle scatter by 20 ms about the value that is right. Two flights of one log that agree need the interval alone.
 OFFER_CI_MS, OFFER_MS = 20.0, 40.0
 DELAY_TEXT = f"ok within {OFF_MS:.0f} ms or {SIGMAS:.0f} sigma of what is set"
 GNSS = Limits("gnss_delay", "ms", OFF_MS, math.inf, DELAY_TEXT, "planted delays on 24 simulated flights", 8.0)
@@ -292,10 +292,12 @@ def delay_check(
     sigma: float,
     parameter: DelayParameter | str,
     buffer: DelayParameter | None = None,
+    flights: int = 1,
 ) -> Check:
     """Check a delay in ms against its parameter, and offer a value if it is wrong.
 
-    ``parameter``: text where unknown. ``buffer``: parameter of the estimator's maximum delay.
+    ``parameter``: text where unknown. ``buffer``: parameter of the estimator's maximum delay. ``flights``: number of
+    flights that agree.
     """
     text = f"{sensor} is {late:.0f} ms late ({late - 1.96 * sigma:.0f} to {late + 1.96 * sigma:.0f}, 95 %)"
     check = Check(limits.question, "ok", f"{text}.", unit="ms", threshold=limits.text, sensor=sensor)
@@ -315,9 +317,9 @@ def delay_check(
             check.why_no_setting = "The log does not name the receiver's hardware: log from boot on."
         return check
     new = ROUND_MS * round(late / ROUND_MS)
-    if 1.96 * sigma >= OFFER_CI_MS or off < OFFER_MS:
-        check.verdict = "unknown"
-        check.why_no_setting = f"One flight shows a difference of {off:.0f} ms, ± {1.96 * sigma:.0f}: no value."
+    if 1.96 * sigma >= OFFER_CI_MS or (off < OFFER_MS and flights < 2):
+        check.verdict, who = "unknown", "One flight shows" if flights < 2 else f"{flights} flights show"
+        check.why_no_setting = f"{who} a difference of {off:.0f} ms, ± {1.96 * sigma:.0f}: no value."
         check.action = "Compare the delays of two more flights with hard braking and turns."
         return check
     check.verdict = "warning"
@@ -368,21 +370,31 @@ def _gnss_delay(case: HealthCase, receiver: Gnss, path: AttitudePath | None, flo
         return made("unknown", "Too few GNSS velocities in flight to find their delay.")
     if why := gnss_reason_unsure(found, smoothed):
         return made("unknown", why)
-    own = 1e3 * found.delay
+    own, single = 1e3 * found.delay, _delays_by_flight(imu, receiver, path, flown, found.delay)
     every = [own, *smoothed]
-    apart = 0.5 * (max(every) - min(every))
+    apart = 0.5 * max(max(x) - min(x) for x in (every, single or [own]))
     # The logged IMU's filters make the attitude late, and the receiver seem earlier.
     hidden = HIDDEN_MS if imu.filtered == "unknown" else 1e3 * imu.gyro.delay
     sigma = math.sqrt((STANDARD_ERRORS * 1e3 * found.sigma) ** 2 + GNSS.floor**2 + apart**2 + hidden**2)
     begin = flown[0][0]
     parameter, buffer = aiding.gnss_delay_parameter(case.log, receiver, begin), aiding.buffer(case.log, begin)
-    check = delay_check(GNSS, receiver.source, sum(every) / len(every), sigma, parameter, buffer)
+    check = delay_check(GNSS, receiver.source, sum(every) / len(every), sigma, parameter, buffer, len(single))
     check.n, check.seconds = found.n, round(found.seconds, 1)
     evidence = [f"By {path.name} the velocities are {own:.0f} ms late in {found.seconds:.0f} s of flight."]
+    if len(single) > 1:
+        evidence.append(f"Single flights show {' and '.join(f'{x:.0f}' for x in single)} ms.")
     if smoothed:
         evidence.append(f"The likelihood of the smoother finds {' and '.join(f'{x:.0f} ms' for x in smoothed)}.")
     check.evidence = [*evidence, *check.evidence]
     return check
+
+
+def _delays_by_flight(imu: Imu, receiver: Gnss, path: AttitudePath, flown: list[Span], guess: float) -> list[float]:
+    """Return the GNSS delays in ms of the single flights of a log that show one; empty for one flight."""
+    if len(flown) < 2:
+        return []
+    found = [fit_gnss_delay(imu, receiver, path, [one], guess) for one in flown]
+    return [1e3 * one.delay for one in found if one is not None and not gnss_reason_unsure(one, [])]
 
 
 def _smoother_delays(case: HealthCase, receiver: Gnss) -> list[float]:

@@ -15,7 +15,7 @@ from attlog.health import delays
 from attlog.health.check import Check, HealthCase
 from attlog.health.delays import DelayFit
 from attlog.reference import alignment
-from attlog.segments.model import Segments
+from attlog.segments.model import Segment, Segments
 from tests.health.made_flight import EARTH_UT, RATE, SECONDS, attitude, case, flight
 from tests.reference.flights import ardupilot
 from tests.reference.flights import flight as flights_flight
@@ -226,6 +226,20 @@ def test_a_later_one_is_offered_its_delay_and_a_longer_buffer() -> None:
     assert one.verdict == "warning"
     offered = {s.name: (s.old, s.new) for s in one.settings}
     assert offered == {"EKF2_GPS_DELAY": (110.0, 250.0), "EKF2_DELAY_MAX": (200.0, 250.0)}
+
+
+@pytest.mark.parametrize(("flights", "verdict"), [(1, "unknown"), (2, "warning")])
+def test_two_flights_of_a_log_that_agree_offer_a_smaller_change(flights: int, verdict: str) -> None:
+    """The receiver is 30 ms later than set: one flight may err by that, two are unlikely to."""
+    given = case(flight(0.14, params={"EKF2_GPS_DELAY": 110.0}), None)
+    spans = (
+        [(2.0, SECONDS - 2.0)] if flights == 1 else [(2.0, 0.5 * SECONDS - 2.0), (0.5 * SECONDS + 2.0, SECONDS - 2.0)]
+    )
+    flown = [Segment("airborne", a, b) for a, b in spans]
+    given.segments.segments[:] = [*(s for s in given.segments.segments if s.kind != "airborne"), *flown]
+    (one,) = delays.gnss_delays(given)
+    assert one.verdict == verdict
+    assert [s.new for s in one.settings] == ([140.0] if flights == 2 else [])
 
 
 def test_the_filter_of_the_logged_imu_widens_the_interval_until_nothing_is_offered() -> None:
