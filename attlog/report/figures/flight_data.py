@@ -21,6 +21,8 @@ from attlog.words.numbers import quantity, unit_sign
 
 # Height of a panel, and of what surrounds all of them, px.
 PANEL_PX, AROUND_PX = 128, 66
+# Height of a printed panel, px: its title has room.
+PRINTED_PX = 74.0
 # Colour and dash of labels with a meaning of their own; the others take the palette in their order.
 FIXED = {
     "onboard": ("e0", "solid"),
@@ -137,7 +139,7 @@ def figure_of(figure: DataFigure, source: FigureSource) -> PageFigure | None:
         view.axes[f"{axis_key(i)[0]}axis{axis_key(i)[1:]}"]["domain"] = panel_domain(i, len(panels))
     view.axis("x", "time, s", anchor=axis_key(len(panels) - 1))
     data: dict[str, Any] = {"views": [view.as_data()], "timed": True, "phases": "plain", "alarms": True}
-    data |= {"labels": "panels", "lazy": True, "table": SENSED}
+    data |= {"labels": "panels", "lazy": True, "size": PRINTED_PX * len(panels), "table": SENSED}
     thinned = [trace for trace in lines if trace.ratio > LEAST_THINNED]
     said = sampling_text(thinned) if thinned else ""
     caption = " ".join(filter(None, [figure.caption, RANGE_TEXT * ("motors" in panels), said]))
