@@ -17,13 +17,15 @@ BUDGET, MIN_SAMPLES, MAX_SAMPLES = 120_000, 800, 6000
 # Time on the ground before take-off whose height is 0.
 GROUND_S = 5.0
 # Whose height at take-off is subtracted from a line; a distance to the ground keeps its own.
-ZERO_OF = {"set-point": "onboard"}
+ZERO_OF = {"set-point": "onboard", "TECS set-point": "GNSS"}
 MEASURED_FROM_GROUND = ("rangefinder",)
 
 
 def flight_data(log: FlightLog, flights: list[Span]) -> list[Trace]:
     """Return the traces of flight data; ``flights``: spans in the air."""
     lines = panel_lines(log)
+    heights = {line.label for line in lines if line.panel == "height"}
+    lines = [x for x in lines if x.panel != "height" or ZERO_OF.get(x.label, x.label) in heights]
     _zero_heights([line for line in lines if line.panel == "height"], flights)
     keep = int(np.clip(BUDGET // (len(lines) + len(RATE_PANELS)), MIN_SAMPLES, MAX_SAMPLES))
     found, imu = [], log.replay_imu

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from attlog.flight.model import Firmware, FlightLog, Stream
 from attlog.metrics.flight_data import MAX_SAMPLES, flight_data
@@ -41,3 +42,19 @@ def test_a_long_line_keeps_its_peak_and_its_pause() -> None:
     assert trace.ratio > 20.0
     assert float(np.nanmax(y)) - float(np.nanmedian(y)) > 76.0
     assert np.isnan(y[(trace.t > 890.0) & (trace.t < 1010.0)]).any()
+
+
+def test_a_height_above_sea_level_is_set_beside_gnss_and_left_out_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    from attlog.flight.panels import PanelLine
+    from attlog.metrics import flight_data as module
+
+    t = np.arange(0.0, 60.0, 0.2)
+    climbing = 488.0 + np.maximum(t - 20.0, 0.0)
+    demand = PanelLine("height", "TECS set-point", t, climbing + 5.0)
+    gnss = PanelLine("height", "GNSS", t, climbing.copy())
+    log = log_with(stream(t, climbing))
+    monkeypatch.setattr(module, "panel_lines", lambda _: [demand, gnss])
+    (trace,) = flight_data(log, [(20.0, 60.0)])
+    assert abs(float(trace.columns["TECS set-point"][-1]) - 44.8) < 0.3
+    monkeypatch.setattr(module, "panel_lines", lambda _: [demand])
+    assert flight_data(log, [(20.0, 60.0)]) == []

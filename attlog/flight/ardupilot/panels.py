@@ -19,6 +19,8 @@ ROWS: PanelRows = {
         Row("onboard", "EKF1.PD", -1.0),
         Row("set-point", "CTUN.DAlt"),
         Row("set-point", "PSCD.TPD", -1.0),
+        Row("set-point", "TECS.hdem"),
+        Row("set-point", "TECS.h_dem"),
     ),
     "climb": (
         Row("onboard", "XKF1.VD", -1.0),

@@ -10,7 +10,11 @@ from attlog.flight.panels import PanelRows, Row
 LOCAL, DEMAND = "vehicle_local_position", "vehicle_local_position_setpoint"
 
 ROWS: PanelRows = {
-    "height": (Row("set-point", f"{DEMAND}.z", -1.0), Row("set-point", "trajectory_setpoint.position[2]", -1.0)),
+    "height": (
+        Row("set-point", f"{DEMAND}.z", -1.0),
+        Row("set-point", "trajectory_setpoint.position[2]", -1.0),
+        Row("TECS set-point", "tecs_status.altitude_sp"),
+    ),
     "climb": (
         Row("onboard", f"{LOCAL}.vz", -1.0),
         Row("set-point", f"{DEMAND}.vz", -1.0),

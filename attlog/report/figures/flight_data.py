@@ -27,6 +27,7 @@ PRINTED_PX = 74.0
 FIXED = {
     "onboard": ("e0", "solid"),
     "set-point": ("mu", "dash"),
+    "TECS set-point": ("mu", "dash"),
     "air set-point": ("mu", "dot"),
     "gyro": ("e1", "solid"),
 }
@@ -139,7 +140,7 @@ def figure_of(figure: DataFigure, source: FigureSource) -> PageFigure | None:
         view.axes[f"{axis_key(i)[0]}axis{axis_key(i)[1:]}"]["domain"] = panel_domain(i, len(panels))
     view.axis("x", "time, s", anchor=axis_key(len(panels) - 1))
     data: dict[str, Any] = {"views": [view.as_data()], "timed": True, "phases": "plain", "alarms": True}
-    data |= {"labels": "panels", "lazy": True, "size": PRINTED_PX * len(panels), "table": SENSED}
+    data |= {"labels": "panels", "lazy": True, "size": PRINTED_PX * max(len(panels), 1.5), "table": SENSED}
     thinned = [trace for trace in lines if trace.ratio > LEAST_THINNED]
     said = sampling_text(thinned) if thinned else ""
     caption = " ".join(filter(None, [figure.caption, RANGE_TEXT * ("motors" in panels), said]))
