@@ -321,6 +321,8 @@ def _no_thrust_fault(
 STOP_NEAR_S, STOP_TO_LOSS_S = 1.0, 3.0
 # Least output of a motor that is to turn, and rise of it that shows the controller at work, over so many s before.
 MIN_COMMAND, MIN_RISE, BEFORE_S = 0.1, 0.2, 1.0
+# Least share of records in which every output is on.
+MIN_ON_SHARE = 0.9
 STOPPED_CAUSE = "The motor, its ESC or a connector: it stood still."
 BLOCKED_CAUSE = "The motor stood still and drew current: it is blocked, or its ESC lost synchronisation."
 PROPELLER_CAUSE = "The propeller, lost, broken or slipping: the motor turned."
@@ -363,10 +365,14 @@ def stopped_motor(
     """Return the first motor that stood still although driven, None without one.
 
     A speed of 0 alone may be telemetry: the current, the controller's response or a loss of control must confirm it.
+    A motor whose output is off stands rightly; a controller without known motor may be that motor's.
     """
     for stop in motor_stops(escs, [(a, min(b, loss)) for a, b in spans if a < loss]):
         motor = matched[stop.esc]
         responds, level = False, np.nan
+        sent = outputs.x[between(outputs.t, stop.t, stop.t_end)]
+        if motor is None and not (len(sent) and (np.mean(sent > OFF, axis=0) > MIN_ON_SHARE).all()):  # NaN is off
+            continue
         if motor is not None:
             x = outputs.x[:, motor]
             now, before = (x[between(outputs.t, *s)] for s in ((stop.t, stop.t_end), (stop.t - BEFORE_S, stop.t)))

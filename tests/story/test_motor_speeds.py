@@ -109,3 +109,12 @@ def test_without_three_controllers_or_measurements_there_is_no_question() -> Non
     log, spans, _ = flight(Fall(lost=0.0))
     log.power.escs = log.power.escs[:2]
     assert esc_checks(HealthCase(log, spans)) == []
+
+
+@pytest.mark.parametrize(("value", "count"), [(-0.19, 0), (np.nan, 0), (0.5, 1)])
+def test_a_controller_without_known_motor_may_stand_because_an_output_is_off(value: float, count: int) -> None:
+    log, spans, outputs = flight(Fall(lost=0.0, seconds=20.0))
+    stopped(log.power.escs[0], 12.0, 13.0, current=True)
+    outputs.x[(outputs.t > 11.9) & (outputs.t < 13.5), 2] = value + 0.01 * np.arange(15)
+    found = [fault for fault in faults((log, spans, outputs)) if fault.kind == "motor_no_thrust"]
+    assert [fault.motor for fault in found] == [None] * count
