@@ -13,7 +13,7 @@ compile = $(BIN)/python -m attlog.core.jit.build --here
 # files that it imports, and every worker the tests themselves.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-slowest test-all test-rights fuzz check format docs bench bench-page bench-guard clean
+.PHONY: demo test test-slowest test-all test-rights fuzz check format docs bench bench-page clean
 
 demo: $(VENV)/installed
 	@echo "analysing a flight with 8 filters, a few seconds"
@@ -58,10 +58,6 @@ bench: $(VENV)/installed-test
 
 bench-page: $(VENV)/installed-test
 	$(BIN)/python benchmarks/bench.py --page docs/speed.md
-
-# Fails where a ratio to a peer got worse than committed; no test, holds on a busy machine.
-bench-guard: $(VENV)/installed-test
-	$(BIN)/python benchmarks/guard.py
 
 $(VENV)/bin/python:
 	@echo "making an environment in $(VENV), ten seconds"
