@@ -74,6 +74,18 @@ def test_the_fit_has_the_time_that_was_flown_with_velocities_and_its_matrix_is_t
     assert accelerometer.fit_force(pushed(0.0, 0.0), FLOWN, reference(end=25.0)) is None
 
 
+def test_a_pause_of_the_receiver_neither_bridges_nor_multiplies_its_velocities() -> None:
+    log = pushed(0.2, -0.1)
+    kept = (log.gnss[0].t < 40.0) | (log.gnss[0].t > 46.0)
+    for name in ("t", "lat", "lon", "alt", "vel_ned", "h_acc", "v_acc", "s_acc", "fix"):
+        setattr(log.gnss[0], name, getattr(log.gnss[0], name)[kept])
+    one = accelerometer.fit_force(log, FLOWN, reference())
+    assert one is not None
+    assert not ((one.t > 40.0) & (one.t < 48.0)).any(), "no velocity is differenced across the pause"
+    assert np.diff(one.t).min() == pytest.approx(1.0, abs=0.01), "spans of 2 s overlap by half, not by nine tenths"
+    np.testing.assert_allclose(one.solution.x[4:6], [-0.2, 0.1], atol=0.03)
+
+
 def test_a_receiver_that_is_late_spoils_no_offset() -> None:
     log = flight(0.3)
     log.imus[0].acc.x = log.imus[0].acc.x + np.array([0.3, -0.2, 0.0])
