@@ -487,7 +487,7 @@ def _output_fault(outputs: MotorOutputs, word: str, i: int, t0: float, t1: float
 PX4_STOPPED = 0.005
 # Largest mean specific force of a fall in m/s^2: drag carries up to half the weight.
 FALL_M_S2 = 5.0
-# Time from a detected landing, from a kill switch or disarming, or from an output that goes off to the stop of motors.
+# Time from a detected landing, or from a kill switch or disarming, to the stop of the motors.
 STOPPED_S = 1.0
 ALL_OFF_CAUSE = "The land detector took low thrust for a landing."
 PX4_OFF_CAUSE = f"{ALL_OFF_CAUSE[:-1]}: set MPC_THR_MIN well below hover thrust."
@@ -731,9 +731,7 @@ def study_motors(log: FlightLog, segments: Segments) -> DriveStudy:
             study.faults["motor_thrust"] = [
                 with_speed(_with_other_causes(one, segments, spans), escs, outputs, matched)
             ]
-        elif stopped is not None and not any(
-            f.t - STOPPED_S <= stopped.t <= f.t_end + STOPPED_S for f in off if f.kind != "motor_frozen"
-        ):
+        elif stopped is not None:
             study.missing.pop("motor_thrust", None)
             study.faults["motor_thrust"] = [stopped]
         if geometry is not None and "yaw_response" not in study.missing:

@@ -91,16 +91,6 @@ def test_a_speed_of_zero_counts_where_the_current_confirms_it(current: bool, mot
     assert all(fault.t == pytest.approx(12.0, abs=0.11) and "no current" in fault.evidence[0] for fault in found)
 
 
-def test_a_motor_that_stops_because_its_output_is_off_is_named_once() -> None:
-    log, spans, outputs = flight(Fall(lost=0.0, wanted_deg=20.0, seconds=20.0))
-    for esc in log.power.escs:
-        esc.rpm[:] = 4000.0  # follows no output: matched to no motor
-    stopped(log.power.escs[0], 12.2, 13.0, current=True)
-    assert [(fault.kind, fault.motor) for fault in faults((log, spans, outputs))] == [("motor_no_thrust", None)]
-    outputs.x[(outputs.t > 12.0) & (outputs.t < 13.0), ORDER[0]] = -0.19
-    assert [(fault.kind, fault.motor) for fault in faults((log, spans, outputs))] == [("motor_off", ORDER[0] + 1)]
-
-
 @pytest.mark.parametrize(
     ("factor", "hotter", "verdict"), [(1.3, 15.0, "ok"), (1.6, 0.0, "warning"), (1.0, 25.0, "warning")]
 )
