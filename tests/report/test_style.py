@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 
+import numpy as np
 import pytest
 
 from attlog.estimators.registry import BUILT_IN
-from attlog.report.figures.style import COLOURS, FIXED_LINES, GREY, assign_colours, assign_lines, row_styles
+from attlog.report.figures.style import COLOURS, DASHED, FIXED_LINES, GREY, assign_colours, assign_lines, row_styles
 from attlog.report.shell import WEB
 from tests.report.conftest import make_result
 
@@ -61,3 +63,44 @@ def test_configurations_of_filters_have_the_colours_of_the_filters():
         FIXED_LINES[f][0] for f in ("mahony", "vqf", "eskf")
     ]
     assert assign_colours(["mahony:kp=0.5", "mahony:kp=1", "vqf"]) == [0, 1, 2]
+
+
+# Linear RGB to cone responses and these to OKLab (Ottosson 2020); full deuteranopia and protanopia (Machado 2009).
+TO_CONES = [[0.41222, 0.53633, 0.05145], [0.21190, 0.68070, 0.10740], [0.08830, 0.28172, 0.62998]]
+TO_LAB = [[0.21045, 0.79362, -0.00407], [1.97800, -2.42859, 0.45059], [0.02590, 0.78277, -0.80868]]
+VISION = {
+    "normal": np.eye(3),
+    "deuteranopia": [[0.36732, 0.86065, -0.22797], [0.28009, 0.67250, 0.04741], [-0.01182, 0.04294, 0.96888]],
+    "protanopia": [[0.15229, 1.05258, -0.20487], [0.11450, 0.78628, 0.09922], [-0.00388, -0.04812, 1.05200]],
+}
+
+
+def seen(colour: str, vision: str) -> np.ndarray:
+    """A colour as an eye sees it, in OKLab times 100."""
+    c = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255.0
+    linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+    return (
+        100.0 * np.asarray(TO_LAB) @ np.cbrt(np.asarray(TO_CONES) @ np.clip(np.asarray(VISION[vision]) @ linear, 0, 1))
+    )
+
+
+@pytest.mark.parametrize("vision", VISION)
+@pytest.mark.parametrize("theme", [":root{--bg:#fff;", ":root[data-theme=dark]{--bg"])
+def test_lines_of_one_dash_differ_in_colour_for_every_eye(theme: str, vision: str) -> None:
+    """15 of 100 in OKLab; Madgwick and VQF were 8 apart for some, and the smoother looked like onboard."""
+    style = (WEB / "style.css").read_text(encoding="utf-8")
+    line = next(line for line in style.splitlines() if line.startswith(theme))
+    colours = {int(k): c if len(c) == 7 else "#ffffff" for k, c in re.findall(r"--e(\d):(#\w+)", line)}
+    assert colours.keys() == {*range(COLOURS + 1), GREY}
+    solid = [k for k in colours if k not in DASHED]
+    for group in (solid, [0, *DASHED]):
+        for a, b in itertools.combinations(group, 2):
+            assert np.linalg.norm(seen(colours[a], vision) - seen(colours[b], vision)) > 15.0, (a, b)
+
+
+def test_half_of_the_filters_are_dashed() -> None:
+    homes = [
+        FIXED_LINES[f] for f in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "smoother")
+    ]
+    assert [dash for _, dash in homes].count("dash") == len(DASHED) == COLOURS // 2
+    assert all((dash == "dash") == (slot in DASHED) for slot, dash in homes)

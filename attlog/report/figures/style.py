@@ -21,29 +21,32 @@ GREY = 9
 
 DASHES = ("solid", "dash", "dot", "dashdot", "longdash", "longdashdot")
 
+# Slots whose filter is dashed: half of them, so that colours of one dash differ with any colour vision.
+DASHED = (1, 5, 6, 8)
+
 # Fixed slot and dash, equal in every log. Filters of one family share a colour.
 FIXED_LINES = {
     "onboard": (0, "solid"),
     "rerun": (0, "dash"),
     "truth": (0, "dot"),
     "gyro": (GREY, "solid"),
-    "complementary": (1, "solid"),
+    "complementary": (1, "dash"),
     "mahony": (2, "solid"),
     "madgwick": (3, "solid"),
     "ekf12": (4, "solid"),
-    "vqf": (5, "solid"),
-    "mekf": (6, "solid"),
+    "vqf": (5, "dash"),
+    "mekf": (6, "dash"),
     "eskf": (7, "solid"),
-    "smoother": (8, "solid"),
-    "variable_integral": (1, "dash"),
+    "smoother": (8, "dash"),
+    "variable_integral": (1, "dot"),
     "mahony_passive": (2, "dash"),
     "mahony_dcm": (2, "dot"),
     "mahony_adaptive": (2, "dashdot"),
     "fusion": (3, "dash"),
     "ap_dcm": (4, "dash"),
-    "px4_q": (5, "dash"),
+    "px4_q": (5, "dot"),
     "gsf": (7, "dash"),
-    "accel_mag": (8, "dash"),
+    "accel_mag": (8, "dot"),
 }
 
 # Filters without memory: their angle follows every vibration, so it does not set axis ranges.
@@ -129,7 +132,7 @@ def assign_lines(filters: Iterable[str]) -> list[tuple[int, str]]:
     for name in filters:
         slot, dash = home[name]
         choices = [dash] if (slot, dash) in known and (slot, dash) not in taken else []
-        choices += [d for d in DASHES if (slot, d) not in taken and (slot, d) not in known]
+        choices += [d for d in (*DASHES[1:], DASHES[0]) if (slot, d) not in taken and (slot, d) not in known]
         line = (slot, choices[0] if choices else DASHES[len(found) % len(DASHES)])
         taken.add(line)
         found.append(line)
@@ -166,7 +169,7 @@ def palette() -> dict[str, str]:
 
 def print_dash(style: RowStyle) -> str:
     """Return the print dash of a row, by its colour and the page's dash."""
-    shift = DASHES.index(style.dash)
+    shift = (DASHES.index(style.dash) - (style.slot in DASHED)) % len(DASHES)
     return PRINT_DASHES[shift if style.slot == 0 else (style.slot - 1 + 3 * shift) % len(PRINT_DASHES)]
 
 
