@@ -302,6 +302,8 @@ WHOLE_METRES_FROM_M = 2.0
 # Labels are placed for a screen of this width; a phone shows only those of serious events.
 STRIP_WIDTH_PX, LETTER_PX, GAP_PX = 830.0, 6.6, 8.0
 LABEL_LEVELS = 3
+# Half the width of the label of the largest height, and how many of these it may stand beside its peak.
+HALF_HEIGHT_LABEL_PX, MAX_SHIFTS = 20.0, 4.0
 MAX_MARKS = 40
 # Event kinds with a mark although they are no problem.
 ROUTINE = ("armed", "liftoff", "landing")
@@ -355,8 +357,8 @@ def flight_strip(result: Result) -> FlightStrip:
         (place(a), place(b), fitting_name(str(name), place(b) - place(a))) for a, b, name in line.get("modes") or []
     ]
     curve, top, highest = height_curve(result, start, end)
-    peak = min(max(place(highest), 3.0), 97.0)
     marks = [StripMark(e.t, place(e.t), e.style, e.text, e.label) for e in marked_events(shown_events(result))]
+    peak = clear_of_marks(min(max(place(highest), 3.0), 97.0), [mark.x for mark in marks])
     place_labels(marks, peak if top else None)
     words = f"{duration(end - start)} of log" + (f", up to {top}" if top else "")
     return FlightStrip(curve, top, moment(start, 0), moment(end, 0), peak, air, modes, marks, words)
@@ -394,6 +396,15 @@ def marked_events(events: Sequence[ShownEvent]) -> list[ShownEvent]:
     return sorted(worst, key=lambda e: e.t)
 
 
+def clear_of_marks(peak: float, marks: Sequence[float]) -> float:
+    """Return the place in % of the height's label that is nearest to its peak and on no mark, else the peak."""
+    half = 100.0 * HALF_HEIGHT_LABEL_PX / STRIP_WIDTH_PX
+    tried = [peak, *(x + side * 1.05 * half for x in marks for side in (-1.0, 1.0))]
+    free = [at for at in tried if 3.0 <= at <= 97.0 and all(abs(at - x) >= half for x in marks)]
+    near = [(abs(at - peak), at) for at in free if abs(at - peak) <= MAX_SHIFTS * half]
+    return round(min(near)[1], 2) if near else peak
+
+
 def place_labels(marks: list[StripMark], peak: float | None = None) -> list[StripMark]:
     """Place labels, serious ones first; a mark without room keeps only its sentence.
 
@@ -401,7 +412,8 @@ def place_labels(marks: list[StripMark], peak: float | None = None) -> list[Stri
     """
     taken: list[list[tuple[float, float]]] = [[] for _ in range(LABEL_LEVELS)]
     if peak is not None:
-        taken[1].append((peak * STRIP_WIDTH_PX / 100.0 - 20.0, peak * STRIP_WIDTH_PX / 100.0 + 20.0))
+        at, half = peak * STRIP_WIDTH_PX / 100.0, HALF_HEIGHT_LABEL_PX
+        taken[1].append((at - half, at + half))
     order = sorted(marks, key=lambda m: (-GRADES.get(m.style, 0), m.t))
     said: set[tuple[str, str]] = set()
     for mark in order:

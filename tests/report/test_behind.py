@@ -79,6 +79,9 @@ def test_a_link_draws_the_figure_at_its_time_with_the_span_shaded(visit: Any, tm
     page = visit(path)
     page.page.click('#findings a[href="#fig-battery"]')
     page.page.wait_for_selector("#battery[data-ready]")
+    top = page.page.evaluate("() => document.querySelector('#fig-battery h3').getBoundingClientRect().top")
+    bar = page.page.evaluate("() => document.querySelector('.legend').getBoundingClientRect().bottom")
+    assert top >= bar
     low, high = page.range("battery")
     assert 40.0 < low < 60.0 < 80.0 < high < 100.0
     spans = page.page.evaluate("() => document.getElementById('battery')._fullLayout.shapes.map((s) => [s.x0, s.x1])")

@@ -13,6 +13,7 @@ from attlog.report.figures.style import row_styles
 from attlog.report.first_screen import (
     LABEL_LEVELS,
     StripMark,
+    clear_of_marks,
     compare_filters,
     flight_strip,
     log_scale,
@@ -175,3 +176,11 @@ def test_labels_of_what_is_serious_come_first_none_overlap_and_none_is_repeated(
     assert len({(m.level, m.left) for m in shown}) == len(shown) <= 2 * LABEL_LEVELS
     marks = [StripMark(t, t, "warn", "x", "clipping") for t in (10.0, 40.0, 80.0)]
     assert [m.label for m in place_labels(marks)] == ["clipping", "", ""]
+
+
+@pytest.mark.parametrize("marks", [[], [50.0], [49.0, 51.5], [46.0, 50.0, 53.0]])
+def test_the_height_at_the_peak_is_written_on_no_mark(marks):
+    at = clear_of_marks(50.0, marks)
+    assert all(abs(at - x) >= 100.0 * 20.0 / 830.0 for x in marks)
+    assert abs(at - 50.0) < 10.0
+    assert marks or at == 50.0

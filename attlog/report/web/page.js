@@ -62,7 +62,10 @@ function legend() {
   }));
   $('all').addEventListener('click', () => { boxes.forEach((box) => { box.checked = true; }); toggled(); });
   $('reset').addEventListener('click', () => { pointed = null; zoom(full); });
-  document.querySelector('.legend').hidden = false;
+  const bar = document.querySelector('.legend'), below = () => { root.style.scrollPaddingTop = bar.offsetHeight + 10 + 'px'; };
+  bar.hidden = false;
+  below(); // what a link leads to must not lie under the bar
+  addEventListener('resize', below);
 }
 
 function selectors() {
