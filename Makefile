@@ -13,7 +13,7 @@ compile = $(BIN)/python -m attlog.core.jit.build --here
 # files that it imports, and every worker the tests themselves.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: demo test test-slowest test-all test-rights fuzz check format docs bench bench-page clean
+.PHONY: demo test test-slowest test-all test-rights fuzz check format docs example bench bench-page clean
 
 demo: $(VENV)/installed
 	@echo "analysing a flight with 8 filters, a few seconds"
@@ -51,6 +51,12 @@ format: $(VENV)/installed-check
 
 docs: $(VENV)/installed-check
 	$(BIN)/mkdocs build --strict --site-dir site
+
+# The report and the picture that README and docs show, of this version.
+example: $(VENV)/installed-check
+	$(BIN)/attlog -q analyze sample_logs/copter_yaw_turns.bin -o reports
+	cp reports/copter_yaw_turns.bin.html reports/example.html
+	$(BIN)/python docs/picture.py reports/example.html
 
 # Every aim about speed and memory against its peer, with verdict: minutes. bench-page also writes docs/speed.md.
 bench: $(VENV)/installed-test

@@ -1,15 +1,17 @@
 """The picture of a report's first screen with four callouts: python docs/picture.py REPORT.html [PICTURE.png]
 
-Needs playwright, pillow and a Chromium on PATH. The report is that of `make demo`.
+Needs playwright, pillow and a Chromium on PATH. `make example` runs it on a report made for it.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
 import sys
 from pathlib import Path
 
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from playwright.sync_api import sync_playwright
 
 # What each part is for, by its place on the page.
@@ -50,7 +52,19 @@ def main(report: str, picture: str = str(Path(__file__).with_name("report.png"))
         page.wait_for_timeout(500)
         page.screenshot(path=picture)
         browser.close()
-    Image.open(picture).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(picture, optimize=True)
+    made_by = PngInfo()  # tests compare it with the version
+    made_by.add_text("Software", version(Path(report).read_text(encoding="utf-8")))
+    Image.open(picture).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(
+        picture, optimize=True, pnginfo=made_by
+    )
+
+
+def version(page: str) -> str:
+    """Return the program and version named in the footer of a report."""
+    found = re.search(r"Made by (attlog [^ <]+)\. ", page)
+    if found is None:
+        raise SystemExit("the page names no version: is it a report?")
+    return found[1]
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from urllib.parse import unquote
 
 import pytest
 
+import attlog
 from tests.conftest import ROOT, SAMPLES
 
 
@@ -263,3 +264,10 @@ def test_every_link_leads_to_a_file_and_every_anchor_to_a_heading(page: str) -> 
         if not target.exists() or (anchor and anchor not in anchors(target)):
             lost.append(link)
     assert lost == []
+
+
+def test_the_example_report_and_its_picture_are_of_this_version() -> None:
+    page = (ROOT / "reports" / "example.html").read_text(encoding="utf-8")
+    assert f"Made by attlog {attlog.__version__}. " in page, "make example"
+    picture = (ROOT / "docs" / "report.png").read_bytes()
+    assert b"tEXtSoftware\x00attlog %b" % attlog.__version__.encode() in picture, "make example"
