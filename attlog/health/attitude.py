@@ -123,7 +123,7 @@ MAX_MOUNTING_LEFT = 0.3
 ONBOARD_LIMIT = "ok up to 3 deg of tilt and 8 deg of heading"
 ONBOARD_LIMITS = {"smoother": f"{ONBOARD_LIMIT}, or 3 joint sigmas", "truth": ONBOARD_LIMIT}
 # Accelerometer checks that must pass before gravity and GNSS acceleration count as evidence.
-FORCE_CHECKS = ("accelerometer_axes", "accelerometer_delay", "force_axes", "frozen_sensors")
+FORCE_CHECKS = ("accelerometer_axes", "accelerometer_delay", "force_axes", "frozen_sensors", "gravity_kept")
 # Checks of the sensors that every smoother uses.
 INERTIAL_CHECKS = (
     *FORCE_CHECKS,
