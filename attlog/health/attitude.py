@@ -21,6 +21,8 @@ from attlog.reference.gyro_checks import (
     MIN_RATE_STD_DPS,
     center_rates,
     mean_rates,
+    rate_mismatch,
+    rates_without_delay,
     reversed_slowly,
     swapped_axes,
 )
@@ -85,6 +87,9 @@ def gyro_against_attitude(log: FlightLog, imu: Imu, onboard: Attitude, segments:
     if wrong:
         return made("fault", f"{imu.gyro.source} against {name}: {wrong}")
     slopes = np.sum(g * a, axis=0) / np.sum(g * g, axis=0)
+    if rate_mismatch(by_gyro, by_attitude):
+        g, a = (center_rates(rates) for rates in rates_without_delay(imu, onboard, jumps))
+        slopes = np.sum(g * a, axis=0) / np.sum(g * g, axis=0)
     shown = ", ".join(f"{s:.3f} ({axis})" for axis, s, m in zip("xyz", slopes, moving, strict=True) if m)
     verdict = graded(float(np.abs(np.log(np.maximum(slopes[moving], 1e-3))).max()), SLOPE_OFF, SLOPE_FAR)
     text = f"By {name} the vehicle turns {shown} times as far as by the gyro."

@@ -8,7 +8,7 @@ field decides which of the two is right.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Literal
 
@@ -37,6 +37,8 @@ MIN_ATTITUDE_HZ = 20.0
 MIN_CORRELATION = 0.8  # of corresponding axes
 # Slopes of attitude rate on gyro rate. Outside the first range the units may differ, outside the second they do.
 SLOPES, FAR_SLOPES = (0.8, 1.25), (0.6, 1.6)
+# Delays of the attitude in s that are tried where its rates differ.
+DELAYS_S = tuple(0.005 * k for k in range(9))
 # Longer intervals and larger turns are not compared.
 MAX_INTERVAL_S, MAX_TURN_RAD = 1.0, 1.0
 BLIND_RATE_RATIO = 1.0 / 3.0  # gyro rate over attitude rate, below which one of both is wrong
@@ -71,6 +73,9 @@ def gyro_consistency(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64], mag
         why = f"{attitude.source} never changes while the gyro turns by {turning:.0f} deg/s rms: it holds no attitude"
         return GyroMismatch("attitude", why)
     wrong = rate_mismatch(by_gyro, by_attitude)
+    if wrong:
+        by_gyro, by_attitude = rates_without_delay(imu, attitude, jumps)
+        wrong = rate_mismatch(by_gyro, by_attitude)
     if not wrong:
         return GyroMismatch()
     said = f"the logged gyro ({imu.gyro.source}) and {attitude.source} turn differently: {wrong}"
@@ -103,6 +108,25 @@ def mean_rates(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[
     turned = rates.rate * (rates.end - rates.start)[:, None]
     good = rotation.finite_rows(gyro) & (np.einsum("ni,ni->n", turned, turned) < MAX_TURN_RAD**2)
     return gyro[good], rates.rate[good]
+
+
+def rates_without_delay(imu: Imu, attitude: Attitude, jumps: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return mean body rates (n, 3) in rad/s of gyro and attitude at the delay where they correlate best.
+
+    A delay d lowers the slope of an oscillation at f Hz to cos(2 pi f d), which is no scale: 15 ms at 10 Hz give 0.6.
+    """
+    best, score = mean_rates(imu, attitude, jumps), -1.0
+    for delay in DELAYS_S:
+        sampled = None if attitude.t_sample is None else attitude.t_sample - delay
+        by_gyro, by_attitude = mean_rates(imu, replace(attitude, t=attitude.t - delay, t_sample=sampled), jumps)
+        if len(by_gyro) < MIN_RATE_INTERVALS:
+            continue
+        g, a = center_rates(by_gyro), center_rates(by_attitude)
+        size = np.sqrt(max(float(np.sum(a * a)) * float(np.sum(g * g)), 1e-30))
+        found = float(np.linalg.norm(a.T @ g)) / size
+        if found > score:
+            best, score = (by_gyro, by_attitude), found
+    return best
 
 
 def rate_mismatch(by_gyro: Array, by_attitude: Array, allowed: tuple[float, float] = SLOPES) -> str:

@@ -11,7 +11,7 @@ import pytest
 import attlog
 from attlog import segments
 from attlog.core import rotation
-from attlog.flight.model import FlightLog, Imu, Mag, Stream
+from attlog.flight.model import Attitude, FlightLog, Imu, Mag, Stream
 from attlog.health.attitude import attitude_checks
 from attlog.health.check import HealthCase
 from attlog.health.findings import contradiction
@@ -136,6 +136,20 @@ def test_an_interval_with_a_reset_is_not_compared(hz: float) -> None:
     assert np.abs(gyro - turned_by).max() < np.radians(2.0)
     jumped = np.subtract(*gyro_checks.mean_rates(log.imus[0], attitude, np.zeros(0, np.int64)))
     assert np.abs(jumped).max() > 5.0
+
+
+@pytest.mark.parametrize(("scale", "is_wrong"), [(1.0, False), (0.25, True)])
+def test_a_late_attitude_of_an_oscillating_vehicle_is_no_scale(scale: float, is_wrong: bool) -> None:
+    """15 ms of 10 Hz are 54 deg of phase: without the delay the slope is cos 54 deg."""
+    hz, size, late = 10.0, np.radians(2.0), 0.015
+    t, logged = np.arange(0.0, 40.0, 0.0025), np.arange(0.0, 40.0, 0.01)
+    rate = np.zeros((len(t), 3))
+    rate[:, 0] = scale * size * 2.0 * np.pi * hz * np.cos(2.0 * np.pi * hz * t)
+    imu = Imu(0, Stream(t, rate, "rad/s", "FRD", "gyro"), Stream(t, 0.0 * rate, "m/s^2", "FRD", "acc"))
+    roll = size * np.sin(2.0 * np.pi * hz * (logged - late))
+    attitude = Attitude(logged, rotation.from_euler(roll, 0.0 * roll, 0.0 * roll), "ATT")
+    found = gyro_checks.gyro_consistency(imu, attitude, np.zeros(0, np.int64), None)
+    assert bool(found.why) is is_wrong
 
 
 def test_a_noisy_attitude_of_a_flight_that_turns_one_way_is_no_scale() -> None:
