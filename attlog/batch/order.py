@@ -29,7 +29,7 @@ TITLES = {
     "crash": "crash or loss of control",
     "attitude": "wrong attitude in flight",
     "serious": "other serious finding in flight",
-    "ground": "serious on the ground",
+    "ground": "serious but not in flight",
     "look": "to look at",
     "failed": "failed",
     "unjudged": "no attitude to judge",

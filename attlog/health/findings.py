@@ -920,6 +920,15 @@ RECORD_KINDS = frozenset(
 )
 
 
+def first_serious(found: Sequence[Finding]) -> str:
+    """Return the name of the first serious finding, empty without one."""
+    first = next((f for f in found if f.severity == "serious"), None)
+    if first is None:
+        return ""
+    kind = first.kind.replace("_", " ").replace("imu", "IMU").replace("gnss", "GNSS")
+    return CHECKS[first.about].title if first.about in CHECKS else kind
+
+
 def nothing_wrong(found: Sequence[Finding]) -> bool:
     """Return whether no finding about the flight is a warning."""
     return not any(finding.is_trouble and finding.kind not in RECORD_KINDS for finding in found)

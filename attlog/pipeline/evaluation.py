@@ -34,7 +34,7 @@ from attlog.health import (
 from attlog.health.attitude import wrong_angle
 from attlog.health.consistency import with_sensor_events
 from attlog.health.figures import traces
-from attlog.health.findings import findings, problem_finding
+from attlog.health.findings import findings, first_serious, problem_finding
 from attlog.metrics.flight_data import flight_data
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.ranking import DuplicateSearch, Ranking
@@ -268,7 +268,7 @@ def without_replay(
         command=command,
         config=config.resolved(),
         log=described,
-        headline=story.headline(log, phases, happened, nothing_wrong(found), wrong_angle(checks)),
+        headline=story.headline(log, phases, happened, nothing_wrong(found), wrong_angle(checks), first_serious(found)),
         events=happened,
         findings=found,
         checks=checks,
@@ -361,7 +361,8 @@ def evaluate(
         result.events = with_sensor_events(result.events, result.checks, case.segments)
         sound = nothing_wrong(result.findings)
         wrong = wrong_angle(result.checks)
-        headline = partial(story.headline, case.log, case.segments, result.events, sound, wrong)
+        trouble = first_serious(result.findings)
+        headline = partial(story.headline, case.log, case.segments, result.events, sound, wrong, trouble)
         result.headline = guarded_part(case.log, "The headline", headline, str)
     return result
 

@@ -165,7 +165,7 @@ def _ground_phrase(log: FlightLog, segments: Segments, total: str) -> str:
     t = np.arange(0.0, max(log.seconds, 1.0), 1.0)
     speed = speed_at(log, t)
     if not np.isfinite(speed).any():
-        return f"logged for {total}."
+        return _armed_phrase(log, segments, total)
     speed = np.nan_to_num(speed)
     slow = max(MIN_SPEED_M_S, SPEED_SCATTERS * float(np.percentile(speed, 25.0)))
     runs = [(a, b) for a, b in true_runs(speed > min(slow, FAST_M_S)) if b - a >= MIN_MOVING_S]
@@ -190,6 +190,18 @@ def _turned_deg(log: FlightLog, segments: Segments, t: Array) -> float:
     heading = np.degrees(np.unwrap(rotation.to_euler(attitude.q)[:, 2]))
     steps = np.diff(np.interp(t, attitude.t, heading))
     return abs(float(steps[np.abs(steps) > TURNING_DPS].sum()))
+
+
+def _armed_phrase(log: FlightLog, segments: Segments, total: str) -> str:
+    """Return when a vehicle without a logged speed was armed."""
+    armed = segments.spans("armed")
+    if log.state.armed is None:
+        return f"logged for {total}."
+    if not armed:
+        return f"never armed in {total}."
+    return (
+        f"armed {format_spans(armed)} of {total}." if len(armed) < LISTED else f"armed{_times(len(armed))} in {total}."
+    )
 
 
 def _times(n: int) -> str:
@@ -284,15 +296,22 @@ class WrongAngle:
 
 
 def headline(
-    log: FlightLog, segments: Segments, events: Sequence[Event], sound: bool = True, wrong: WrongAngle | None = None
+    log: FlightLog,
+    segments: Segments,
+    events: Sequence[Event],
+    sound: bool = True,
+    wrong: WrongAngle | None = None,
+    trouble: str = "",
 ) -> str:
     """Return the longest headline of at most 30 words, without whole sentences where all are too long.
 
     ``events``: of the flight, in time order. ``sound``: no finding is a warning. ``wrong``: angle of the onboard
-    attitude that was wrong in flight.
+    attitude that was wrong in flight. ``trouble``: name of the first serious finding, for a log without flight.
     """
     who = f"{_vehicle(log)}, {_firmware(log)}" if _firmware(log) else _vehicle(log)
     flew, end = flight_phrases(log, segments, events), _ending_phrases(log, segments, events, sound)
+    if trouble and not segments.spans("airborne") and not any(e.severity == "serious" for e in events):
+        end = [f"{text} Serious: {trouble}.".strip() for text in end]
     broken = drive_events.drive_phrase(events)
     if broken:
         # The size of an impact goes before the part that broke.

@@ -244,7 +244,7 @@ def test_it_counts_by_reason_and_names_five_logs_to_open_first_with_what_happene
     assert lines[0].removeprefix("  found: ").split(", ") == [
         "crash or loss of control 1",
         "other serious finding in flight 1",
-        "serious on the ground 1",
+        "serious but not in flight 1",
         "to look at 4",
         "without trouble 1",
     ]

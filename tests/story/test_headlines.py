@@ -233,3 +233,16 @@ def test_what_happened_after_the_last_sample_lies_within_the_time_that_is_told()
     assert headlines.flight_phrases(made, Segments(), [late])[0] == "never armed in 21 s."
     said = Event("message", 64.0, "note", "“Ready”.")
     assert headlines.flight_phrases(made, Segments(), [said])[0] == "never armed in 16 s."
+
+
+def test_a_submarine_without_speed_is_said_to_be_armed_and_what_makes_its_page_red_is_named() -> None:
+    boat = log(seconds=90.0)
+    boat.vehicle = "submarine"
+    boat.gnss = []
+    boat.state.armed = TimeLine(np.array([0.0, 20.0]), [False, True], "ARM")
+    phases = Segments([Segment("continuous", 0.0, 90.0), Segment("armed", 20.0, 77.0)])
+    assert headlines.headline(boat, phases, []).endswith(": armed 20 to 77 s of 90 s.")
+    said = headlines.headline(boat, phases, [], sound=False, trouble="gyro bias")
+    assert said.endswith("of 90 s. Serious: gyro bias.")
+    crash = Event("impact", 50.0, "serious", "Hit the ground.")
+    assert "Serious" not in headlines.headline(boat, phases, [crash], sound=False, trouble="gyro bias")

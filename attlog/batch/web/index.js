@@ -1,6 +1,6 @@
 // The page: filters, sorts, shows rows as far as they are asked for, keeps its state in the address.
 const PAGE = 25, STEP = 200;
-const SAID = { crash: 'Crash', attitude: 'Wrong attitude', serious: 'Serious', ground: 'On the ground', look: 'Look', failed: 'Failed', unjudged: 'Not judged', none: 'No trouble' };
+const SAID = { crash: 'Crash', attitude: 'Wrong attitude', serious: 'Serious', ground: 'Not in flight', look: 'Look', failed: 'Failed', unjudged: 'Not judged', none: 'No trouble' };
 const ALWAYS = ['', 'crash', 'attitude', 'serious', 'failed'];  // tiles that stand there even when they count nothing
 const KIND = { gate: 'Gate failed', attitude: 'Attitude', crash: 'Crash', reset: 'Attitude jumped', filter: 'Filters lost', sensor: 'Sensor', log: 'Recording' };
 const NUMBERS = 5;
