@@ -1,6 +1,6 @@
 """Broken motors, propellers and outputs planted in simulated flights: is the part named, and never another?
 
-    python benchmarks/drive_faults.py [--seeds 1] [--tlog] [-v]
+    python benchmarks/drive_faults.py [--seeds 1] [--tlog] [--oscillations] [-v]
 
 Every motor fails in every way of FAILURES and manner of flight of MANNERS; SOUND flights crash or fly hard with all
 motors sound. Each flight is written as ULog and DataFlash log without its truth, read back, and its story is judged by
@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import itertools
+import math
 import tempfile
 from collections import Counter
 from collections.abc import Iterator
@@ -18,9 +20,11 @@ from pathlib import Path
 from typing import Any
 
 from attlog import flight, segments, story
+from attlog.simulate.controller import Gains, LoopAxis, margins
 from attlog.simulate.fly import fly
 from attlog.simulate.logs import write
-from attlog.simulate.scenario import Scenario, build_scenario, load_scenario
+from attlog.simulate.scenario import Controller, Scenario, Vehicle, build_scenario, load_scenario
+from attlog.story.control_faults import study_control
 
 FAILS_S, WITHIN_S = 17.0, 1.0
 RISE = [{"t": 4, "do": "arm"}, {"t": 5, "do": "takeoff", "up_m": 20}]
@@ -66,11 +70,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--tlog", action="store_true", help="telemetry too, whose outputs are not logged")
+    parser.add_argument("--oscillations", action="store_true", help="rate gains instead of motors")
     parser.add_argument("--verbose", "-v", action="store_true")
     given = parser.parse_args()
     suffixes = (".ulg", ".bin", ".tlog") if given.tlog else (".ulg", ".bin")
     counts: dict[tuple[str, str], Counter[str]] = {}
     with tempfile.TemporaryDirectory() as folder:
+        if given.oscillations:
+            return oscillations(Path(folder))
         for what, scenario, motor in planted(given.seeds):
             flown = fly(scenario, hash_free(scenario.name))
             for suffix in suffixes:
@@ -84,6 +91,38 @@ def main() -> None:
     print("| --- | --- | --- | --- | --- | --- |")
     for (what, suffix), found in counts.items():
         print(f"| {what} | {suffix} | {found.total()} | {found['right']} | {found['wrong']} | {found['silent']} |")
+
+
+# Shares of the gain margin at which rate gains are set, and delays of the gyro in s, whole periods of the loop.
+GAIN_SHARES, GYRO_DELAYS_S = (0.6, 1.3, 3.0), (0.0075, 0.015, 0.025, 0.035)
+MOVED = {"hover": [{"t": 10, "do": "hold"}],
+         "flying": [{"t": 10, "do": "velocity", "north_m_s": 3, "east_m_s": -2},
+                    {"t": 18, "do": "velocity", "north_m_s": -3, "east_m_s": 2}]}  # fmt: skip
+
+
+def oscillations(folder: Path) -> None:
+    """Rate gains of roll or pitch beyond the gain margin and below: is its axis named, at the phase crossover?"""
+    vehicle, counts = Vehicle(), Counter[tuple[float, str]]()
+    reach = vehicle.arm_m / math.sqrt(2.0)
+    for axis, late, share in itertools.product((0, 1), GYRO_DELAYS_S, GAIN_SHARES):
+        authority = 2.0 * vehicle.thrust_max_n * reach / vehicle.inertia_kg_m2[axis]
+        margin = margins(LoopAxis(authority, vehicle.motor_lag_s, Gains.of(Controller()), axis, late + 0.0025))
+        fault = {"t": 12.0, "seconds": 14.0, "part": "gain", "kind": "scale", "instance": axis}
+        for moves in MOVED.values():
+            values = {"seconds": 30.0, "logging": {"truth": False}, "estimator": {"name": "mekf"},
+                      "sensors": {"imu": [{"delay_s": late}]}, "fault": [fault | {"factor": share * margin.gain}],
+                      "command": [{"t": 4, "do": "arm"}, {"t": 5, "do": "takeoff", "up_m": 6}, *moves]}  # fmt: skip
+            flown = fly(build_scenario(values | {"name": "x"}), 7 + axis)
+            for suffix in (".ulg", ".bin"):
+                write(folder / f"x{suffix}", flown)
+                log = flight.read(folder / f"x{suffix}")
+                named = study_control(log, segments.build(log)).faults.get("oscillation", [])
+                hz = [float(fault.text.split(" Hz")[0].split()[-1]) for fault in named]
+                own = [f.text.startswith(("Roll", "Pitch")[axis]) and abs(x / margin.gain_at * math.tau - 1.0) < 0.05
+                       for f, x in zip(named, hz, strict=True)]  # fmt: skip
+                counts[share, "silent" if not named else "right" if all(own) and share > 1.0 else "wrong"] += 1
+    for share in GAIN_SHARES:
+        print(f"| gains at {share:g} of the margin |", {what: n for (s, what), n in counts.items() if s == share})
 
 
 def planted(seeds: int) -> Iterator[tuple[str, Scenario, int | None]]:
