@@ -161,11 +161,17 @@ class _Choice:
         if self.smooth is None or SMOOTHER in self.refused:
             return None
         found = self._smoothed(self.smooth)
-        why = found if isinstance(found, str) else found.faults.reference or self._off_gravity(found)
+        why = found if isinstance(found, str) else self._contradiction(found)
         if why or isinstance(found, str):
             self.refused[SMOOTHER] = why
             return None
         return found
+
+    def _contradiction(self, smoother: Reference) -> str:
+        """Return why gravity, or the gyro at rest, contradicts a whole smoother; empty if neither does."""
+        imu, jumps = self.log.replay_imu, smoother.gyro_jumps
+        stepped = gyro_checks.contradicted_at_rest(imu, self.segments, jumps) if imu is not None and jumps else ""
+        return smoother.faults.reference or stepped or self._off_gravity(smoother)
 
     def _off_gravity(self, smoother: Reference) -> str:
         """Return why gravity contradicts a whole smoother; empty if it does not.

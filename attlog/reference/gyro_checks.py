@@ -8,6 +8,7 @@ field decides which of the two is right.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Literal
@@ -18,7 +19,8 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.kinematics import body_rates
 from attlog.flight.model import Array, Attitude, Imu, Mag
-from attlog.segments import model
+from attlog.reference.model import GyroJump
+from attlog.segments import Segments, model
 from attlog.segments.increments import gyro_increments
 from attlog.segments.model import interpolate_attitudes
 
@@ -276,6 +278,32 @@ def swapped_axes(g: Array, a: Array, moving: NDArray[np.bool_]) -> str:
     if reversed_:
         parts.append("reversed sign about " + ", ".join("xyz"[k] for k in reversed_))
     return "; ".join(parts) + ("." if parts else "")
+
+
+# Steps of the gyro bias that a smoother finds, against the gyro at rest: an accelerometer that steps feigns them.
+
+# Shortest rest; share of the largest step by which the bias at rest may differ from the sum of the steps.
+MIN_REST_S, MAX_STEP_SHARE = 2.0, 0.5
+
+
+def contradicted_at_rest(imu: Imu, segments: Segments, jumps: Sequence[GyroJump]) -> str:
+    """Return why steps of the gyro bias are none by the rests before and after them; empty if nothing shows it."""
+    rests = [s for s in segments.of("rest") if s.seconds >= MIN_REST_S]
+    before, after = [s for s in rests if jumps and s.t1 <= jumps[0].t], [s for s in rests if s.t0 >= jumps[-1].t]
+    if not before or not after:
+        return ""
+    gyro = gyro_increments(imu)
+    spans = np.array([(s.t0, s.t1) for s in (before[-1], after[0])]).clip(gyro.t[0], gyro.t[-1])
+    first, last = np.degrees(gyro.mean_rates(*spans.T))
+    apart = float(rotation.length(np.sum([jump.size_dps for jump in jumps], axis=0) - (last - first)))
+    largest = max(float(np.linalg.norm(jump.size_dps)) for jump in jumps)
+    if not apart > MAX_STEP_SHARE * largest:  # NaN across a gap
+        return ""
+    change = float(rotation.length(last - first))
+    return (
+        f"its step of the gyro bias by {largest:.1f} deg/s is missing at rest, where the bias changed by "
+        f"{change:.2f}: the accelerometer stepped"
+    )
 
 
 # Gyro spikes: single samples far from both neighbours, which no vehicle motion causes.

@@ -17,6 +17,8 @@ from attlog.health.check import HealthCase
 from attlog.health.findings import contradiction
 from attlog.health.gyro import unusable_gyro
 from attlog.reference import choose, gyro_checks
+from attlog.reference.model import GyroJump
+from attlog.segments import Segment, Segments
 from tests.reference.flights import Array, attitude_at, flight
 
 FIELD_T = np.array([2e-5, 0.0, 4e-5])
@@ -298,3 +300,19 @@ def test_a_spike_is_far_from_its_neighbours_alone_and_no_blow(made: Imu, count: 
 def test_twenty_degrees_in_a_minute_mislead(dps: float, misleads: bool) -> None:
     """Six of 10 ms in half a minute."""
     assert gyro_checks.find_spikes(unit(dps)).misleads is misleads
+
+
+@pytest.mark.parametrize(
+    ("at_rest_dps", "steps", "contradicted"),
+    [(2.0, [2.0], False), (0.0, [2.0], True), (0.0, [2.0, -2.0], False), (-2.0, [2.0], True)],
+)
+def test_a_step_of_the_gyro_bias_that_is_missing_at_rest_is_none(
+    at_rest_dps: float, steps: list[float], contradicted: bool
+) -> None:
+    t = np.arange(0.0, 60.0, 0.01)
+    rate = np.radians(at_rest_dps) * np.outer(t > 30.0, [0.0, 0.0, 1.0])
+    unit = Imu(0, Stream(t, rate, "rad/s", "FRD", "I"), Stream(t, rate, "m/s^2", "FRD", "I"))
+    phases = Segments([Segment("rest.long", 0.0, 10.0), Segment("rest.long", 50.0, 60.0)])
+    jumps = [GyroJump(25.0 + 5.0 * k, (0.0, 0.0, x), (0.1, 0.1, 0.1)) for k, x in enumerate(steps)]
+    assert bool(gyro_checks.contradicted_at_rest(unit, phases, jumps)) is contradicted
+    assert gyro_checks.contradicted_at_rest(unit, Segments(), jumps) == ""
