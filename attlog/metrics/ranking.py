@@ -210,6 +210,8 @@ MIN_COVERAGE_PCT = 50.0  # smallest coverage of a best row
 MIN_UNITS = 0.5  # share of the largest number of units
 # Smallest number of common events; with fewer, rows are not compared and keep their values.
 MIN_COMMON_UNITS: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
+# Smallest number of common windows of noise: one shows no scatter from window to window, so it ranks no row.
+MIN_WINDOWS = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -313,6 +315,8 @@ def family(answers: Mapping[str, Answer], better: str) -> Family:
         return _by_intervals(ranked, better)
     rows, common = common_units(ranked)
     units = {name: a.units for name, a in ranked.items() if a.units is not None}
+    if len(common) < MIN_WINDOWS and any(units[name].kind == "log_variance" for name in rows):
+        return Family([], [])
     if any(len(common) < MIN_COMMON_UNITS.get(units[name].kind, 1) for name in rows):
         return Family(list(units), [])
     if any(len(a.units.ids) != len(common) for a in (ranked[n] for n in rows) if a.units is not None):

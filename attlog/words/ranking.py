@@ -90,6 +90,7 @@ BASELINE_REMARK = "the gyro alone, shown for comparison"
 # Columns that need no reference.
 SELF_COMPARED = ("noise_", "drift_rest_", "innovation_", "test_ratio_", "rejected_", "attitude_resets")
 NOT_COMPARED = "too little data in common"
+MEASURED_ONCE = "measured only once"
 
 
 @dataclass(slots=True)
@@ -228,7 +229,7 @@ def reason_unranked(judged: RankedValue) -> str:
         return BASELINE_REMARK
     if judged.row.status != "ok":
         return judged.row.reason or judged.row.status.replace("_", " ")
-    return judged.answer.reason or NOT_COMPARED
+    return judged.answer.reason or (MEASURED_ONCE if judged.answer.n == 1 else NOT_COMPARED)
 
 
 # Heading reference for which drift in the air is reported.

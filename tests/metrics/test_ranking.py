@@ -59,6 +59,13 @@ def test_pairs_share_their_windows_so_a_common_gust_hides_no_difference():
     assert ranking.family(column, "low").significant == [("a", "b")]
 
 
+def test_noise_of_one_window_is_shown_and_ranks_nobody():
+    once = {"a": by_units([0.002]), "b": by_units([0.13])}
+    assert ranking.family(once, "low").rows == []
+    twice = {"a": by_units([0.002, 0.0021]), "b": by_units([0.13, 0.14])}
+    assert ranking.family(twice, "low").best == ["a"]
+
+
 def test_the_worst_is_one_row_that_is_better_than_nobody():
     three = {"a": by_units([1.0] * 8), "b": by_units([3.0] * 8), "c": by_units([9.0] * 8)}
     assert ranking.family(three, "low").worst == ["c"]
