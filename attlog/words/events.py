@@ -52,6 +52,8 @@ EVENT_LABELS = {
     "sensor_fault": "sensor fault",
     "message": "message",
 }
+# Subjects of events that say more than the label of their kind.
+SUBJECT_LABELS = ("kill switch",)
 # Label of a finding by the angle or check that it is about; others have their kind.
 FINDING_LABELS = {"heading": "heading wrong", "heading_by_gnss": "heading wrong"}
 # Names of the event kinds that are folded.
@@ -111,7 +113,8 @@ def shown_events(result: Result) -> list[ShownEvent]:
 def shown_event(event: Event) -> ShownEvent:
     """Return an event as a row."""
     minor = event.kind in ("power_up", "reset") or (event.kind == "message" and event.severity == "note")
-    label, source = EVENT_LABELS.get(event.kind, ""), source_text(event)
+    label = event.about if event.about in SUBJECT_LABELS else EVENT_LABELS.get(event.kind, "")
+    source = source_text(event)
     words = typeset(event.text)
     return ShownEvent(event.t, event.kind, label, *_severity(event.severity), words, source, minor, t_end=event.t_end)
 

@@ -60,6 +60,14 @@ def test_a_full_turn_breaks_the_line_of_a_heading() -> None:
     assert float(np.ptp(line["y"])) < 360.0
 
 
+def test_a_caption_explains_only_what_is_drawn() -> None:
+    onboard, course = {"onboard": 0 * T}, {"course": 0 * T}
+    assert figures(result_with(heading=onboard))["headings"].caption == ""
+    caption = figures(result_with(heading=onboard | course))["headings"].caption
+    assert "Course" in caption
+    assert "GNSS motion" not in caption
+
+
 def test_a_motor_has_the_colour_of_its_rotor_and_speed_controller() -> None:
     found = figures(
         result_with(

@@ -125,6 +125,16 @@ def test_signals_share_an_axis_by_their_unit_and_can_be_moved(page):
     assert page.complaints == []
 
 
+def test_a_constant_has_a_range_of_its_own_size_and_a_small_signal_fills_its_axis(page):
+    span = "() => ((r) => r[1] - r[0])(document.getElementById('signals').layout.yaxis.range)"
+    choose(page.page, "RCIN", "RCIN.C9")
+    assert page.page.evaluate(span) == pytest.approx(1.8)
+    page.page.get_by_role("button", name="Remove RCIN.C9").click()
+    choose(page.page, "POS", "POS.Lat")
+    moved = 1e-6 * float(np.ptp(T[::10]))
+    assert page.page.evaluate(span) == pytest.approx(1.12 * moved, rel=0.01)
+
+
 def test_what_is_thinned_names_the_command_that_has_all(page):
     choose(page.page, "curr", "BAT[0].Curr")
     note = page.page.inner_text("#signal-notes")

@@ -37,6 +37,11 @@ def test_findings_that_an_event_shows_notes_and_those_of_the_whole_log_are_not_l
     )
 
 
+def test_a_kill_switch_is_labelled_by_its_name_not_as_any_failsafe() -> None:
+    labels = [shown_event(Event("failsafe", 1.0, "warning", "X.", about=about)).label for about in ("kill switch", "")]
+    assert labels == ["kill switch", "failsafe"]
+
+
 def test_minor_events_are_counted_by_kind() -> None:
     texts = [Event("message", 1.0, "note", "“a”"), Event("message", 2.0, "warning", "“b”")]
     rows = [shown_event(e) for e in (Event("reset", 0.0, "note", "Reset."), *texts)]

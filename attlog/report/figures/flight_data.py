@@ -106,12 +106,7 @@ FIGURES = (
         "Each height less its own before take-off; a rangefinder measures from the ground below. Climbing is positive.",
     ),
     DataFigure("speeds", "Speed", ("speed",)),
-    DataFigure(
-        "headings",
-        "Heading",
-        ("heading",),
-        "Course: direction of motion over ground; a copter may fly sideways. GNSS motion: heading without a compass.",
-    ),
+    DataFigure("headings", "Heading", ("heading",)),
     DataFigure("rates", "Body rates", RATE_PANELS, "Right wing down, nose up and nose right are positive."),
     DataFigure("motors", "Motor and servo outputs", ("motors", "servos", "outputs", "commands", "rpm", "esc_current")),
     DataFigure("sticks", "Sticks and switches", ("sticks", "stick_pulses", "channels")),
@@ -126,6 +121,11 @@ FIGURES = (
     DataFigure("temperature", "Temperature", ("temperature",)),
 )
 RANGE_TEXT = "0 % is the least output in flight, 100 % the greatest; a stopped motor lies below 0 %."
+# What a line is, by its label.
+LABEL_TEXTS = {
+    "course": "Course: direction of motion over ground; a copter may fly sideways.",
+    "GNSS motion": "GNSS motion: heading without a compass.",
+}
 
 
 def figure_of(figure: DataFigure, source: FigureSource) -> PageFigure | None:
@@ -143,7 +143,8 @@ def figure_of(figure: DataFigure, source: FigureSource) -> PageFigure | None:
     data |= {"labels": "panels", "lazy": True, "size": PRINTED_PX * max(len(panels), 1.5), "table": SENSED}
     thinned = [trace for trace in lines if trace.ratio > LEAST_THINNED]
     said = sampling_text(thinned) if thinned else ""
-    caption = " ".join(filter(None, [figure.caption, RANGE_TEXT * ("motors" in panels), said]))
+    explained = [text for label, text in LABEL_TEXTS.items() if any(label in trace.columns for trace in lines)]
+    caption = " ".join(filter(None, [figure.caption, *explained, RANGE_TEXT * ("motors" in panels), said]))
     height = AROUND_PX + PANEL_PX * len(panels) + (60 if len(panels) == 1 else 0)
     return PageFigure(figure.id, "plot", figure.title, caption, height, data, True, _words(panels, lines))
 

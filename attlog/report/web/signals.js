@@ -107,6 +107,13 @@ function removeSignal(signal) {
   listed();
 }
 
+// free part at the ends of an axis: small signals fill it, labels of a constant differ in their first digits
+function room(right) {
+  let low = Infinity, high = -Infinity;
+  for (const d of drawnSignals) if (d.right === right) for (const v of values(d.signal.y)) { if (v < low) low = v; if (v > high) high = v; }
+  return { least_pad: high > low ? 0.06 * (high - low) : high === low && high ? 0.1 * Math.abs(high) : 1 };
+}
+
 const DASHES = ['solid', 'solid', 'solid', 'solid', 'dash', 'dash', 'dash', 'dash'];
 function redrawSignals() {
   if (!$('signals')) {
@@ -119,6 +126,8 @@ function redrawSignals() {
     mode: 'lines', ...broken(signal), yaxis: right ? 'y2' : 'y', name: safe(signal.name), line: { color: 'e' + slot, width: 1.3, dash: DASHES[slot - 1] },
     meta: { time: true, unit: signal.unit, say: signal.unit ? (/^[°%]/.test(signal.unit) ? '' : ' ') + signal.unit : '', digits: decimalsOf(signal), quantity: signal.name },
   }));
+  view.axes.yaxis.fit = room(false);
+  view.axes.yaxis2.fit = room(true);
   view.axes.yaxis.title = units(false);
   view.axes.yaxis2.title = units(true);
   view.axes.yaxis2.visible = drawnSignals.some((d) => d.right);
