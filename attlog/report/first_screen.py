@@ -175,11 +175,18 @@ def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestio
     rows = filters_in_order(result, answers["accuracy"].column)
     rows = [row for row in rows if row.name in look]
     found = [question_column(key, answers[key], rows) for key in TITLES]
+    found[0] = replace(found[0], title=accuracy_title(result))
     nothing = ""
     if all(q.empty for q in found):
         why = dict.fromkeys(line.text.removeprefix(NO_ANSWER).rstrip(".") for line in answers.values())
         nothing = f"{NO_ANSWER}{'; '.join(why)}."
     return FourQuestions([row.name for row in rows], repeat_reasons_once(found), nothing)
+
+
+def accuracy_title(result: Result) -> str:
+    """Return the title of the first question: against the onboard attitude it is agreement."""
+    onboard = result.reference is not None and result.reference.choice == "onboard"
+    return "Agreement with onboard" if onboard else TITLES["accuracy"][0]
 
 
 def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:

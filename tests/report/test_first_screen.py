@@ -184,3 +184,11 @@ def test_the_height_at_the_peak_is_written_on_no_mark(marks):
     assert all(abs(at - x) >= 100.0 * 20.0 / 830.0 for x in marks)
     assert abs(at - 50.0) < 10.0
     assert marks or at == 50.0
+
+
+def test_against_the_onboard_attitude_accuracy_is_called_agreement() -> None:
+    result = make_result()
+    assert result.reference is not None
+    for choice, title in (("onboard", "Agreement with onboard"), ("truth", "Accuracy")):
+        result.reference.choice = choice
+        assert compare_filters(result, row_styles(result)).questions[0].title == title

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from attlog.report.figures.figure import FigureSource, PageFigure, View
-from attlog.report.first_screen import TITLES, DotScale, filters_in_order, scale_of, unit_text
+from attlog.report.first_screen import TITLES, DotScale, accuracy_title, filters_in_order, scale_of, unit_text
 from attlog.words.answers import answer_lines
 from attlog.words.numbers import MINUS
 from attlog.words.ranking import ColumnRanking, RankedValue
@@ -47,8 +47,9 @@ def comparison(source: FigureSource) -> PageFigure | None:
         )
         domain = [max(top - high / size, 0.0), top]
         view.axis(f"y{number}", "", domain=domain, anchor=f"x{number}", rows=places, named=i % 2 == 0)
+        title = TITLES[key][0] if key != "accuracy" else accuracy_title(source.result)
         place = {"x": left, "y": top, "xref": "paper", "yref": "paper", "xanchor": "left", "yanchor": "bottom"}
-        view.notes.append(place | {"text": f"<b>{TITLES[key][0]}</b>", "font": {"color": "tx"}})
+        view.notes.append(place | {"text": f"<b>{title}</b>", "font": {"color": "tx"}})
         if not scale.log:
             _upright(view, number, 0.0, "tx")
         for row, r in zip(rows, places, strict=True):
