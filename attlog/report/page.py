@@ -11,7 +11,7 @@ from typing import Any
 from attlog.core.files import write_atomic
 from attlog.health.settings import param_file
 from attlog.report import shell
-from attlog.report.bundle import ArrayPacker, Bundle
+from attlog.report.bundle import ArrayPacker, Bundle, bundle
 from attlog.report.figures.behind import figure_behind
 from attlog.report.figures.catalogue import UNTITLED, sections
 from attlog.report.figures.figure import FigureSource, PageFigure
@@ -63,6 +63,10 @@ FILTERS: dict[str, Callable[..., Any]] = {
     "first_screen": first_screen_findings,
 }
 
+# Bytes of a page without plotly.js, with which it stays below 3 MB: beyond them, samples of signals are reduced, down
+# to the least.
+MAX_OWN_BYTES, LEAST_SAMPLES_BYTES = 2_400_000, 200_000
+
 
 def write_report(
     result: Result, path: str | Path, *, deterministic: bool = False, document: dict[str, Any] | None = None
@@ -85,7 +89,7 @@ def render(
     chosen = picker(result)
     look, figures, lines = source.styles, sections(source), parameter_lines(result)
     behind = places_behind(figures, {"parameters"} if lines else set())
-    return shell.render(
+    page = shell.render(
         "page.html",
         rows=source.rows,
         figures=[figure for part in figures.values() for figure in part],
@@ -130,6 +134,11 @@ def render(
         firmware=firmware(result),
         definitions={m: d for m, d in result.definitions.items() if not (deterministic and m in MEASURED_TIMES)},
     )
+    over = len(page) - len((plot or bundle()).packed) * 4 // 3 - MAX_OWN_BYTES
+    if chosen is None or over <= 0:
+        return page
+    fewer = picker(result, max(len(chosen.block) - over, LEAST_SAMPLES_BYTES))
+    return page.replace(chosen.block, fewer.block) if fewer is not None else page
 
 
 Behind = Callable[[Any], "Place | None"]

@@ -12,7 +12,9 @@ import pytest
 
 from attlog.metrics.trace import Trace
 from attlog.report import write_report
+from attlog.report.bundle import bundle
 from attlog.report.figures.signals import packed_signals, picker
+from attlog.report.page import render
 from tests.report.conftest import make_result
 
 T = np.arange(0.0, 200.0, 0.1)
@@ -81,6 +83,16 @@ def test_noise_beyond_the_budget_is_reduced_and_keeps_its_peaks():
     header, data = unpacked(block)
     spiked = decoded(header["messages"][0]["fields"][7][2], data)
     assert spiked.max() == pytest.approx(90.0, rel=1e-3)
+
+
+def test_samples_take_what_the_rest_of_a_page_leaves_of_its_bytes(monkeypatch):
+    result = make_result()
+    noise = np.random.default_rng(2).normal(size=(40, 5_000))
+    fields = {f"f{k}": y for k, y in enumerate(noise)}
+    result.traces.append(Trace("signal", "", np.arange(5_000) * 0.01, fields, "M", 1.0, {"records": 5_000.0}))
+    whole = len(render(result))
+    monkeypatch.setattr("attlog.report.page.MAX_OWN_BYTES", whole - len(bundle().packed) * 4 // 3 - 100_000)
+    assert whole - 300_000 < len(render(result)) <= whole - 99_000
 
 
 def test_without_samples_there_is_no_picker():

@@ -15,7 +15,7 @@ from attlog.result import Result
 from attlog.words.numbers import unit_sign
 from attlog.words.text import cleaned
 
-# Bytes of the packed samples in the page (base64): with them a page stays below 3 MB.
+# Most bytes of the packed samples in the page (base64).
 MAX_BYTES = 1_300_000
 # Samples per signal are reduced by at least this factor where they take too many bytes.
 REDUCTION = 0.9
@@ -34,7 +34,7 @@ class Picker:
     left_out: int
 
 
-def picker(result: Result) -> Picker | None:
+def picker(result: Result, limit: int = MAX_BYTES) -> Picker | None:
     """Return the picker of a result, None if it holds no samples."""
     traces = [trace for trace in result.traces if trace.figure == "signal"]
     drawn = [trace for trace in traces if len(trace.t)]
@@ -42,7 +42,7 @@ def picker(result: Result) -> Picker | None:
         return None
     left = [trace for trace in traces if not len(trace.t)]
     count = sum(len(trace.columns) for trace in drawn)
-    return Picker(signal_figure(), packed_signals(drawn, left), count, len(drawn), len(left))
+    return Picker(signal_figure(), packed_signals(drawn, left, limit), count, len(drawn), len(left))
 
 
 def signal_figure() -> PageFigure:
