@@ -32,6 +32,7 @@ from attlog.reference.smoother import differences_deg
 from attlog.segments import increments
 from attlog.segments.impacts import shows_impacts
 from attlog.segments.model import Segments, interpolate_attitudes
+from attlog.story.causes import SWITCH_S
 from attlog.story.headlines import WrongAngle
 
 # Coverage of the IMU's time: warning below the first, fault below the second.
@@ -252,6 +253,9 @@ YAW_SHARE = 0.9
 # Time compared with truth or smoother before and after a jump. One side is right if its error is at most 40 % of the
 # other's, and the other's is at least half of the jump.
 AROUND_JUMP_S, MAX_ERROR_LEFT, MIN_ERROR_SHARE = 3.0, 0.4, 0.5
+# Time by which a record of the switch, at 10 Hz, may come later than the jump.
+SWITCH_LATE_S = 0.11
+SWITCH_ADVICE = "Compare the IMU that was left with the others: vibration, bias and temperature."
 
 
 def jump_checks(case: HealthCase) -> list[Check]:
@@ -286,10 +290,26 @@ def jump_checks(case: HealthCase) -> list[Check]:
     serious = bool((size[segments.mask(t, "airborne")] > LARGE_JUMP_DEG).any())
     check = made("fault" if serious else "warning", text, value=round(float(size.max()), 1), t=float(t[0]))
     check.t_end, check.count = float(t[-1]) if len(t) > 1 else None, len(t)
+    switches = [switch_before(log, float(at)) for at in t]
     check.about = "heading" if heading else "tilt"
+    if all(switches):
+        check.about, check.cause, check.action = "", switches[0], SWITCH_ADVICE
     side = right_side(log, reference, int(index[order[0]]), heading, float(size[order[0]]))
     check.evidence = [side] if side else []
     return [check]
+
+
+def switch_before(log: FlightLog, t: float) -> str:
+    """Return a sentence on the switch of IMU or lane that explains a jump at ``t``, empty without one."""
+    for what, line in (("IMU", log.imu_that_flew), ("lane", log.estimator.lane)):
+        if line is None:
+            continue
+        for k in np.flatnonzero((t - SWITCH_S <= line.t) & (line.t <= t + SWITCH_LATE_S)).tolist():
+            if k and line.value[k] != line.value[k - 1]:
+                return (
+                    f"The estimator switched from {what} {line.value[k - 1]} to {line.value[k]} at {line.t[k]:.1f} s."
+                )
+    return ""
 
 
 def right_side(log: FlightLog, reference: Reference | None, k: int, heading: bool, size: float) -> str:

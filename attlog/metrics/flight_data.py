@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from attlog.core.spans import Span
 from attlog.flight.model import Array, FlightLog, without_pauses
@@ -14,6 +15,9 @@ from attlog.metrics.trace import Trace, envelope
 
 # Samples of all lines together, and fewest and most of one.
 BUDGET, MIN_SAMPLES, MAX_SAMPLES = 120_000, 800, 6000
+# A slow line is broken at an interval this many times the usual one, if the logger paused in it; times of the records
+# at both ends of a pause differ by less than ROUNDING_S between messages.
+LONGER, ROUNDING_S = 1.5, 0.2
 # Time on the ground before take-off whose height is 0.
 GROUND_S = 5.0
 # Whose height at take-off is subtracted from a line; a distance to the ground keeps its own.
@@ -29,22 +33,46 @@ def flight_data(log: FlightLog, flights: list[Span]) -> list[Trace]:
     _zero_heights([line for line in lines if line.panel == "height"], flights)
     keep = int(np.clip(BUDGET // (len(lines) + len(RATE_PANELS)), MIN_SAMPLES, MAX_SAMPLES))
     found, imu = [], log.replay_imu
+    stops = _stops(log)
     if imu is not None and len(imu.gyro.t) > 1:
         t, rates = envelope(imu.gyro.t, imu.gyro.x, keep)
         ratio = len(imu.gyro.t) / len(t)
-        found += [_trace(panel, ["gyro"], t, np.degrees(rates[:, [k]]), ratio) for k, panel in enumerate(RATE_PANELS)]
+        found += [
+            _trace(panel, ["gyro"], t, np.degrees(rates[:, [k]]), ratio, stops) for k, panel in enumerate(RATE_PANELS)
+        ]
     grouped: dict[tuple[str, bytes], list[PanelLine]] = {}
     for line in lines:
         grouped.setdefault((line.panel, line.t.tobytes()), []).append(line)
     for same in grouped.values():
         t, x = envelope(same[0].t, np.column_stack([line.y for line in same]), keep)
-        found.append(_trace(same[0].panel, [line.label for line in same], t, x, len(same[0].t) / len(t)))
+        found.append(_trace(same[0].panel, [line.label for line in same], t, x, len(same[0].t) / len(t), stops))
     return found
 
 
-def _trace(panel: str, labels: list[str], t: Array, x: Array, ratio: float) -> Trace:
+def _stops(log: FlightLog) -> Array:
+    """Return the spans (n, 2) s in which the gyro was not logged."""
+    t = log.replay_imu.gyro.t if log.replay_imu is not None else np.zeros(0)
+    k = np.flatnonzero(~without_pauses(t))
+    return np.column_stack([t[k], t[k + 1]])
+
+
+def broken_intervals(t: Array, stops: Array) -> NDArray[np.bool_]:
+    """Mark the intervals (n - 1,) that no line crosses.
+
+    Those are pauses, and for a slow line also intervals longer than usual with one of ``stops`` (k, 2) s in them.
+    """
+    dt, broken = np.diff(t), ~without_pauses(t)
+    if len(dt):
+        k = np.searchsorted(t, stops[:, 0] + ROUNDING_S, side="right") - 1
+        inside = (k >= 0) & (k < len(dt))
+        k, ends = k[inside], stops[inside, 1]
+        broken[k[(t[k + 1] > ends - ROUNDING_S) & (dt[k] > LONGER * np.median(dt))]] = True
+    return broken
+
+
+def _trace(panel: str, labels: list[str], t: Array, x: Array, ratio: float, stops: Array) -> Trace:
     """Return lines (n, k) of a panel as a trace, broken at pauses of the logger."""
-    pauses = np.flatnonzero(~without_pauses(t)) + 1
+    pauses = np.flatnonzero(broken_intervals(t, stops)) + 1
     t, x = np.insert(t, pauses, t[pauses]), np.insert(x, pauses, np.nan, axis=0)
     return Trace("data", "", t, {label: x[:, k] for k, label in enumerate(labels)}, panel, ratio=ratio)
 

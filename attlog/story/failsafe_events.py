@@ -54,6 +54,8 @@ FAILSAFE_NAMES = (
 )
 # PX4's text of what a failsafe does.
 ACTION = re.compile(r"^failsafe: *(\w[\w -]*)$", re.IGNORECASE)
+# PX4's words for stopped motors, beside those of the kill switch.
+TERMINATED = re.compile(r"flight termination active", re.IGNORECASE)
 # Words before the reason in a text.
 REPORTED = re.compile(r"^(preflight fail|failsafe): *", re.IGNORECASE)
 # A GNSS failsafe needs 5 s without a position, so it is false within 5 s of the first fix.
@@ -195,7 +197,10 @@ def _kill_switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) 
 
     found: list[Event] = []
     texts = matching_texts(log, KILLED)
-    quoted += texts
+    ended = [
+        x for x in log.texts if TERMINATED.search(x[2]) and any(-CAUSE_S <= x[0] - t <= AGAIN_S for t, _, _ in texts)
+    ]
+    quoted += [*texts, *ended]
     for text in texts:
         if not any(abs(e.t - text[0]) < AGAIN_S for e in found):
             found.append(
@@ -204,7 +209,7 @@ def _kill_switch_events(log: FlightLog, segments: Segments, quoted: list[Text]) 
                     text[0],
                     weight(text[0]),
                     f"Kill switch at {text[0]:.1f} s.",
-                    evidence=[quote_text(text)],
+                    evidence=[quote_text(x) for x in (text, *ended[:1])],
                     quote=clean_text(text[2]),
                     about=KILL,
                 )

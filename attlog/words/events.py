@@ -56,6 +56,13 @@ EVENT_LABELS = {
 SUBJECT_LABELS = ("kill switch",)
 # Label of a finding by the angle or check that it is about; others have their kind.
 FINDING_LABELS = {"heading": "heading wrong", "heading_by_gnss": "heading wrong"}
+# Labels of ArduPilot's reports that are no events, by subsystem of ERR; others are "report".
+REPORT = re.compile(r"(?:err_(?P<subsystem>\d+)|ev)_\d+")
+REPORT_LABELS = {
+    **{"2": "radio", "3": "compass", "5": "radio failsafe", "6": "battery", "7": "GNSS failsafe", "8": "link failsafe"},
+    **{"15": "parachute", "18": "barometer", "19": "main loop", "21": "terrain", "23": "terrain", "25": "thrust loss"},
+    **{"26": "sensor failsafe", "27": "leak", "28": "no pilot input", "30": "internal error", "31": "position lost"},
+}
 # Names of the event kinds that are folded.
 MINOR_KINDS = {"power_up": "power-up", "reset": "resets", "message": "messages"}
 # A finding this close to an event in trouble is the same thing, s.
@@ -120,7 +127,9 @@ def shown_event(event: Event) -> ShownEvent:
 
 
 def _finding(finding: Finding, t: float) -> ShownEvent:
-    label = FINDING_LABELS.get(finding.about, finding.kind.replace("_", " "))
+    report = REPORT.fullmatch(finding.kind)
+    usual = finding.kind.replace("_", " ") if report is None else REPORT_LABELS.get(report["subsystem"], "report")
+    label = FINDING_LABELS.get(finding.about, usual)
     source = f"check of {question_title(finding.about)}" if finding.about else "checks"
     words, about = typeset(finding.text), finding.about or finding.kind
     return ShownEvent(

@@ -15,7 +15,7 @@ import pytest
 import attlog
 from attlog import flight, segments
 from attlog.core import rotation
-from attlog.flight.model import FlightLog, Stream
+from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.health import attitude as jumps
 from attlog.health import compass_power, compass_turn, gravity, vibration
 from attlog.health.check import Check, HealthCase
@@ -299,6 +299,21 @@ def test_a_realignment_in_flight_is_told_with_size_and_time_and_one_before_armin
     assert found.t == pytest.approx(at, abs=0.2)
     assert "heading jumped once" in found.text
     assert found.about == "heading"
+
+
+@pytest.mark.parametrize(("before_s", "is_switch"), [(0.1, True), (3.0, False)])
+def test_a_jump_at_a_switch_of_imu_blames_the_switch_not_the_compass(before_s: float, is_switch: bool) -> None:
+    log, _ = flown()
+    attitude = log.onboard_attitude
+    assert attitude is not None
+    a, b = max(segments.build(log).spans("airborne"), key=lambda s: s[1] - s[0])
+    later = attitude.t >= 0.5 * (a + b)
+    turned = rotation.from_euler(0.0, 0.0, np.radians(25.0))
+    attitude.q[later] = rotation.multiply(np.tile(turned, (later.sum(), 1)), attitude.q[later])
+    log.imu_that_flew = TimeLine(np.array([0.0, 0.5 * (a + b) - before_s]), [0, 1], "made")
+    found = only(jumps.jump_checks(HealthCase(log, segments.build(log))), "attitude_jumps")
+    assert ("switched from IMU 0 to 1" in found.cause) == is_switch
+    assert found.about == ("" if is_switch else "heading")
 
 
 def test_the_same_realignment_before_take_off_is_a_warning() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from attlog.flight.model import Firmware, FlightLog, Stream
-from attlog.metrics.flight_data import MAX_SAMPLES, flight_data
+from attlog.metrics.flight_data import MAX_SAMPLES, broken_intervals, flight_data
 
 RNG = np.random.default_rng(5)
 
@@ -58,3 +58,10 @@ def test_a_height_above_sea_level_is_set_beside_gnss_and_left_out_without_it(mon
     assert abs(float(trace.columns["TECS set-point"][-1]) - 44.8) < 0.3
     monkeypatch.setattr(module, "panel_lines", lambda _: [demand])
     assert flight_data(log, [(20.0, 60.0)]) == []
+
+
+def test_a_slow_line_is_broken_where_the_logger_paused_and_only_there() -> None:
+    slow = np.array([3.0, 33.0, 43.0, 53.0, 78.0, 88.0])
+    stops = np.array([[9.1, 30.4], [44.0, 51.0]])
+    assert broken_intervals(slow, stops).tolist() == [True, False, False, False, False]
+    assert not broken_intervals(slow, np.zeros((0, 2))).any()

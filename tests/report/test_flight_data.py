@@ -81,6 +81,16 @@ def test_a_motor_has_the_colour_of_its_rotor_and_speed_controller() -> None:
     assert colours["motor 2 (rear left)"] == colours["rotor 2"] == colours["ESC 2"] != colours["rotor 1"]
 
 
+def test_a_reversing_motor_is_drawn_down_to_its_least_output_and_a_stopped_one_is_not() -> None:
+    stopped = np.where(T < 20.0, np.minimum(-120.0 + 9.0 * np.maximum(T - 13.0, 0.0), 50.0), 50.0)  # spins up slowly
+    reversing = 60.0 * np.sin(0.3 * T)
+    for output, floor, words in ((stopped, -25.0, "stopped motor"), (reversing, None, "in reverse")):
+        figure = figures(result_with(motors={"motor 1": output}))["motors"]
+        (axis,) = [x for key, x in figure.data["views"][0]["axes"].items() if key != "xaxis"]
+        assert axis["fit"].get("floor") == floor
+        assert words in figure.caption
+
+
 def test_flight_data_can_be_printed() -> None:
     album = Album.of(result_with(volts={"battery": 12.0 + np.sin(T)}, amperes={"battery": 20.0 + np.cos(T)}))
     drawn = album.drawn("battery")

@@ -1,12 +1,15 @@
-"""Templates are compiled once on a machine."""
+"""Templates are compiled once on a machine; the scripts of a page declare no name twice."""
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from pathlib import Path
 
 import jinja2
 import pytest
 
+from attlog import compare
 from attlog.report import shell
 
 
@@ -26,6 +29,28 @@ def own(tmp_path: Path) -> Path:
     folder.mkdir()
     (folder / "own.html").write_text("<p>{{ word|loud }}</p>")
     return folder
+
+
+def declared(script: str) -> list[str]:
+    """The names that a script declares outside functions."""
+    names = re.findall(r"^(?:async )?(?:function\*?|class) +(\w+)", script, re.MULTILINE)
+    for line in re.findall(r"^(?:const|let|var) (.*)", script, re.MULTILINE):
+        flat, deep = "", 0
+        for sign in line.replace("=>", ""):
+            deep += (sign in "([{") - (sign in ")]}")
+            flat += sign if deep == 0 else ""
+        names += [part.partition("=")[0].strip() for part in flat.split(";")[0].split(",")]
+    return [name for name in names if name]
+
+
+def test_no_name_is_declared_by_two_scripts_of_a_page() -> None:
+    """All scripts of a page share one scope, where a second const of a name ends the page's script."""
+    own = {path.stem: path.read_text() for path in (Path(compare.__file__).parent / "web").glob("*.js")}
+    common = [name for file in shell.SCRIPTS for name in declared((shell.WEB / file).read_text())]
+    assert len(common) > 100
+    for script in ("", *own.values()):
+        names = Counter([*common, *declared(script)])
+        assert [name for name, n in names.items() if n > 1] == []
 
 
 def filled(folder: Path) -> str:

@@ -89,6 +89,13 @@ def test_a_reason_for_not_arming_is_no_kill_switch(text: str) -> None:
     assert not quoted
 
 
+def test_stopped_motors_belong_to_the_kill_switch() -> None:
+    texts = [*said("Kill switch engaged", 40.0), *said("Preflight Fail: Flight termination active", 40.1)]
+    (event,), quoted = failsafe_events.failsafe_events(log(texts=texts), spans((15.0, 80.0)))
+    assert (event.about, len(event.evidence), len(quoted)) == ("kill switch", 2, 2)
+    assert failsafe_events.failsafe_events(log(texts=texts[1:]), spans((15.0, 80.0))) == ([], [])
+
+
 def test_a_failsafe_is_named_by_its_action_and_quotes_its_reason() -> None:
     texts = [
         *said("invalid setpoints", 40.0, level=4),

@@ -42,6 +42,12 @@ def test_a_kill_switch_is_labelled_by_its_name_not_as_any_failsafe() -> None:
     assert labels == ["kill switch", "failsafe"]
 
 
+def test_a_report_that_is_no_event_has_a_label_in_words() -> None:
+    result = make_result()
+    result.events, result.findings = [], [Finding(kind, "warning", "x", t=5.0) for kind in ("err_27_1", "ev_99")]
+    assert [event.label for event in shown_events(result)] == ["leak", "report"]
+
+
 def test_minor_events_are_counted_by_kind() -> None:
     texts = [Event("message", 1.0, "note", "“a”"), Event("message", 2.0, "warning", "“b”")]
     rows = [shown_event(e) for e in (Event("reset", 0.0, "note", "Reset."), *texts)]

@@ -271,6 +271,7 @@ CAUSES = {
         "Vibration that the accelerometer turns into a constant offset.",
         "Balance propellers, check bearings and arms, mount the autopilot softer.",
     ),
+    "fence": ("", "Check the fence's limits, and the margin of the route to it."),
     "report": ("", "Report it with this log."),
     "lost": ("GNSS was lost.", ""),
     "released": ("By the pilot or by the crash check.", ""),
@@ -445,5 +446,5 @@ def error_meaning(subsystem: int, code: int) -> EventMeaning | None:
         return EventMeaning("note", text, "mode")
     if subsystem == FENCE:
         crossed = " and ".join(n for bit, n in FENCE_BITS.items() if code & bit) or f"code {code}"
-        return EventMeaning("warning", f"The fence was crossed ({crossed})")
+        return EventMeaning("warning", f"The fence was crossed: {crossed}", "fence", "fence")
     return SUBSYSTEM_ERRORS.get((subsystem, code), EventMeaning("note", f"Subsystem {subsystem} reported error {code}"))

@@ -63,6 +63,9 @@ class DataFigure:
 
 
 FROM_ZERO = (("floor", 0.0), ("pad", 0.1))
+# Lower end of the motors' axis. A stopped motor rests at one level below it most of that time; one that turns in
+# reverse takes many, in whole per cent, and none of them for half of it.
+STOPPED_PERCENT, MIN_REVERSE_LEVELS = -25.0, 8
 AXES: dict[str, Axis] = {
     "height": Axis("height", 2.0, 0.01),
     "climb": Axis("climb", 1.0, 0.005),
@@ -71,7 +74,7 @@ AXES: dict[str, Axis] = {
     "pitch_rate": Axis("pitch", 10.0, 0.02),
     "yaw_rate": Axis("yaw", 10.0, 0.02),
     "heading": Axis("heading", 10.0, 0.02),
-    "motors": Axis("motors", 10.0, 0.02, (("floor", -25.0), ("pad", 0.06))),
+    "motors": Axis("motors", 10.0, 0.02, (("floor", STOPPED_PERCENT), ("pad", 0.06))),
     "servos": Axis("servos", 10.0, 0.02),
     "outputs": Axis("outputs", 100.0, 0.5),
     "commands": Axis("commands", 1.0, 0.01),
@@ -121,6 +124,7 @@ FIGURES = (
     DataFigure("temperature", "Temperature", ("temperature",)),
 )
 RANGE_TEXT = "0 % is the least output in flight, 100 % the greatest; a stopped motor lies below 0 %."
+REVERSE_TEXT = "Below 0 % a motor turns in reverse; 100 % is its greatest output."
 # What a line is, by its label.
 LABEL_TEXTS = {
     "course": "Course: direction of motion over ground; a copter may fly sideways.",
@@ -144,7 +148,7 @@ def figure_of(figure: DataFigure, source: FigureSource) -> PageFigure | None:
     thinned = [trace for trace in lines if trace.ratio > LEAST_THINNED]
     said = sampling_text(thinned) if thinned else ""
     explained = [text for label, text in LABEL_TEXTS.items() if any(label in trace.columns for trace in lines)]
-    caption = " ".join(filter(None, [figure.caption, *explained, RANGE_TEXT * ("motors" in panels), said]))
+    caption = " ".join(filter(None, [figure.caption, *explained, _range_text(lines), said]))
     height = AROUND_PX + PANEL_PX * len(panels) + (60 if len(panels) == 1 else 0)
     return PageFigure(figure.id, "plot", figure.title, caption, height, data, True, _words(panels, lines))
 
@@ -165,6 +169,8 @@ def _draw_panel(
     fit |= before_crash(source) if key in UPSET else {}
     if key == "motors":
         fit["include"] = [100.0]
+        if _reverses(lines):
+            del fit["floor"]
         for limit in (0.0, 100.0):
             silent = {"time": True, "silent": True, "keyless": True}
             ends = np.array(source.marks["range"])
@@ -182,6 +188,19 @@ def _draw_panel(
     view.axis(axis_key(i), f"{axis.title}, {sign}" if sign else axis.title, nticks=5, fit=fit, zeroline=False)
     if cut is not None:
         view.axes["yaxis"]["heading"] = True
+
+
+def _reverses(lines: list[Trace]) -> bool:
+    """Return whether a motor turns in reverse."""
+    low = [np.round(y[y < STOPPED_PERCENT]) for trace in lines for y in trace.columns.values()]
+    counts = [np.unique(levels, return_counts=True)[1] for levels in low]
+    return any(len(n) >= MIN_REVERSE_LEVELS and 2 * n.max() < n.sum() for n in counts)
+
+
+def _range_text(lines: list[Trace]) -> str:
+    """Return what 0 and 100 % of a motor are, empty without motors."""
+    motors = [trace for trace in lines if trace.key == "motors"]
+    return "" if not motors else REVERSE_TEXT if _reverses(motors) else RANGE_TEXT
 
 
 def _styles(figure: DataFigure, lines: list[Trace]) -> dict[str, tuple[str, str]]:
