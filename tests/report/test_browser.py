@@ -13,7 +13,7 @@ import re
 import pytest
 
 from attlog.flight.parameters import ParameterHistory
-from attlog.report import write_report
+from attlog.report import shell, write_report
 from attlog.report.figures.style import FIXED_LINES
 from attlog.result import Finding, Result
 from attlog.result.document import read
@@ -365,6 +365,15 @@ def test_values_under_the_pointer_stand_in_the_margin_and_hide_no_line(visit, re
     page.wait_for_timeout(500)
     assert "VQF" in page.locator("#difference-read").inner_text()
     assert page.locator("#difference .hoverlayer .hovertext").count() == 0
+
+
+@pytest.mark.slow
+def test_a_number_that_rounds_to_zero_has_no_sign(visit, report):
+    minus = next(x for x in (shell.WEB / "theme.js").read_text().splitlines() if x.startswith("const minus"))
+    said = visit(report).page.evaluate(
+        f"() => {{ {minus} return [-0.004, -0.01, -12.5].map((x) => minus(x.toFixed(2))) }}"
+    )
+    assert said == ["0.00", "\u22120.01", "\u221212.50"]
 
 
 @pytest.mark.slow
