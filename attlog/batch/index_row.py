@@ -438,7 +438,7 @@ def _columns(result: Result) -> list[dict[str, Any]]:
     Each has title, metric, window, unit and row -> value, or the code of a missing value.
     """
     found = []
-    for heading in main_table(result).columns:
+    for heading in main_table(result, many=True).columns:
         if heading.metric in MEASURED_TIMES:
             continue
         cells = {r.name: r.metrics.get(heading.window, {}).get(heading.metric) for r in result.estimators}

@@ -87,14 +87,16 @@ def answers(result: Result, width: int, verbose: bool) -> Iterator[tuple[str, st
     """Return the answers with their labels; ``verbose``: whole, with notes and what was subtracted from the gyro."""
     from attlog.words.answers import QUESTIONS, answer_lines
     from attlog.words.flight import gyro_bias_text
+    from attlog.words.names import is_against_onboard
 
+    labels = QUESTIONS | ({"accuracy": "agreement"} if is_against_onboard(result) else {})
     if verbose:
         for verdict in result.verdicts:
-            yield QUESTIONS.get(verdict.question, verdict.question), typeset(verdict.sentence)
+            yield labels.get(verdict.question, verdict.question), typeset(verdict.sentence)
             yield from (("", typeset(note)) for note in verdict.notes)
         yield from (("gyro bias", typeset(sentence)) for sentence in gyro_bias_text(result))
     elif result.verdicts:
-        found = {QUESTIONS[q]: typeset(answer.within(width)) for q, answer in answer_lines(result).items()}
+        found = {labels[q]: typeset(answer.within(width)) for q, answer in answer_lines(result).items()}
         yield from merge_missing(found)
 
 

@@ -74,7 +74,7 @@ def analysis_rows(results: Sequence[Result], window: str = "all") -> tuple[list[
 
     The log column is omitted for one log. Cells: value, half of its 95 % interval, ``*`` best, ``~`` not ranked.
     """
-    tables = [(result, main_table(result, window)) for result in results]
+    tables = [(result, main_table(result, window, many=True)) for result in results]
     titles = list(dict.fromkeys(_column_title(c) for _, table in tables for c in table.columns))
     rows = []
     for result, table in tables:

@@ -24,7 +24,7 @@ from attlog.metrics.statistics import (
 )
 from attlog.metrics.windows import covered_seconds, why_no_errors, why_no_heading
 from attlog.reference import scoring, sigma_deg
-from attlog.reference.model import Track
+from attlog.reference.model import SMOOTHER, Track
 from attlog.segments import model
 
 Array = NDArray[np.float64]
@@ -44,7 +44,8 @@ _EVIDENCE = """Interval: what the next flight of that length would show, from th
     (errors wander on every scale: more seconds do not average them out). Against a smoother it holds 2 sigma of the
     smoother's own error. The white noise of a truth by --truth is taken out of RMS errors."""
 _RANKED = """Rows are compared by the mean squares of their common blocks of 5 s (at least 4). Rows that gravity does
-    not correct are not ranked: their error grows with the flight."""
+    not correct are not ranked: their error grows with the flight. No row is ranked against an onboard attitude where
+    the smoother, which could have confirmed it, was refused."""
 _RANKED_HEADING = """Rows are compared by the mean squares of their common blocks of 15 s (at least 3), and only against
     truth or smoother: against the onboard attitude 13 to 30 % of significant pairs turned around in the remainder."""
 # Names of the errors in sentences.
@@ -90,7 +91,7 @@ def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str,
         statistic = metric.name.split("_")[1]
         value, ci95 = size.of(statistic)
         alone = why_unranked(case, row, angle, ci95, duration)
-        why = alone or _among_others(case, row, angle) or _too_few(units, angle)
+        why = alone or _among_others(case, row, angle) or _too_few(units, angle) or _unproven(case)
         answer = answers[metric.name] = Answer(
             value,
             "deg",
@@ -242,6 +243,13 @@ def _too_few(units: UnitValues, angle: str) -> str | None:
     needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
     have = f"{len(units.ids)} whole block{'' if len(units.ids) == 1 else 's'} of {BLOCK_S[angle]:.0f} s"
     return f"too short to rank: {have}; {needed:.0f} s are needed"
+
+
+def _unproven(case: Case) -> str | None:
+    """Return why no error against an onboard attitude without a smoother is ranked, else None."""
+    if case.reference.kind != "onboard" or SMOOTHER not in case.reference.faults.refused:
+        return None
+    return "the onboard attitude is unproven, because the smoother was refused"
 
 
 COVERAGE_METRIC = Metric(

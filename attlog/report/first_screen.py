@@ -17,7 +17,7 @@ from attlog.report.figures.style import RowStyle
 from attlog.result import EstimatorRow, Result
 from attlog.words.answers import NO_ANSWER, AnswerLine, answer_lines
 from attlog.words.events import ShownEvent, shown_events
-from attlog.words.names import CODES
+from attlog.words.names import AGREEMENT_TITLE, CODES, is_against_onboard
 from attlog.words.numbers import MINUS, SIGNED, duration, interval, moment, number, quantity
 from attlog.words.ranking import ColumnRanking, RankedValue, is_baseline, reason_unranked
 
@@ -185,8 +185,7 @@ def compare_filters(result: Result, look: Mapping[str, RowStyle]) -> FourQuestio
 
 def accuracy_title(result: Result) -> str:
     """Return the title of the first question: against the onboard attitude it is agreement."""
-    onboard = result.reference is not None and result.reference.choice == "onboard"
-    return "Agreement with onboard" if onboard else TITLES["accuracy"][0]
+    return AGREEMENT_TITLE if is_against_onboard(result) else TITLES["accuracy"][0]
 
 
 def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:

@@ -12,7 +12,14 @@ from dataclasses import dataclass, replace
 
 from attlog.health.gravity import is_usable_gravity
 from attlog.result import Check, EstimatorRow, Result, Verdict
-from attlog.words.names import NOT_JUDGED, against_heading, against_whom, name_in_sentence, row_names
+from attlog.words.names import (
+    NOT_JUDGED,
+    against_heading,
+    against_whom,
+    is_against_onboard,
+    name_in_sentence,
+    row_names,
+)
 from attlog.words.numbers import below, between, counted, duration, listed, moment, quantity
 from attlog.words.ranking import (
     AIR,
@@ -183,8 +190,7 @@ def _lag(result: Result) -> AnswerLine:
     moved = [j for j in lag.ranked if j.significant and abs(j.value) > j.answer.counts_as_zero_below][::-1]
     rest = [j for j in lag.ranked if j not in moved]
     steps = counted(max(j.answer.n for j in lag.ranked), "step")
-    onboard = result.reference is not None and result.reference.choice == "onboard"
-    if onboard and not rest and all(j.value < 0.0 for j in moved):
+    if is_against_onboard(result) and not rest and all(j.value < 0.0 for j in moved):
         least, most = (quantity(-j.value, "ms", signed=False) for j in (moved[-1], moved[0]))
         text = f"{_who(moved, lag)} {between(least, most)} ahead of onboard"
     else:

@@ -134,6 +134,15 @@ def heading_warning(result: Result, reference: str) -> str:
     return f"in doubt: {doubt}" if doubt else "agreement, not truth"
 
 
+# Title of errors against the onboard attitude.
+AGREEMENT_TITLE = "Agreement with onboard"
+
+
+def is_against_onboard(result: Result) -> bool:
+    """Return whether errors are against the onboard attitude: agreement, no accuracy."""
+    return result.reference is not None and result.reference.choice == "onboard"
+
+
 def against_whom(result: Result, *, sigma: bool = False) -> str:
     """Return the reference, with a warning if it is no truth.
 

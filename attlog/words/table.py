@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 from attlog.result import Answer, EstimatorRow, Result
-from attlog.words.names import CODES, heading_reference_short
+from attlog.words.names import AGREEMENT_TITLE, CODES, heading_reference_short, is_against_onboard
 from attlog.words.numbers import SIGNED, bracketed, half_width, number, unit_sign
 from attlog.words.ranking import (
     AIR,
@@ -63,6 +63,8 @@ ERROR_COLUMNS = (
     TableColumn("Tilt error RMS", "tilt_rmse_deg", AIR, short="Tilt"),
     TableColumn("Heading error RMS", "heading_rmse_deg", AIR, spare=2, short="Heading"),
 )
+# Titles of the errors against the onboard attitude.
+AGREEMENT_TITLES = {"tilt_rmse_deg": AGREEMENT_TITLE, "heading_rmse_deg": "Heading against onboard"}
 STEP_COLUMNS = (
     TableColumn("Lag", "lag_ms", AIR, short="Lag"),
     TableColumn("Step error", "step_error_deg.0.5s", AIR, spare=1),
@@ -95,7 +97,7 @@ def table_columns(result: Result) -> list[TableColumn]:
     ]
     reference = quoted_heading_reference(result)
     title = f"Air drift by {heading_reference_short(reference)}"
-    air = TableColumn(title, f"{DRIFT_AIR}.{reference}", AIR, spare=2, short="Drift")
+    air = TableColumn(title, f"{DRIFT_AIR}.{reference}", AIR, spare=3, short="Drift")
     return [*ERROR_COLUMNS, *noise, *STEP_COLUMNS, DRIFT_REST_COLUMN, air, COST_COLUMN]
 
 
@@ -185,15 +187,17 @@ class FilterTable:
         return any(small.startswith("of ") for _, cells in self.rows for c in cells for small in c.small)
 
 
-def main_table(result: Result, window: str = "all") -> FilterTable:
+def main_table(result: Result, window: str = "all", *, many: bool = False) -> FilterTable:
     """Return the comparison of all rows: every column with a value.
 
-    With ``window`` other than ``all`` only that window is used.
+    With ``window`` other than ``all`` only that window is used. ``many``: titles for logs with different references.
     """
     chosen = table_columns(result)
     if window != "all":
         chosen = [dataclasses.replace(c, windows=(window,)) for c in chosen if c.metric != NOISE]
         chosen.insert(len(ERROR_COLUMNS), TableColumn("Noise", NOISE, (window,), short="Noise"))
+    if is_against_onboard(result) and not many:
+        chosen = [dataclasses.replace(c, title=AGREEMENT_TITLES.get(c.metric, c.title)) for c in chosen]
     return fill_table(result, chosen)
 
 

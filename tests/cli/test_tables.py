@@ -16,7 +16,7 @@ from attlog.words.names import row_names
 from attlog.words.table import main_table
 from tests.golden import check_golden
 from tests.health.made import MADE, SILENT
-from tests.report.conftest import make_result
+from tests.report.conftest import make_result, unconfirmed_onboard
 
 GOLDEN = Path(__file__).with_name("golden")
 
@@ -141,3 +141,14 @@ def test_a_table_aligns_its_columns_and_wraps_the_last() -> None:
         "  long name  12.25  x",
     ]
     assert list(table([])) == []
+
+
+def test_the_terminal_names_agreement_and_no_best_against_an_unproven_onboard_attitude() -> None:
+    result = unconfirmed_onboard()
+    found = texts(result_lines(result, "all", 160))
+    assert any(line.startswith("agreement Not ranked (the onboard attitude is unproven): tilt ") for line in found)
+    values = {cells[0].text for _, cells in main_table(result).rows if cells[0].unranked}
+    shown = [line for line in found if any(f" {value} " in line or f" {value}~" in line for value in values)]
+    assert len(shown) >= len(values) > 1
+    assert not any(f" {value}*" in line for line in shown for value in values)
+    assert not any(line.startswith("accuracy") for line in found)

@@ -249,3 +249,25 @@ def test_it_is_drawn_in_deg_per_s_at_its_own_times_with_the_onboard_row_only():
     for k, axis in enumerate("xyz"):
         np.testing.assert_allclose(trace.columns[axis], x[:, k] * 180.0 / np.pi)
     assert onboard_bias(case, other) == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "refused", "ranked"),
+    [("onboard", {"smoother": "off gravity"}, False), ("onboard", {}, True), ("truth", {"smoother": "x"}, True)],
+)
+def test_no_tilt_is_best_against_an_onboard_attitude_that_nothing_confirms(kind, refused, ranked):
+    """The reference is off by 1.3 deg as one row is: that row agrees with it, the right one does not."""
+    wrong = np.radians(1.3)
+    rolls = {"right": 0.0, "wrong_alike": wrong + np.radians(0.3) * np.sin(T)}
+    rows = [flights.row(T, rotation.from_euler(roll + 0 * T, 0 * T, 0.7), name=name) for name, roll in rolls.items()]
+    case = flights.case(rows, SEGMENTS, (T[::5], rotation.from_euler(wrong + 0 * T[::5], 0 * T[::5], 0.7)), kind, 15.0)
+    case.reference.faults.refused = refused
+    table = {row.name: {"all": flights.ask(accuracy.METRIC_GROUPS, case, row, "all")} for row in rows}
+    found = ranking.rank(table, rows, {m.name: m for group in accuracy.METRIC_GROUPS for m in group.metrics})
+    for marks in (found.best, found.ranked):
+        assert ("tilt_rmse_deg" in marks.get("all", {})) is ranked
+    assert (
+        (found.best["all"]["tilt_rmse_deg"] == ["wrong_alike"])
+        if ranked
+        else table["right"]["all"]["tilt_rmse_deg"].reason
+    )

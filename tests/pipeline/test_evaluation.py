@@ -163,7 +163,7 @@ def test_analyze_is_both_halves(alone: Result) -> None:
             m: a.value for m, a in answers(whole, "mahony")[window].items() if not m.startswith("cost")
         }
     assert whole.config == halves.config
-    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "metrics", "checks"]
+    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "metrics", "checks", "signals"]
 
 
 def test_the_result_tells_which_time_is_scored(case: Case, alone: Result) -> None:

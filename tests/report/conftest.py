@@ -291,6 +291,20 @@ def _is_compared(row: EstimatorRow, metric: str, window: str) -> bool:
     return row.kind == "replay" and row.name != "gyro" and found is not None and found.value is not None
 
 
+def unconfirmed_onboard() -> Result:
+    """A result against an onboard attitude that nothing confirms: no tilt is ranked."""
+    result = make_result()
+    assert result.reference is not None
+    result.reference.choice = "onboard"
+    for window, metrics in result.ranked.items():
+        for marks in (metrics, result.best.get(window, {}), result.worst.get(window, {})):
+            marks.pop("tilt_rmse_deg", None)
+    for answer in (w["tilt_rmse_deg"] for r in result.estimators for w in r.metrics.values() if "tilt_rmse_deg" in w):
+        answer.ranked, answer.reason = False, answer.reason or "the onboard attitude is unproven"
+    result.verdicts = verdicts(result)
+    return result
+
+
 def make_result(names: tuple[str, ...] = NAMES, with_traces: bool = True) -> Result:
     """A whole result with verdicts."""
     rows = [onboard(), *(row(name, i) for i, name in enumerate(names))]

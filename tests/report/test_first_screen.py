@@ -23,7 +23,7 @@ from attlog.report.first_screen import (
 from attlog.result import Result, Trace
 from attlog.story.flight_events import Event
 from tests.golden import check_golden
-from tests.report.conftest import SECONDS, answer, make_result
+from tests.report.conftest import SECONDS, answer, make_result, unconfirmed_onboard
 
 
 def test_decades_are_equally_wide_on_a_scale_of_sizes() -> None:
@@ -192,3 +192,12 @@ def test_against_the_onboard_attitude_accuracy_is_called_agreement() -> None:
     for choice, title in (("onboard", "Agreement with onboard"), ("truth", "Accuracy")):
         result.reference.choice = choice
         assert compare_filters(result, row_styles(result)).questions[0].title == title
+
+
+def test_the_card_names_no_best_against_an_unproven_onboard_attitude() -> None:
+    result = unconfirmed_onboard()
+    card = compare_filters(result, row_styles(result)).questions[0]
+    assert card.title == "Agreement with onboard"
+    assert card.sentence.startswith("Not ranked (the onboard attitude is unproven): tilt ")
+    assert any(dot.pale for dot in card.dots)
+    assert not any(dot.best for dot in card.dots)

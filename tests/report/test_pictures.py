@@ -92,7 +92,8 @@ def test_dots_stand_at_the_answers_with_their_intervals(album: Album, drawn: dic
 def test_the_comparison_shows_the_answers_of_the_four_questions(album: Album, drawn: dict[str, Any]) -> None:
     layout, rows = drawn["comparison"]["layout"], {row.name: row for row in album.source.result.estimators}
     titles = [note["text"] for note in layout["annotations"] if note["text"].startswith("<b>")]
-    assert titles == ["<b>Accuracy</b>", "<b>Static noise</b>", "<b>Step response</b>", "<b>Yaw drift</b>"]
+    asked = ["Agreement with onboard", "Static noise", "Step response", "Yaw drift"]
+    assert titles == [f"<b>{title}</b>" for title in asked]
     for number, window, metric in (("", "airborne", "tilt_rmse_deg"), ("3", "airborne", "lag_ms")):
         dots = {t["meta"]: t for t in drawn["comparison"]["data"] if t["xaxis"] == f"x{number}"}
         answers = {i: rows[name].metrics[window][metric] for i, name in enumerate(album.source.styles)}

@@ -12,7 +12,7 @@ from attlog.result import Result
 from attlog.words.names import CODES as WORDS
 from attlog.words.table import FilterTable, axis_table, main_table, window_tables
 from tests.golden import check_golden
-from tests.report.conftest import answer, make_result
+from tests.report.conftest import answer, make_result, unconfirmed_onboard
 
 GOLDEN = Path(__file__).parent / "golden" / "tables.txt"
 TILT, NOISE = "tilt_rmse_deg", "noise_tilt_deg"
@@ -71,3 +71,14 @@ def test_tables_are_as_reviewed() -> None:
 def test_every_code_has_a_word_and_a_short_one() -> None:
     assert set(WORDS) == set(CODES)
     assert max(len(brief) for _, brief in WORDS.values()) <= 9
+
+
+def test_the_table_names_agreement_and_no_best_against_an_unproven_onboard_attitude() -> None:
+    table = main_table(unconfirmed_onboard())
+    assert [c.title for c in table.columns][:2] == ["Agreement with onboard", "Heading against onboard"]
+    assert not any(cells[0].best for _, cells in table.rows)
+    assert any(cells[0].unranked for _, cells in table.rows)
+    known = make_result()
+    assert known.reference is not None
+    known.reference.choice = "truth"
+    assert main_table(known).columns[0].title == "Tilt error RMS"
