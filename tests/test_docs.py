@@ -65,6 +65,7 @@ ELSEWHERE = {
     "make demo": "changes the installation; .ci/run installs and calls make",
     "make check": "changes the installation; .ci/run installs and calls make",
     "make test": "changes the installation; .ci/run installs and calls make",
+    "make example": "changes the repository; a test compares the versions",
     "make fuzz": "ten minutes; tests/fuzz runs some seconds of it",
     "python3 -m venv": "changes the installation; tests/test_package.py installs the wheel",
     "venv/bin/pip install": "changes the installation; tests/test_package.py installs the wheel",
