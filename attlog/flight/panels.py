@@ -132,8 +132,8 @@ def panel_lines(log: FlightLog) -> list[PanelLine]:
 
 
 def _is_idle(line: PanelLine) -> bool:
-    """Return whether a free output or channel never moved, or a current is not measured (a constant)."""
-    least = {"outputs": MIN_MOVED_US, "channels": MIN_MOVED_US, "amperes": 1e-6}.get(line.panel, 0.0)
+    """Return whether an output, channel or command never moved, or a current is not measured (constant)."""
+    least = {"outputs": MIN_MOVED_US, "channels": MIN_MOVED_US, "commands": 1e-6, "amperes": 1e-6}.get(line.panel, 0.0)
     return float(np.nanmax(line.y) - np.nanmin(line.y)) < least
 
 

@@ -20,7 +20,7 @@ from attlog.flight.timestamps import isolated_timestamps, record_clock
 from attlog.formats.table import Field, Messages, Table
 
 # Columns that are the clock of their records.
-CLOCK_COLUMNS = frozenset({"TimeUS", "TimeMS", "timestamp", "_t_us", "time_boot_ms"})
+CLOCK_COLUMNS = frozenset({"TimeUS", "TimeMS", "timestamp", "timestamp_sample", "_t_us", "time_boot_ms", "time_usec"})
 # Messages that define the format or carry parameters and files.
 NO_SIGNALS = frozenset({"FMT", "FMTU", "UNIT", "MULT", "PARM", "FILE", "PARAM_VALUE", "FILE_TRANSFER_PROTOCOL"})
 # Longest array of bytes, and of other numbers, whose elements are signals: PX4 lists 40 satellites and 72 directions of
@@ -40,7 +40,10 @@ UNIT_WORDS = {
 }
 # Units of PX4's fields by the end of their name (its coding style), the longer ending first.
 UNIT_ENDINGS = {
+    "gyro_rad": "rad/s",
+    "_per_ms": "",
     "_rad_s": "rad/s",
+    "_m_s_s": "m/s^2",
     "_m_s2": "m/s^2",
     "_m_s": "m/s",
     "_mah": "mAh",

@@ -260,6 +260,7 @@ def without_replay(
             data = partial(flight_data, log, phases.spans("airborne"))
             drawn += guarded_part(log, "Figures", data, list[Trace])
     described = describe(log, phases)  # before the findings, which include its errors
+    parameters = guarded_part(log, "Parameters", partial(parameter_histories, log), list)
     others = [] if case is None else contradiction(case.reference)
     found = findings(log, checks, others, events=happened)
     happened = with_sensor_events(happened, checks, phases)
@@ -275,7 +276,7 @@ def without_replay(
         traces=drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         gyro_bias=[] if case is None else list(case.gyro_bias.values()),
-        parameters=guarded_part(log, "Parameters", partial(parameter_histories, log), list),
+        parameters=parameters,
         timing=stage.seconds,
     )
 
@@ -390,8 +391,9 @@ def analyze(
 
 def with_signals(result: Result, log: FlightLog, config: Config) -> Result:
     """Return the result with the samples of the signals that its page can draw."""
-    begin = time.perf_counter()
+    begin, known = time.perf_counter(), len(log.problems)
     result.traces += guarded_part(log, "Signals", partial(signal_traces, log, config.signals), list[Trace])
+    result.findings += [problem_finding(problem) for problem in log.problems[known:]]
     result.timing["signals"] = time.perf_counter() - begin
     return result
 

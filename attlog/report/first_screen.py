@@ -320,7 +320,7 @@ GRADES = {"bad": 2, "warn": 1}
 class StripMark:
     """Event at ``x`` % with style, sentence, label and level of the label.
 
-    ``left``: the label ends at ``x``.
+    ``left``: the label ends at ``x``. ``event``: the event, whose figure the mark links to.
     """
 
     t: float
@@ -330,6 +330,7 @@ class StripMark:
     label: str = ""
     level: int = 0
     left: bool = False
+    event: ShownEvent | None = None
 
 
 @dataclass(slots=True)
@@ -363,7 +364,7 @@ def flight_strip(result: Result) -> FlightStrip:
         (place(a), place(b), fitting_name(str(name), place(b) - place(a))) for a, b, name in line.get("modes") or []
     ]
     curve, top, highest = height_curve(result, start, end)
-    marks = [StripMark(e.t, place(e.t), e.style, e.text, e.label) for e in marked_events(shown_events(result))]
+    marks = [StripMark(e.t, place(e.t), e.style, e.text, e.label, event=e) for e in marked_events(shown_events(result))]
     peak = clear_of_marks(min(max(place(highest), 3.0), 97.0), [mark.x for mark in marks])
     place_labels(marks, peak if top else None)
     words = f"{duration(end - start)} of log" + (f", up to {top}" if top else "")

@@ -16,6 +16,7 @@ from attlog.report.figures import catalogue, flight_data
 from attlog.report.figures.behind import FIGURES_OF, FIGURES_OF_WORD, figure_behind
 from attlog.report.page import render
 from attlog.result import Finding, Trace
+from attlog.story.flight_events import Event
 from attlog.words.events import EVENT_LABELS
 from tests.report.conftest import make_result
 
@@ -87,3 +88,12 @@ def test_a_link_draws_the_figure_at_its_time_with_the_span_shaded(visit: Any, tm
     spans = page.page.evaluate("() => document.getElementById('battery')._fullLayout.shapes.map((s) => [s.x0, s.x1])")
     assert [60, 80] in spans
     assert page.complaints == []
+
+
+def test_a_mark_of_the_strip_leads_to_the_figure_of_its_event() -> None:
+    result = made()
+    result.headline = "Flew 55 to 190 s."
+    result.events.append(Event("battery", 61.5, "serious", "The battery failed."))
+    mark = re.search(r'<a href="#([\w-]+)" data-t="61.500" class="bad"', render(result, bundle()))
+    assert mark is not None
+    assert mark[1] == "fig-battery"

@@ -151,7 +151,7 @@ def test_what_is_thinned_names_the_command_that_has_all(page):
     choose(page.page, "curr", "BAT[0].Curr")
     note = page.page.inner_text("#signal-notes")
     assert "1 in 40 samples" in note
-    assert note.endswith("attlog extract flight.bin BAT[0]")
+    assert note.endswith("attlog extract 'flight.bin' 'BAT[0]'")
 
 
 def test_the_ninth_is_refused_with_a_reason_and_what_is_not_packed_is_named(page):

@@ -53,7 +53,7 @@ WORDS: tuple[tuple[str, str], ...] = (
     ("gravity vibration", "accelerometer accel accels"),
     ("rates", "gyro gyros"),
     ("heights", "barometer baro altitude height terrain rangefinder"),
-    ("motors", "motor motors esc thrust"),
+    ("motors", "motor motors esc thrust kill termination"),
     ("track", "fence geofence home"),
     ("load", "link connection logging logger cpu"),
 )

@@ -123,7 +123,10 @@ FIGURES = (
     DataFigure("load", "Load of processor, logger and radio", ("load", "loop", "slow_loops", "dropouts", "link")),
     DataFigure("temperature", "Temperature", ("temperature",)),
 )
-RANGE_TEXT = "0 % is the least output in flight, 100 % the greatest; a stopped motor lies below 0 %."
+RANGE_TEXT = (
+    "0 % and 100 % are the ends of the range that the parameters give a motor in flight; a stopped motor lies at 0 % "
+    "or below."
+)
 REVERSE_TEXT = "Below 0 % a motor turns in reverse; 100 % is its greatest output."
 # What a line is, by its label.
 LABEL_TEXTS = {

@@ -31,7 +31,8 @@ function draw(id) {
 }
 
 function zoom(to) {
-  range = to[1] - to[0] > 1e-4 ? [Math.max(to[0], full[0]), Math.min(to[1], full[1])] : full;
+  const cut = [Math.max(to[0], full[0]), Math.min(to[1], full[1])];
+  range = cut[1] - cut[0] > 1e-4 ? cut : full;
   redraw(inTime);
 }
 

@@ -5,7 +5,7 @@ const cursors = {};
 
 // the values at a time, with their panel; the nearest line comes first and is drawn thick
 function readout(id, e) {
-  const points = e.points.filter((p) => p.data.say !== undefined), axes = Object.keys($(id)._fullLayout).filter((k) => /^yaxis\d*$/.test(k));
+  const points = e.points.filter((p) => p.data.say !== undefined), axes = Object.keys($(id)._fullLayout).filter((k) => /^yaxis\d*$/.test(k) && !$(id)._fullLayout[k].overlaying);
   if (!points.length) return;
   const x = points[0].x, digits = Math.abs(x) < 10 ? 2 : Math.abs(x) < 1000 ? 1 : 0;
   const pointer = e.event && Number.isFinite(e.event.clientY) ? e.event.clientY - $(id).getBoundingClientRect().top : null;

@@ -43,7 +43,8 @@ let signals = null, drawnSignals = [];
 
 function picker() {
   const place = $('picker');
-  if (!place || !D.picker) { if (place) place.hidden = true; return; }
+  if (!place || !D.picker) return;
+  place.hidden = false;
   place.addEventListener('toggle', () => { if (place.open) loaded().then(() => { if (drawnSignals.length) draw('signals'); }); });
   $('signal-search').addEventListener('input', listed);
   if (place.open) loaded();
@@ -68,7 +69,10 @@ function listed() {
     const item = document.createElement('li'), label = document.createElement('label'), box = document.createElement('input'), name = document.createElement('span'), unit = document.createElement('span');
     box.type = 'checkbox';
     box.checked = drawnSignals.some((d) => d.signal === s);
-    box.addEventListener('change', () => { if (box.checked) addSignal(s); else removeSignal(s); });
+    box.addEventListener('change', () => {
+      if (box.checked) addSignal(s); else removeSignal(s);
+      $('signal-list').querySelectorAll('input')[shown.indexOf(s)].focus(); // the list may be new
+    });
     name.textContent = s.name;
     unit.textContent = s.unit;
     unit.className = 'mu';
@@ -175,7 +179,7 @@ function chips() {
   const log = $('picker').dataset.log, texts = new Map();
   for (const { signal: { message: m } } of drawnSignals) {
     const n = times(m.t).length, each = m.records / n;
-    texts.set(m.name, each > 1.01 ? m.name + ': drawn from 1 in ' + (each < 9.95 ? each.toFixed(1) : Math.round(each)) + ' samples, the smallest and largest of each ' + Math.round(2 * each) + '; all of them: attlog extract ' + log + ' ' + m.name : m.name + ': all ' + m.records.toLocaleString('en') + ' records');
+    texts.set(m.name, each > 1.01 ? m.name + ': drawn from 1 in ' + (each < 9.95 ? each.toFixed(1) : Math.round(each)) + ' samples, the smallest and largest of each ' + Math.round(2 * each) + "; all of them: attlog extract '" + log + "' '" + m.name + "'" : m.name + ': all ' + m.records.toLocaleString('en') + ' records');
   }
   $('signal-notes').replaceChildren(...[...texts.values()].map((text) => { const item = document.createElement('li'); item.textContent = text; return item; }));
 }

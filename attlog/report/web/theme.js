@@ -34,4 +34,3 @@ const short = (text, n) => (text.length > n ? text.slice(0, n - 1) + '…' : tex
 const name = (r) => safe(short(D.rows[r].name, 60)); // a figure has no room for more, and plotly none to measure it
 
 const minus = (text) => text.replace(/^-(?=[0.]+$)/, '').replace(/-/g, '\u2212');
-const clock = (s) => minus(s.toFixed(1)) + ' s';
