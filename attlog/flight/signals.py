@@ -11,13 +11,12 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog import formats
 from attlog.core.errors import UsageError
 from attlog.core.timestamps import Stamps, plausible_records
 from attlog.flight import limits
 from attlog.flight.model import Array, FlightLog
 from attlog.flight.timestamps import isolated_timestamps, record_clock
-from attlog.formats.table import Field, Messages, Table
+from attlog.formats.table import Field, Table
 
 # Columns that are the clock of their records.
 CLOCK_COLUMNS = frozenset({"TimeUS", "TimeMS", "timestamp", "timestamp_sample", "_t_us", "time_boot_ms", "time_usec"})
@@ -81,8 +80,9 @@ class Signals:
     """Numeric fields of a log, by name."""
 
     def __init__(self, log: FlightLog) -> None:
-        self.log = log
-        self.messages: Messages = log.messages or formats.open(log.path).boot(log.boot)
+        if log.messages is None:
+            raise UsageError(f"{log.path}: the messages of this log are no longer held; read it again")
+        self.log, self.messages = log, log.messages
         self._clocks: dict[tuple[str, int], tuple[Array, NDArray[np.int64]]] = {}
 
     @cached_property

@@ -65,7 +65,7 @@ def _rejected(test: InnovationTest, row: Track, kind: str) -> Array:
 def explain_rejection(trials: Trials, check: Check, checks: Sequence[Check]) -> list[str]:
     """Return sentences on the gate or noise that accepts the rejected samples, and on the filter without compass."""
     case, log, name = trials.case, trials.case.log, trials.estimator.name
-    test = next((test for test in log.estimator.innovation_tests if test.source == check.sensor), None)
+    test = next((x for x in log.estimator.innovation_tests if check.sensor == f"EKF {x.aid}"), None)
     if test is None:
         return []
     use = case.segments.mask(test.t, "airborne") & np.isfinite(test.ratio)
