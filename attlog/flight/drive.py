@@ -179,10 +179,10 @@ KELVIN, HUNDREDTHS = 200.0, 1000.0
 def esc_telemetry(t: Array, x: Array, name: str, motor: int | None = None) -> Esc | None:
     """Return a controller by rpm, A and temperature (n, 3) at ``t`` (n,) s, None if it never turned.
 
-    A column of zeros is not measured.
+    A column of zeros is not measured. The speed of a reversed motor counts by its size.
     """
     good = np.isfinite(t) & np.isfinite(x[:, 0]) & (np.diff(t, prepend=-np.inf) > 0)
-    t, x = t[good], np.abs(x[good])
+    t, x = t[good], x[good]
     if len(t) < 2 or not x[:, 0].any():
         return None
     current, temperature = (column if column.any() else np.full(len(t), np.nan) for column in x[:, 1:].T)
@@ -191,7 +191,7 @@ def esc_telemetry(t: Array, x: Array, name: str, motor: int | None = None) -> Es
         temperature = 0.01 * temperature
     elif usual > KELVIN:
         temperature = temperature - 273.15
-    return Esc(name, t, x[:, 0], current, temperature, motor)
+    return Esc(name, t, np.abs(x[:, 0]), current, temperature, motor)
 
 
 @dataclass

@@ -87,12 +87,12 @@ def esc_checks(case: HealthCase) -> list[Check]:
         check = Check("esc_load", "warning", text, round(float(excess[hot]), 1), "K", LIMITS["esc_load"])
         check.cause, check.action = HOT_CAUSE, LOAD_ACTION
     else:
-        words = (
-            [f"current at equal speed within {100.0 * np.expm1(apart[k]):.0f} %"] if np.isfinite(loads).any() else []
-        )
+        apart_percent, by_load = 100.0 * float(np.expm1(apart[k])), bool(np.isfinite(loads).any())
+        words = [f"current at equal speed within {apart_percent:.0f} %"] if by_load else []
         words += [f"the hottest {excess[hot]:.0f} K above the others"] if np.isfinite(excess).any() else []
         text = f"The ESCs agree: {', '.join(words)}."
-        check = Check("esc_load", "ok", text, round(100.0 * float(np.expm1(apart[k])), 1), "%", LIMITS["esc_load"])
+        value, unit = (apart_percent, "%") if by_load else (float(excess[hot]), "K")
+        check = Check("esc_load", "ok", text, round(value, 1), unit, LIMITS["esc_load"])
     check.source, check.n = SOURCE, len(escs)
     return [check]
 

@@ -365,7 +365,8 @@ def stopped_motor(
     """Return the first motor that stood still although driven, None without one.
 
     A speed of 0 alone may be telemetry: the current, the controller's response or a loss of control must confirm it.
-    A motor whose output is off stands rightly; a controller without known motor may be that motor's.
+    A motor whose output is off stands rightly; a controller without known motor may be that motor's. A vehicle of four
+    motors or fewer does not fly on without one.
     """
     for stop in motor_stops(escs, [(a, min(b, loss)) for a, b in spans if a < loss]):
         motor = matched[stop.esc]
@@ -380,7 +381,10 @@ def stopped_motor(
                 continue
             level = 100.0 * float(np.mean(now))
             responds = len(before) > 0 and float(np.max(now) - np.median(before)) >= MIN_RISE
-        if not (stop.without_current or responds or loss - stop.t <= STOP_TO_LOSS_S):
+        loses_control = loss - stop.t <= STOP_TO_LOSS_S
+        if not (stop.without_current or responds or loses_control):
+            continue
+        if outputs.motors <= 4 and stop.t_end - stop.t > STOP_TO_LOSS_S and not loses_control:  # it flew on
             continue
         name = "A motor" if motor is None else outputs.title(motor).capitalize()
         driven = "" if motor is None else f" at {level:.0f} % output"
@@ -389,7 +393,7 @@ def stopped_motor(
         confirmed = (
             (stop.without_current, "no current"),
             (responds, "its output rose"),
-            (loss - stop.t <= STOP_TO_LOSS_S, f"loss of control at {loss:.1f} s"),
+            (loses_control, f"loss of control at {loss:.1f} s"),
         )
         evidence = [f"{escs[stop.esc].name} and " + ", ".join(word for holds, word in confirmed if holds)]
         number, where = (None, "") if motor is None else (motor + 1, outputs.position(motor))

@@ -75,7 +75,7 @@ def _differences(x: Array) -> Array:
 
 
 def motor_stops(escs: Sequence[Esc], spans: Sequence[Span]) -> list[Stop]:
-    """Return the first stop of each motor in ``spans`` that turned before, while the others turn, in time order."""
+    """Return the stops in ``spans`` of motors that turned before, while the others turn, in time order."""
     found = []
     for k, esc in enumerate(escs):
         others = [other for other in escs if other is not esc]
@@ -91,7 +91,6 @@ def motor_stops(escs: Sequence[Esc], spans: Sequence[Span]) -> list[Stop]:
             t0, t1 = float(esc.t[a]), float(esc.t[b - 1])
             level = float(np.median(median[a:b]))
             found.append(Stop(k, t0, t1, level, _without_current(esc, others, t0, t1)))
-            break
     return sorted(found, key=lambda stop: stop.t)
 
 

@@ -230,6 +230,13 @@ def test_speed_controllers_carry_the_motor_that_px4_logs() -> None:
     assert first.temperature[0] == pytest.approx(26.85)
 
 
+def test_a_reversed_motor_in_the_cold_has_a_speed_and_keeps_its_other_signs() -> None:
+    x = np.tile([-5000.0, -0.2, -7.0], (20, 1))
+    esc = drive.esc_telemetry(0.1 * np.arange(20), x, "ESC[0]")
+    assert esc is not None
+    assert (esc.rpm[0], esc.current[0], esc.temperature[0]) == (5000.0, -0.2, -7.0)
+
+
 def test_ardupilots_speed_controllers_have_no_motor_and_a_standing_one_is_none() -> None:
     columns = {"TimeUS": fake.micros(20, 10.0)} | {c: np.full(20, x) for c, x in {"Curr": 3.0, "Temp": 31.0}.items()}
     tables = {("ESC", k): columns | {"RPM": np.full(20, rpm)} for k, rpm in enumerate((4000.0, 0.0, 4100.0))}

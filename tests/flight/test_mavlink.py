@@ -552,6 +552,7 @@ QUAD = {
         (3, QUAD | {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0}, True, (0.0, 1.0, 0.5, -0.1875)),
         (3, QUAD, False, (0.15, 0.95, 0.55, 0.0)),  # a list of parameters sent in part: RC3 is another scale
         (12, {"SYS_AUTOSTART": 4001.0, "PWM_MIN": 1150.0, "PWM_MAX": 1950.0}, True, (0.0, 1.0, 0.5, -0.1875)),
+        (12, {"SYS_AUTOSTART": 4001.0, "BAT1_N_CELLS": 4.0}, False, (0.15, 0.95, 0.55, 0.0)),
     ],
 )
 def test_motor_outputs_of_telemetry_run_from_floor_to_ceiling(

@@ -91,6 +91,26 @@ def test_a_speed_of_zero_counts_where_the_current_confirms_it(current: bool, mot
     assert all(fault.t == pytest.approx(12.0, abs=0.11) and "no current" in fault.evidence[0] for fault in found)
 
 
+def hovering(*stops: tuple[float, float]) -> list[float]:
+    """Begins of the stops that are found where the first controller reports no speed and current in ``stops``."""
+    log, spans, outputs = flight(Fall(lost=0.0, wanted_deg=20.0, seconds=20.0))
+    rng = np.random.default_rng(2)
+    outputs.x = np.clip(0.5 + 0.1 * np.cumsum(rng.normal(0.0, 0.1, outputs.x.shape), axis=0), 0.2, 0.8)
+    log.power.escs = controllers(outputs)
+    for k, (t0, t1) in enumerate(stops):
+        stopped(log.power.escs[0], t0, t1, current=k == len(stops) - 1)
+    return [fault.t for fault in faults((log, spans, outputs)) if fault.kind == "motor_no_thrust"]
+
+
+def test_a_quad_that_flies_on_for_seconds_has_a_motor_and_no_telemetry_of_it() -> None:
+    assert hovering((8.0, 10.0)) == [pytest.approx(8.0, abs=0.11)]
+    assert hovering((8.0, 15.0)) == []
+
+
+def test_a_dropout_of_telemetry_does_not_hide_the_stop_after_it() -> None:
+    assert hovering((6.0, 7.0), (12.0, 13.0)) == [pytest.approx(12.0, abs=0.11)]
+
+
 @pytest.mark.parametrize(
     ("factor", "hotter", "verdict"), [(1.3, 15.0, "ok"), (1.6, 0.0, "warning"), (1.0, 25.0, "warning")]
 )
@@ -103,6 +123,15 @@ def test_a_controller_unlike_the_others_is_a_note(factor: float, hotter: float, 
     (found,) = esc_checks(HealthCase(log, spans))
     assert found.verdict == verdict
     assert log.power.escs[0].temperature[0] == pytest.approx(26.85)
+
+
+def test_a_controller_that_measures_no_current_is_valued_by_its_temperature() -> None:
+    log, spans, _ = flight(Fall(lost=0.0, wanted_deg=20.0, seconds=20.0))
+    for esc in log.power.escs:
+        esc.current[:] = np.nan
+    log.power.escs[3].temperature[:] += 15.0
+    (found,) = esc_checks(HealthCase(log, spans))
+    assert (found.verdict, found.value, found.unit) == ("ok", 15.0, "K")
 
 
 def test_without_three_controllers_or_measurements_there_is_no_question() -> None:

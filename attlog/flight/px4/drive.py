@@ -36,6 +36,8 @@ FIRST_FUNCTION = 101
 MAIN, AUX = "PWM_MAIN", "PWM_AUX"
 GROUPS = (MAIN, AUX, "UAVCAN_EC", "HIL_ACT")
 MAX_OUTPUTS, MAX_ESCS = 16, 12
+# Parameters of which every vehicle has one: up to 1.11, in 1.12, and from 1.13 on.
+LIMIT_NAMES = ("PWM_MIN", "PWM_MAIN_MIN", "PWM_MAIN_MIN1", "PWM_MAIN_FUNC1")
 # Limits of the pulses without parameters.
 USUAL_PULSE_US = (1000.0, 2000.0)
 # Largest normalised output, and largest pulse in us; CAN numbers reach 8191.
@@ -82,6 +84,7 @@ def telemetry_outputs(builder: LogBuilder, values: Mapping[str, float], table: T
         return None
     x = columns(table, *names)
     low, high, known = output_limits(x, values, MAIN, numbers)
+    known &= any(name in values for name in LIMIT_NAMES)  # else the list of parameters is sent in part
     stream = builder.quiet().stream(builder.stamps(table), pulse_share(x, low, high, 0.0, 1.0), "1", SERVO_OUTPUTS)
     geometry = px4_geometry(values, count)
     return None if stream is None else MotorOutputs(stream.t, stream.x, stream.source, names, known, geometry)
