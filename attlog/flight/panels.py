@@ -18,6 +18,7 @@ from attlog.core.limits import READ_BYTES
 from attlog.flight.drive import MotorOutputs
 from attlog.flight.model import FIX_3D, Array, FlightLog, Stream, guarded_part
 from attlog.flight.signals import Signals
+from attlog.flight.vehicle import VehicleKind
 
 
 class Row(NamedTuple):
@@ -254,7 +255,7 @@ def _of_signals(log: FlightLog) -> Iterator[PanelLine]:
             continue
         for row in rows:
             label, signal = _by_stick(log, row) if panel == "stick_pulses" else (row.label, row.signal)
-            for name, place in _expanded(signals, panel, label, signal):
+            for name, place in _expanded(signals, panel, label, signal) if label else ():
                 if name and not taken & set(place):
                     yield from _line(signals, panel, name, place, row.factor)
         if many:
@@ -269,11 +270,15 @@ def _places_of(signals: Signals, source: str, names: list[str]) -> list[str]:
 
 
 def _by_stick(log: FlightLog, row: Row) -> tuple[str, str | tuple[str, ...]]:
-    """Return label and signal of a stick on the channel that RCMAP gives it."""
+    """Return label and signal of a stick on the channel that RCMAP gives it; no label for one that is not read."""
     assert isinstance(row.signal, str)
     usual = {"roll": 1.0, "pitch": 2.0, "throttle": 3.0, "yaw": 4.0}
-    channel = log.param(f"RCMAP_{row.label.upper()}") or usual[row.label]
-    return row.label, row.signal.replace("#", str(int(channel)))
+    channel, label = log.param(f"RCMAP_{row.label.upper()}") or usual[row.label], row.label
+    if log.kind is VehicleKind.SUB:  # reads no RCMAP
+        channel = {"roll": 2.0, "pitch": 1.0}.get(label, usual[label])
+    elif log.kind in (VehicleKind.ROVER, VehicleKind.BOAT):
+        label = {"roll": "steering", "pitch": "", "yaw": "lateral"}.get(label, label)
+    return label, row.signal.replace("#", str(int(channel)))
 
 
 def _expanded(

@@ -327,6 +327,7 @@ ACTIONS_BY_ABOUT = {
     ("failsafe", "gnss"): "Give the GNSS antenna a free view of the sky, and check its cable.",
     ("failsafe", "terrain"): "Load terrain data for the route, and check the rangefinder.",
     ("failsafe", "kill switch"): "Check who or what used the kill switch, and its channel.",
+    ("radio_lost", "pilot input"): "Check the radio or joystick and its link at that time.",
     ("gnss_lost", "fix"): "Give the GNSS antenna a free view of the sky, away from cameras, radios and power wires.",
     ("gnss_lost", "messages"): "Check cable, power and baud rate of the GNSS receiver.",
 }

@@ -256,13 +256,15 @@ def _height_signs(kind: VehicleKind, grid: Grid, levels: list[HeightLevel]) -> t
 
 
 def _winged_flight(kind: VehicleKind, grid: Grid, levels: list[HeightLevel], driven: Mask, may: Mask) -> Mask:
-    """Mark times in which wings carry; none for others, nor while disarmed (``may`` not), as on a car."""
+    """Mark times in which wings carry; none for others, nor in a ride without any arming (``may``), as on a car."""
     if not kind.winged:
         return np.zeros(len(grid.t), bool)
     hint, sure, _ = _height_signs(kind, grid, levels)
     fast = np.nan_to_num(grid.speed) > MIN_AIR_SPEED_M_S
     moves = np.nan_to_num(grid.dynamics, nan=-9.0) > AIRBORNE_DYNAMICS
-    carried: Mask = may & (driven & sure & (fast | moves) | fast & hint & moves)
+    carried: Mask = grid.known & (driven & sure & (fast | moves) | fast & hint & moves)
+    for a, b in true_runs(carried):
+        carried[a:b] = may[a:b].any()
     return carried
 
 

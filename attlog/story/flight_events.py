@@ -80,8 +80,9 @@ class Event:
 
     ``evidence``: sensors with their values, flags, and the autopilot's texts. ``quote``: the autopilot's own words,
     empty without any. ``about``: rejected aid, cause of a failsafe, "fix" or "messages" of lost GNSS, "air" of an
-    impact above the ground. ``cause``: None where no evidence shows one. ``part``: what failed (motor, motor output,
-    thrust, propellers, control); ``motor``: its number from 1, ``position``: as "rear left".
+    impact above the ground, "pilot input" of a lost radio or joystick. ``cause``: None where no evidence shows one.
+    ``part``: what failed (motor, motor output, thrust, propellers, control); ``motor``: its number from 1,
+    ``position``: as "rear left".
     """
 
     kind: str

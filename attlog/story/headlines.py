@@ -378,7 +378,7 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
     words = {
         "clipping": f"Accelerometer clipped from {first.t:.0f} s",
         "vibration": f"Strong vibration ({format_significant(first.value or 0.0)} m/s²) from {first.t:.0f} s",
-        "radio_lost": f"No radio signal from {first.t:.0f} s",
+        "radio_lost": f"No {first.about or 'radio signal'} from {first.t:.0f} s",
         "failsafe": first.text.rstrip("."),
         "battery": first.text.rstrip("."),
         "realigned": _realigned([e for e in found if e.kind == "realigned"]),

@@ -16,6 +16,8 @@ from attlog.story.motor_faults import Motion
 
 # Shortest loss that counts: PX4 (COM_RC_LOSS_T) and ArduPilot report one after 0.5 s and more.
 MIN_LOST_S = 0.5
+# Flags of PX4 that cover joysticks too; a log with a receiver leads with input_rc.
+JOYSTICK_SOURCES = ("failsafe_flags", "vehicle_status")
 # Stick that is full, as share of its travel, how long, and until when before the crash it begins.
 FULL_STICK, HELD_S, BEFORE_S = 0.9, 0.2, 3.0
 # Rotation towards the stick between its begin and the crash, and its least share of roll and pitch together.
@@ -40,10 +42,13 @@ def radio_events(log: FlightLog, segments: Segments) -> list[Event]:
     for t0, t1 in lost_spans(log):
         if not inside(np.array([t0]), segments.spans("armed") or flown).any():
             continue
-        text = f"No radio signal from {t0:.1f} s for {t1 - t0:.1f} s."
-        severity: EventSeverity = "warning" if any(a < t1 and t0 < b for a, b in flown) else "note"
         source = log.pilot.signal.source if log.pilot.signal is not None else ""
-        found.append(Event("radio_lost", t0, severity, text, t1, round(t1 - t0, 1), "s", [source]))
+        joystick = source.startswith(JOYSTICK_SOURCES)
+        lost = "No pilot input (radio or joystick)" if joystick else "No radio signal"
+        text = f"{lost} from {t0:.1f} s for {t1 - t0:.1f} s."
+        severity: EventSeverity = "warning" if any(a < t1 and t0 < b for a, b in flown) else "note"
+        about = "pilot input" if joystick else ""
+        found.append(Event("radio_lost", t0, severity, text, t1, round(t1 - t0, 1), "s", [source], about=about))
     return found
 
 

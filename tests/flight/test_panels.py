@@ -86,6 +86,19 @@ def test_sticks_are_on_the_channels_that_rcmap_gives_them() -> None:
     assert found["stick_pulses", "yaw"].y[0] == 1040.0
 
 
+@pytest.mark.parametrize(
+    ("software", "wanted"),
+    [
+        (40.0, {"pitch": 1010.0, "roll": 1020.0, "throttle": 1030.0, "yaw": 1040.0}),
+        (20.0, {"steering": 1010.0, "throttle": 1030.0, "lateral": 1040.0}),
+    ],
+)
+def test_a_submarine_and_a_rover_read_channels_of_their_own(software: float, wanted: dict[str, float]) -> None:
+    channels = {f"C{k}": 1000.0 + 10 * k + RAMP for k in range(1, 5)}
+    found = lines(dataflash({("RCIN", 0): channels}, RCMAP_PITCH=2.0, SYSID_SW_TYPE=software))
+    assert {label: line.y[0] for (panel, label), line in found.items() if panel == "stick_pulses"} == wanted
+
+
 def test_every_battery_is_a_line_and_a_missing_one_is_none() -> None:
     tables = {("BAT", k): {"Volt": 12.0 + k + RAMP, "Curr": 0.0 * RAMP, "CurrTot": 0.0 * RAMP} for k in (0, 1)}
     found = lines(dataflash(tables))

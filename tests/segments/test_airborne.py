@@ -264,6 +264,22 @@ def test_what_leans_in_a_hand_at_the_height_of_its_stand_does_not_fly():
 @pytest.mark.parametrize(("armed", "flies"), [(True, True), (False, False), (None, False)])
 def test_a_plane_on_a_car_does_not_fly(armed, flies):
     """After a motor test, at 15 m/s over a hill: armed it glides; disarmed, or never driven there, it rides."""
+    log = over_a_hill()
+    log.state.armed = None if armed is None else TimeLine(np.array([0.0]), [armed], "ARM")
+    assert bool(found_in(log).spans) is flies
+
+
+def test_a_glide_does_not_end_where_it_is_disarmed_in_the_air():
+    log = over_a_hill()
+    ends = []
+    for armed in ([True, True], [True, False]):
+        log.state.armed = TimeLine(np.array([0.0, 20.0]), armed, "ARM")
+        ends.append(found_in(log).spans[-1][1])
+    assert ends[1] == pytest.approx(ends[0], abs=0.2)
+    assert ends[1] > 30.0
+
+
+def over_a_hill():
     log = carried(0.05, throttle=0.0)
     t = np.arange(0.0, 40.0, 0.1)
     log.vehicle = "fixed wing"
@@ -272,8 +288,7 @@ def test_a_plane_on_a_car_does_not_fly(armed, flies):
     none = np.full(len(t), np.nan)
     log.gnss = [Gnss(0, t, "GPS", none, none, none, moving, none, none, none, np.full(len(t), 3))]
     log.power.throttle = Stream(t, np.where(t < 1.0, 0.4, 0.0)[:, None], "1", "", "CTUN.ThO")
-    log.state.armed = None if armed is None else TimeLine(np.array([0.0]), [armed], "ARM")
-    assert bool(found_in(log).spans) is flies
+    return log
 
 
 def test_movement_without_an_attitude_or_a_height_proves_no_flight():

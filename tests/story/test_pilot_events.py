@@ -15,6 +15,7 @@ from attlog.flight.mavlink import RADIO_RECEIVER
 from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.flight.px4 import sensors
 from attlog.flight.px4.imu import TopicBuilder
+from attlog.health.findings import event_signs
 from attlog.segments.model import Segments
 from attlog.story.flight_events import Event
 from tests.conftest import SAMPLES
@@ -94,6 +95,7 @@ def test_px4_loses_the_radio_where_receiver_or_autopilot_reports_it() -> None:
     line = sensors.radio_signal(TopicBuilder(made, t0_us=START))
     assert line is not None
     assert [bool(line.at(0.1 * k + 0.01)) for k in range(4)] == [True, False, False, True]
+    assert line.value == [True, False, True]  # one loss, though two topics report parts of it
 
 
 def test_telemetrys_bit_is_that_of_the_receiver() -> None:
@@ -169,11 +171,11 @@ def test_stick_that_did_not_command_the_flip_is_no_cause(
     assert crash.cause is None or crash.cause.kind != "full_stick"
 
 
-def lost_radio(*spans: tuple[float, float]) -> list[Event]:
+def lost_radio(*spans: tuple[float, float], source: str = "RCI2.Flags") -> list[Event]:
     log, made = turning((0.0, 0.0), 10.0, 14.0)
     made.crash_events = []
     times = [0.0, *(t for span in spans for t in span)]
-    log.pilot.signal = TimeLine(np.array(times), [k % 2 == 0 for k in range(len(times))], "RCI2.Flags")
+    log.pilot.signal = TimeLine(np.array(times), [k % 2 == 0 for k in range(len(times))], source)
     log.texts = [(6.4, 4, "Radio Failsafe - RTL")]
     log.seconds = 15.0
     return story.events(log, made)
@@ -186,6 +188,20 @@ def test_a_lost_radio_is_the_cause_of_its_failsafe() -> None:
     (failsafe,) = [e for e in events if e.kind == "failsafe"]
     assert failsafe.cause is not None
     assert (failsafe.cause.kind, failsafe.cause.evidence) == ("radio_lost", "no signal for 1.4 s")
+
+
+@pytest.mark.parametrize(
+    ("source", "joystick"),
+    [
+        ("failsafe_flags.manual_control_signal_lost", True),
+        ("input_rc.rc_lost and failsafe_flags.manual_control_signal_lost", False),
+    ],
+)
+def test_a_log_without_a_receiver_may_have_lost_its_joystick(source: str, joystick: bool) -> None:
+    (lost,) = [e for e in lost_radio((5.0, 8.0), source=source) if e.kind == "radio_lost"]
+    assert ("joystick" in lost.text) is joystick
+    (sign,) = [s for s in event_signs([lost], [], turning((0.0, 0.0), 10.0, 14.0)[0]) if s.kind == "failsafe"]
+    assert ("joystick" in sign.action) is joystick
 
 
 @pytest.mark.parametrize("spans", [(), ((5.0, 5.3),), ((0.0, 15.0),)], ids=["received", "short", "never received"])

@@ -352,6 +352,8 @@ EVENTS: dict[int, EventMeaning] = {
 
 # Usual channels of the sticks, and usual ends and middle of a pulse in us.
 STICK_CHANNELS = (("RCMAP_ROLL", 1), ("RCMAP_PITCH", 2), ("RCMAP_YAW", 4))
+# Those of ArduSub, which reads no RCMAP.
+SUB_CHANNELS = (2, 1, 4)
 USUAL_PULSES_US = (1100.0, 1500.0, 1900.0)
 # RCI2.Flags since 4.5: the receiver's input is valid.
 VALID_INPUT = 1
@@ -380,9 +382,13 @@ def stick_share(pulse: Array, values: Mapping[str, float], channel: int) -> Arra
 
 
 def stick_stream(builder: DataflashBuilder) -> Stream | None:
-    """Return roll, pitch (nose up) and yaw sticks (n, 3), from RCIN."""
+    """Return roll, pitch (nose up) and yaw sticks (n, 3), from RCIN; a rover has none."""
+    if builder.family == "rover":
+        return None
     table = builder.sampled("RCIN")
     channels = [int(builder.values.get(name) or usual) for name, usual in STICK_CHANNELS]
+    if builder.family == "sub":
+        channels = list(SUB_CHANNELS)
     names = None if table is None else channel_columns(table, channels)
     if table is None or names is None:
         return None

@@ -431,4 +431,5 @@ def radio_signal(builder: TopicBuilder) -> TimeLine | None:
         return found[0] if found else None
     times = np.unique(np.concatenate([line.t for line in found]))
     received = [all(bool(line.at(t)) for line in found) for t in times.tolist()]
-    return TimeLine(times, received, " and ".join(line.source for line in found))
+    new = [k for k, on in enumerate(received) if k == 0 or on != received[k - 1]]
+    return TimeLine(times[new], [received[k] for k in new], " and ".join(line.source for line in found))
