@@ -18,7 +18,7 @@ from attlog.core.machine import versions
 from attlog.estimators.filters.smoother import OWN_HEADING
 from attlog.estimators.rerun import INNOVATION
 from attlog.flight.model import FlightLog, Problem, guarded_part
-from attlog.flight.parameters import parameter_histories
+from attlog.flight.parameters import ParameterHistory, parameter_histories
 from attlog.health import (
     Check,
     Finding,
@@ -260,7 +260,7 @@ def without_replay(
             data = partial(flight_data, log, phases.spans("airborne"))
             drawn += guarded_part(log, "Figures", data, list[Trace])
     described = describe(log, phases)  # before the findings, which include its errors
-    parameters = guarded_part(log, "Parameters", partial(parameter_histories, log), list)
+    parameters = guarded_part(log, "Parameters", partial(parameter_histories, log), list[ParameterHistory])
     others = [] if case is None else contradiction(case.reference)
     found = findings(log, checks, others, events=happened)
     happened = with_sensor_events(happened, checks, phases)
