@@ -106,6 +106,8 @@ def _gathered(rows: Iterable[tuple[str, int, Any]]) -> Columns:
 
 
 def _array(values: list[Any]) -> Any:
+    if all(isinstance(v, int) for v in values) and max(values) > np.iinfo(np.int64).max:
+        return np.array(values, np.uint64)  # beside small ones numpy makes floats of them, which round
     if all(isinstance(v, int | float) for v in values) or np.ndim(values[0]):
         return np.array(values)
     texts = np.empty(len(values), object)
