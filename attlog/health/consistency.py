@@ -24,7 +24,7 @@ from attlog.story.flight_events import Event
 # accuracy of GNSS, at least 2 m.
 BARO_M, CLIMB_SHARE, ACCURACIES, MIN_ACCURACY_M = 10.0, 0.1, 3.0, 2.0
 # Limit in these sums: the largest change of a log, log-normal on 41 real ones without a broken sensor (median 0.24,
-# deviation of the logarithm 0.77), is below it on 99 %; each of them is below the limit that the others give.
+# deviation of the logarithm 0.77), is below it on 98 %; each of them is below the limit that the others give.
 MAX_EXPECTED = 1.25
 # Maximum time from a fix to a record of the barometer: across longer pauses its height is unknown.
 MAX_BARO_DISTANCE_S = 2.0
