@@ -14,7 +14,10 @@ from typing import Any
 
 import pytest
 from _pytest.mark import ParameterSet
+from hypothesis import HealthCheck, settings
 
+settings.register_profile("shared", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("shared")  # machines that others use are slow now and then
 os.environ["ATTLOG_RAISE"] = "1"  # what the last barrier of attlog/barrier.py catches is a fault in tests
 ROOT = Path(__file__).resolve().parent.parent
 SAMPLES = ROOT / "sample_logs"
