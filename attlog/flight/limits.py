@@ -66,7 +66,7 @@ SPEED = _symmetric(
 )
 PLACE_ACCURACY = Quantity("GNSS position accuracy", 0.0, 1e5, "m", "worse is no position")
 SPEED_ACCURACY = Quantity("GNSS speed accuracy", 0.0, 1e4, "m/s", "worse is no speed")
-SATELLITES = Quantity("satellites", 0.0, 100.0, "", "no receiver uses more; 255 stands for unknown", minor=True)
+SATELLITES = Quantity("satellites", 0.0, 100.0, "", "no receiver uses more; 255 is unknown", minor=True)
 HDOP = Quantity("horizontal dilution of precision", 0.1, 50.0, "", "99.99 and more stand for unknown", minor=True)
 GNSS_YAW = _symmetric("GNSS heading", 2.0 * math.pi, "rad", "one turn")
 ESTIMATED_YAW = _symmetric("estimated heading", 2.0 * math.pi, "rad", "one turn")

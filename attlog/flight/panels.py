@@ -24,7 +24,7 @@ from attlog.flight.vehicle import VehicleKind
 class Row(NamedTuple):
     """Line of a panel: its label, the signal (several: length of the vector), and the factor to the panel's unit.
 
-    The first logged row of a label is drawn. ``{}`` in a signal stands for 0, 1, 2 ..., in the label for 1, 2, 3 ....
+    The first logged row of a label is drawn. ``{}`` becomes 0, 1, 2 ... in a signal, 1, 2, 3 ... in the label.
     The size of the factor counts where the log has no unit, its sign always.
     """
 
@@ -48,7 +48,7 @@ class PanelLine:
 
 @dataclass(frozen=True, slots=True)
 class PanelUnit:
-    """Unit of a panel, and the range outside which a number stands for a missing one."""
+    """Unit of a panel, and the range outside which a number means a missing value."""
 
     unit: str
     low: float = -np.inf

@@ -15,7 +15,7 @@ Selection = Literal["none", "standard", "all"]
 MAX_SAMPLES = 1_000_000
 # Messages of a modem, which has a number of its own.
 RADIO = ("RADIO", "RADIO_STATUS")
-# Messages that people look at, of all firmwares: what flies, what it is told, what it is fed.
+# Messages that people look at, of all firmwares: motion, set-points, supply.
 STANDARD = frozenset(
     """
     ACC AETR AHR2 ARSP ASPD ATT BARO BAR2 BAT BAT2 BCL CTUN CURR CUR2 DSF EDT2 EKF1 EKF3 EKF4 ESC ESCX FTN1 GPA GPS

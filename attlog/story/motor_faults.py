@@ -333,7 +333,7 @@ def with_speed(
 ) -> DriveFault:
     """Return a motor without thrust with what its controller measured: a standing motor or a turning one.
 
-    Where controllers are not matched the slowest one is its own if it stands, and no motor stands if it turns.
+    Where controllers are not matched the slowest one is its own if it stopped, and no motor stopped if it turns.
     """
     speeds = speeds_in(escs, fault.t + 0.5 * (fault.t_end - fault.t), fault.t_end + STOP_NEAR_S)
     if len(escs) < 3 or not np.isfinite(speeds).all():
@@ -343,8 +343,8 @@ def with_speed(
     if own is None:
         if len(escs) < outputs.motors:
             return fault
-        stands = speeds[least] < STOPPED_SHARE * np.median(np.delete(speeds, least))
-        own = least if stands else int(np.argmax(speeds))
+        stopped = speeds[least] < STOPPED_SHARE * np.median(np.delete(speeds, least))
+        own = least if stopped else int(np.argmax(speeds))
     others = float(np.median(np.delete(speeds, own)))
     drawn = currents_in(escs, fault.t, fault.t_end + STOP_NEAR_S)
     ampere = f", {drawn[own]:.1f} A" if np.isfinite(drawn[own]) else ""
@@ -365,7 +365,7 @@ def stopped_motor(
     """Return the first motor that stood still although driven, None without one.
 
     A speed of 0 alone may be telemetry: the current, the controller's response or a loss of control must confirm it.
-    A motor whose output is off stands rightly; a controller without known motor may be that motor's. A vehicle of four
+    A motor whose output is off has to stop; a controller without known motor may be that motor's. A vehicle of four
     motors or fewer does not fly on without one.
     """
     for stop in motor_stops(escs, [(a, min(b, loss)) for a, b in spans if a < loss]):

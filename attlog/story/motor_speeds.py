@@ -21,7 +21,7 @@ DELAYS_S = (0.0, 0.1, 0.2, 0.3, 0.4)
 # A match needs so many records in flight, this correlation of what differs between the motors, and this much more than
 # the second best as arctanh.
 MIN_MATCH_RECORDS, MIN_CORRELATION, MIN_AHEAD, MAX_CORRELATION = 50, 0.5, 0.2, 0.999
-# A motor stands below this share of the others' median speed, and turns above the second one.
+# A motor has stopped below this share of the others' median speed, and turns above the second one.
 STOPPED_SHARE, TURNING_SHARE = 0.05, 0.5
 # Least time and records of a stop.
 MIN_STOP_S, MIN_STOP_RECORDS = 0.5, 3

@@ -69,6 +69,9 @@ def test_elements_of_arrays_are_signals_and_px4_names_carry_units(tmp_path: Path
     tables: dict[tuple[str, int], Any] = {
         ("vehicle_attitude", 0): {"timestamp": T_US, "q": q},
         ("battery_status", 0): {"timestamp": T_US, "voltage_v": volt},
+        ("sensor_combined", 0): {"timestamp": T_US, "gyro_rad": np.ones((N, 3), np.float32)},
+        ("vehicle_gps_position", 0): {"timestamp": T_US, "noise_per_ms": np.ones(N, np.int32)},
+        ("actuator_motors", 0): {"timestamp": T_US, "timestamp_sample": T_US, "control": q},
     }
     path = tmp_path / "attitude.ulg"
     formats.write(path, Recording(tables))
@@ -77,6 +80,9 @@ def test_elements_of_arrays_are_signals_and_px4_names_carry_units(tmp_path: Path
     assert np.allclose(y, q[:, 2])
     assert (np.diff(t) > 0).all()
     assert signals.unit("battery_status.voltage_v") == "V"
+    assert signals.unit("sensor_combined.gyro_rad[0]") == "rad/s"  # a rate, by the message's definition
+    assert signals.unit("vehicle_gps_position.noise_per_ms") == ""  # a count of the receiver
+    assert not signals.has("actuator_motors.timestamp_sample")
     assert not signals.has("vehicle_attitude.q[4]")
 
 

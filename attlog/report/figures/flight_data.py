@@ -36,7 +36,7 @@ PALETTE = 8
 NUMBER = re.compile(r"\d+")
 # Panels whose values after a crash set no range.
 UPSET = {"height", "climb", "speed", "volts", *RATE_PANELS}
-# Samples that a stored one stands for, from which the caption says so.
+# Logged samples for each stored one from which the caption says so.
 LEAST_THINNED = 1.2
 # Share of the values that leave the figure at the top: an accuracy of kilometres before the first fix.
 BEFORE_FIX = 0.02
