@@ -16,6 +16,7 @@ from attlog.metrics.metric import Case
 from attlog.metrics.windows import detrended, within
 from attlog.reference import alignment
 from attlog.segments.heights import height_stream, highest_level
+from attlog.segments.model import Segments
 
 Array = NDArray[np.float64]
 
@@ -315,19 +316,19 @@ GROUND_S = 5.0
 MIN_GROUND_S = 0.5
 
 
-def height_trace(case: Case) -> list[Trace]:
+def height_trace(log: FlightLog, segments: Segments) -> list[Trace]:
     """Return the height above ground over the log.
 
     The height of the headline; without known ground that of the barometer, else of GNSS.
     """
-    air, flights = case.segments.air, case.segments.spans("airborne")
+    air, flights = segments.air, segments.spans("airborne")
     found = None if air is None or not flights else highest_level(air.levels, inside(air.grid.t, flights))
     if air is not None and found is not None:
         level, top = found
         known = np.isfinite(level.above)
         t, means = averaged(air.grid.t[known], level.above[known])
         return [Trace("height", "", t, {"height": means}, key=level.source, values={"top": top})]
-    stream = height_stream(case.log)
+    stream = height_stream(log)
     if stream is None or len(stream.t) < 2 or stream.t[-1] <= stream.t[0]:
         return []
     above = stream.x[:, 0] - ground(stream, flights)

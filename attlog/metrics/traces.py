@@ -318,7 +318,8 @@ class Drawing:
         """Return the traces of all rows together, sensors, set-point, height and flight data."""
         case = self.case
         data = flight_data(case.log, case.segments.spans("airborne"))
-        return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height_trace(case), *data]
+        height = height_trace(case.log, case.segments)
+        return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height, *data]
 
 
 def attitude(name: str, t: Array, q: Array, run: NDArray[np.int64], keep: int) -> list[Trace]:

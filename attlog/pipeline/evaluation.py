@@ -38,7 +38,7 @@ from attlog.health.findings import findings, first_serious, problem_finding
 from attlog.metrics.flight_data import flight_data
 from attlog.metrics.metric import Case, per_case
 from attlog.metrics.ranking import DuplicateSearch, Ranking
-from attlog.metrics.trace import Trace
+from attlog.metrics.trace import Trace, height_trace
 from attlog.pipeline import onboard_rerun, replay
 from attlog.pipeline.config import Config
 from attlog.pipeline.preparation import Stages, flight_of, prepared, reference_options, samples_of, with_next_reference
@@ -257,8 +257,9 @@ def without_replay(
     with stage("checks"):
         checks = checks_of(log, phases, case, drawn=drawn if case is None else None)
         if case is None and log.messages is not None:
+            height = guarded_part(log, "Height", partial(height_trace, log, phases), list[Trace])
             data = partial(flight_data, log, phases.spans("airborne"))
-            drawn += guarded_part(log, "Figures", data, list[Trace])
+            drawn += [*height, *guarded_part(log, "Figures", data, list[Trace])]
     described = describe(log, phases)  # before the findings, which include its errors
     parameters = guarded_part(log, "Parameters", partial(parameter_histories, log), list[ParameterHistory])
     others = [] if case is None else contradiction(case.reference)

@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from markupsafe import Markup
+
 from attlog.core.files import write_atomic
 from attlog.health.settings import param_file
 from attlog.report import shell
 from attlog.report.bundle import ArrayPacker, Bundle, bundle
-from attlog.report.figures.behind import figure_behind
+from attlog.report.figures.behind import figure_behind, view_named
 from attlog.report.figures.catalogue import UNTITLED, sections
 from attlog.report.figures.figure import FigureSource, PageFigure
 from attlog.report.figures.signals import picker
@@ -44,7 +46,7 @@ from attlog.words.names import duplicate_rows_text
 from attlog.words.numbers import counted, duration, moment, number, quantity, unit_sign
 from attlog.words.parameters import parameter_counts, parameter_lines
 from attlog.words.table import axis_table, main_table, window_tables
-from attlog.words.text import plain_value, typeset, with_fixed_units
+from attlog.words.text import clean, plain_value, typeset, with_fixed_units
 
 # Functions available in the template.
 FILTERS: dict[str, Callable[..., Any]] = {
@@ -146,10 +148,20 @@ Behind = Callable[[Any], "Place | None"]
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Place on the page that shows a finding, event or check: link and title."""
+    """Place on the page that shows a finding, event or check: link and title.
+
+    ``view``: number of the figure's view that the link chooses, None where the figure stays as it is.
+    """
 
     href: str
     title: str
+    view: int | None = None
+
+    @property
+    def attributes(self) -> Markup:
+        """Attributes of its link."""
+        chosen = "" if self.view is None else Markup(' data-view="{}"').format(self.view)
+        return Markup(' title="{}"').format(clean(self.title)) + chosen
 
 
 def places_behind(figures: Mapping[str, Sequence[PageFigure]], others: Collection[str] = ()) -> Behind:
@@ -158,12 +170,14 @@ def places_behind(figures: Mapping[str, Sequence[PageFigure]], others: Collectio
     ``others``: ids of places that are no figures.
     """
     titles = {figure.id: figure.title for part in figures.values() for figure in part}
+    views = {figure.id: figure.views for part in figures.values() for figure in part}
 
     def behind(shown: ShownFinding | ShownEvent | ShownCheck) -> Place | None:
         kind, about = (shown.id, shown.id) if isinstance(shown, ShownCheck) else (shown.kind, shown.about)
         name = figure_behind(kind, about, shown.text, shown.t is not None, titles.keys() | set(others))
         if name in titles:
-            return Place(f"#fig-{name}", titles[name] or UNTITLED)
+            sensor = shown.sensor if isinstance(shown, ShownCheck) else ""
+            return Place(f"#fig-{name}", titles[name] or UNTITLED, view_named(views[name], sensor, shown.text))
         return Place(f"#{name}", name.capitalize()) if name else None
 
     return behind

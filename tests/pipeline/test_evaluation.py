@@ -166,6 +166,16 @@ def test_analyze_is_both_halves(alone: Result) -> None:
     assert list(whole.timing) == ["read", "segments", "reference", "estimators", "metrics", "checks", "signals"]
 
 
+@pytest.mark.parametrize("name", ["log_tradheli_brownout.log", "cases/copter_4.2_radio_4hz.tlog"])
+def test_a_log_that_cannot_be_replayed_has_the_height_of_its_headline(corpus: Path, name: str) -> None:
+    result = attlog.analyze(corpus / "logs" / name)
+    (height,) = [trace for trace in result.traces if trace.figure == "height"]
+    assert f"up to {height.values['top']:.0f} m" in result.headline
+    flown = [(a, b) for a, b in result.log["timeline"]["airborne"]]
+    inside = np.any([(height.t >= a) & (height.t <= b) for a, b in flown], axis=0)
+    assert np.nanmax(height.columns["height"][inside]) == pytest.approx(height.values["top"], rel=0.1)
+
+
 def test_the_result_tells_which_time_is_scored(case: Case, alone: Result) -> None:
     def scored(result: Result) -> tuple[float, float | None]:
         assert result.reference is not None

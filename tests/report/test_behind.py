@@ -13,7 +13,7 @@ from attlog.health.registry import CHECKS
 from attlog.report import write_report
 from attlog.report.bundle import bundle
 from attlog.report.figures import catalogue, flight_data
-from attlog.report.figures.behind import FIGURES_OF, FIGURES_OF_WORD, figure_behind
+from attlog.report.figures.behind import FIGURES_OF, FIGURES_OF_WORD, figure_behind, view_named
 from attlog.report.page import render
 from attlog.result import Finding, Trace
 from attlog.story.flight_events import Event
@@ -44,6 +44,8 @@ def test_figures_that_are_named_can_be_drawn() -> None:
         ("supply", "battery", "The battery is weak.", "battery"),
         ("compass", "heading_by_gnss", "The onboard heading is 24° off.", "headings"),
         ("compass", "compass_offset", "MAG is off by 12 uT.", "compass"),
+        ("gyro_bias", "imu_instances", "IMU2 and IMU differ by 1.8°/s.", "bias"),
+        ("accelerometer", "imu_instances", "IMU2 and IMU differ by 0.8 m/s².", "gravity"),
         ("failsafe", "", "Battery failsafe at 23.7 s.", "battery"),
         ("failsafe", "", "Radio failsafe at 5.0 s.", "sticks"),
         ("cut_at_end", "", "The last record is cut.", ""),
@@ -56,6 +58,20 @@ def test_a_finding_is_shown_by_the_figure_of_its_subject(kind: str, about: str, 
 def test_a_figure_that_is_not_drawn_is_not_linked() -> None:
     assert figure_behind("motor", "motor_thrust", "No thrust.", False, {"attitude"}) == ""
     assert figure_behind("motor", "motor_thrust", "No thrust.", True, {"attitude"}) == "attitude"
+
+
+@pytest.mark.parametrize(
+    ("sensor", "text", "view"),
+    [
+        ("MAG2", "MAG reads 62 µT.", 1),
+        ("", "MAG2 is off by 12 µT, MAG by 3 µT.", 1),
+        ("", "COMPASS_MAG, MAG2.x and MAG:0 name no compass.", None),
+        ("GPS", "The heading is 24° off.", None),
+    ],
+)
+def test_a_link_chooses_the_view_of_the_sensor_that_it_is_about(sensor: str, text: str, view: int | None) -> None:
+    assert view_named(["MAG", "MAG2"], sensor, text) == view
+    assert view_named(["MAG"], sensor, text) is None
 
 
 def made() -> Any:
@@ -97,3 +113,20 @@ def test_a_mark_of_the_strip_leads_to_the_figure_of_its_event() -> None:
     mark = re.search(r'<a href="#([\w-]+)" data-t="61.500" class="bad"', render(result, bundle()))
     assert mark is not None
     assert mark[1] == "fig-battery"
+
+
+def test_a_finding_of_the_second_compass_draws_the_second_compass(visit: Any, tmp_path: Path) -> None:
+    result = make_result()
+    fields = {f"{part}{axis}": 20.0 + np.sin(T) for part in ("", "expected_") for axis in "xyz"}
+    result.traces += [Trace("compass", "", T, dict(fields), name) for name in ("MAG", "MAG2")]
+    off = Finding("compass", "warning", "MAG2 reads 62 µT from 60.0 s.", t=60.0, t_end=80.0, about="field")
+    result.findings.append(off)
+    path = tmp_path / "report.html"
+    write_report(result, path)
+    page = visit(path)
+    page.page.click('#findings a[href="#fig-compass"]')
+    page.page.wait_for_selector("#compass[data-ready]")
+    assert page.page.inner_text("select[data-figure=compass] option:checked") == "MAG2"
+    drawn = page.page.evaluate("() => document.getElementById('compass').data.map((t) => t.own.quantity)")
+    assert any(str(name).startswith("MAG2 ") for name in drawn)
+    assert page.complaints == []

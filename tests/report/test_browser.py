@@ -395,6 +395,22 @@ def test_a_read_out_names_its_panel_and_the_nearest_line_is_thick(visit, report)
 
 
 @pytest.mark.slow
+def test_figures_over_time_show_the_flight_modes_below_in_the_colours_of_the_strip(visit, report):
+    page = visit(report)
+    bands = """(id) => document.getElementById(id)._fullLayout.shapes
+        .filter((s) => s.ysizemode === 'pixel' && s.y0 < 0).map((s) => [s.x0, s.x1, s.fillcolor])"""
+    below = page.page.evaluate(bands, "attitude")
+    assert [[75, 150], [150, 200]] == [span[:2] for span in below][1:]
+    bar = "() => document.getElementById('strip').data.find((t) => t.name === 'mode').marker.color"
+    assert [colour for *_, colour in below] == page.page.evaluate(bar)
+    assert page.page.evaluate(bands, "strip") == []
+    area = page.page.locator("#attitude .nsewdrag").nth(1)
+    area.scroll_into_view_if_needed()
+    area.hover()
+    page.page.wait_for_function("() => document.getElementById('attitude-read').textContent.includes('(LOITER): ')")
+
+
+@pytest.mark.slow
 def test_a_figure_is_reached_by_tab_and_read_and_zoomed_by_keys(visit, report):
     page = visit(report)
     keys, whole = page.page.keyboard, page.range("attitude")
@@ -413,7 +429,7 @@ def test_a_figure_is_reached_by_tab_and_read_and_zoomed_by_keys(visit, report):
     assert page.range("attitude") == pytest.approx(whole)
     keys.press("Shift+ArrowRight")
     said = page.page.locator("#attitude-read").inner_text()
-    assert said.startswith("102.0 s: roll")
+    assert said.startswith("102.0 s (LOITER): roll")
     assert all(panel in said for panel in ("pitch", "heading"))
     page.page.focus("#spectrum")
     before = page.range("spectrum")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 # Figures, the best first, and the checks, angles and kinds of findings and events that they show. Ids are those of the
 # catalogue; ``parameters`` is the table.
@@ -59,6 +59,8 @@ WORDS: tuple[tuple[str, str], ...] = (
 )
 # What the time alone shows.
 TIMED = ("attitude", "heights", "strip")
+# Checks that compare any two sensors: what is wrong with which stands in the kind of the finding.
+OF_ANY_SENSOR = ("imu_instances",)
 FIGURES_OF = {name: figures.split() for figures, names in SHOWS for name in names.split()}
 FIGURES_OF_WORD = {word: figures.split() for figures, words in WORDS for word in words.split()}
 
@@ -69,8 +71,19 @@ def figure_behind(kind: str, about: str, text: str, timed: bool, present: Collec
     ``about``: the check or angle; ``text``: its sentence; ``present``: ids on the page. What has a time (``timed``) is
     shown by the attitude at least.
     """
-    wanted = list(FIGURES_OF.get(about, ()))
+    wanted = list(FIGURES_OF.get(kind if about in OF_ANY_SENSOR else about, ()))
     if kind in REPORTED:
         wanted += [name for word in re.findall(r"\w+", text.lower()) for name in FIGURES_OF_WORD.get(word, ())]
     wanted += [*FIGURES_OF.get(kind, ()), *(TIMED if timed else ())]
     return next((name for name in wanted if name in present), "")
+
+
+def view_named(views: Sequence[str], sensor: str, text: str) -> int | None:
+    """Return the number of the view of a sensor, else of the first sensor in a text; None if it names none."""
+    if len(views) < 2:
+        return None
+    if sensor in views:
+        return views.index(sensor)
+    places = {i: re.search(rf"(?<![\w.:]){re.escape(name)}(?![\w:]|\.\w)", text) for i, name in enumerate(views)}
+    found = {match.start(): i for i, match in places.items() if match}
+    return found[min(found)] if found else None

@@ -45,7 +45,7 @@ function redraw(which) {
 // hidden rows vanish from every figure; those not drawn yet know it when they are
 function toggled() {
   // who asks for a filter wants to see it, in figures with a focus too
-  for (const id of ids()) if (!picked[id] && (D.figures[id].views || []).some((v) => v.focus)) { picked[id] = 1; document.querySelector('select[data-figure=' + id + ']').value = '1'; }
+  for (const id of ids()) if (!picked[id] && (D.figures[id].views || []).some((v) => v.focus)) chosen(id, 1);
   document.querySelectorAll('.lg input').forEach((box) => { const r = +box.dataset.row; if (box.checked) hidden.delete(r); else hidden.add(r); });
   busy = true;
   for (const id of ids()) if (!waiting.has(id)) draw(id);
@@ -69,11 +69,17 @@ function legend() {
   addEventListener('resize', below);
 }
 
+// the view of a figure, and its select element
+function chosen(id, view) {
+  picked[id] = view;
+  document.querySelector('select[data-figure=' + id + ']').value = view;
+}
+
 function selectors() {
   document.querySelectorAll('select[data-figure]').forEach((select) => {
     const id = select.dataset.figure;
     select.parentNode.hidden = false;
-    select.addEventListener('change', () => { picked[id] = +select.value; if (!waiting.has(id)) draw(id); });
+    select.addEventListener('change', () => { chosen(id, +select.value); if (!waiting.has(id)) draw(id); });
   });
   document.querySelectorAll('select[data-band]').forEach((select) => {
     const id = select.dataset.band;
@@ -157,6 +163,11 @@ function jumps() {
     if (!link) return;
     const place = document.getElementById(link.hash.slice(1));
     if (place && place.tagName === 'DETAILS') place.open = true;
+    if (link.dataset.view !== undefined) {
+      const id = link.hash.slice(5);
+      chosen(id, +link.dataset.view);
+      if (!waiting.has(id)) draw(id);
+    }
     if (link.dataset.t === undefined) return;
     const t = +link.dataset.t, end = Math.max(+(link.dataset.end || t), t), around = Math.max(5, (full[1] - full[0]) / 60, 0.5 * (end - t));
     pointed = [t, end];

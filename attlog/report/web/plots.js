@@ -4,7 +4,10 @@ let fits = 1; // share of their height that figures keep on a page that sums up
 const summed = () => printing && root.dataset.print !== 'all' && document.querySelector('.summary');
 const width = (id) => (printing ? (summed() ? PRINT_WIDTH / 2 - 8 : PRINT_WIDTH) : Math.max(260, $(id).clientWidth));
 const narrow = (id) => width(id) < 520;
-const tall = (id) => Math.round(+$(id).dataset.height * (summed() ? 0.44 * fits : printing ? 0.55 : 1));
+const tall = (id) => Math.round(+$(id).dataset.height * (summed() ? 0.44 * fits : printing ? 0.55 : 1)) + (moded(D.figures[id]) ? MODE_PX : 0);
+// height of the flight modes below a figure over time
+const MODE_PX = 14;
+const moded = (f) => f.timed && f.phases && D.marks.modes.length > 0;
 // rows that the legend hides, and of a figure with a focus all others
 const hidden = new Set();
 let focus = null;
@@ -58,6 +61,7 @@ function plotted(id, f, range) {
   p.traces.push(...p.traces.flatMap((t) => arrows(t, L)));
   for (const t of p.traces) if (t.own.edge) t.y = t.y.map(() => L.yaxis.range[0] + t.own.edge * (L.yaxis.range[1] - L.yaxis.range[0]));
   if (f.phases) phases(L, f.phases === 'named');
+  if (moded(f)) modes(L);
   if (f.alarms) for (const [t] of D.marks.texts.filter((m) => m[1] === 2 && m[0] >= range[0] && m[0] <= range[1]).slice(0, 60)) L.shapes.push(bar(t, css('--bad'), 'dash'));
   if (f.labels === 'head') headed(id, p, f.phases === 'named');
   if (f.labels === 'end') ended(id, p);
@@ -188,6 +192,19 @@ function phases(L, named) {
   label(M.rest, 'rest', least);
   label(M.airborne, 'in the air', 1.6 * least);
   for (const [a] of M.impact) if (seen(a, a)) L.annotations.push(note(a, 'impact', { font: { size: 12, color: css('--bad') } }));
+}
+
+// flight modes between the axis of time and its numbers, in the colours of the strip, with their names where they fit
+function modes(L) {
+  const [low, high] = L.xaxis.range, pixels = (L.width - L.margin.l - L.margin.r) / (high - low), names = [...new Set(D.marks.modes.map((m) => m[2]))];
+  L.margin.b += MODE_PX;
+  Object.assign(L.xaxis, { ticks: 'outside', ticklen: MODE_PX, tickcolor: 'rgba(0,0,0,0)' });
+  for (const [a, b, text] of D.marks.modes) {
+    const from = Math.max(a, low), to = Math.min(b, high);
+    if ((to - from) * pixels < 1) continue;
+    L.shapes.push({ type: 'rect', xref: 'x', yref: 'paper', x0: from, x1: to, ysizemode: 'pixel', yanchor: 0, y0: -1, y1: -MODE_PX, fillcolor: css('--m' + names.indexOf(text) % 4), line: { width: 0 }, layer: 'below' });
+    if ((to - from) * pixels > 6.6 * text.length + 6) L.annotations.push({ x: from, y: 0, xref: 'x', yref: 'paper', xanchor: 'left', yanchor: 'middle', yshift: -(MODE_PX + 1) / 2, text: safe(text), showarrow: false, font: { size: 11, color: css('--tx') } });
+  }
 }
 
 // the lines' names in their colours, where few are drawn: above the figure, or at their ends

@@ -18,8 +18,14 @@ function readout(id, e) {
   const [first, ...others] = [...groups].map(([title, said]) => title + [...said].filter((text) => text !== rest).join(' · '));
   nearest.textContent = near ? panel(near) + rest : '';
   const beside = near ? first.slice(panel(near).length) : first;
-  $(id + '-read').replaceChildren(minus((+x).toFixed(digits)) + points[0].data.at + ': ', nearest, [(near && beside ? ' · ' : '') + beside, ...others].filter(Boolean).join('; '));
+  $(id + '-read').replaceChildren(minus((+x).toFixed(digits)) + points[0].data.at + modeAt(id, x) + ': ', nearest, [(near && beside ? ' · ' : '') + beside, ...others].filter(Boolean).join('; '));
   thicken(id, near);
+}
+
+// the flight mode at a time, in brackets
+function modeAt(id, x) {
+  const mode = moded(D.figures[id]) && D.marks.modes.find(([a, b]) => a <= x && x < b);
+  return mode ? ' (' + mode[2] + ')' : '';
 }
 
 function thicken(id, near) {
