@@ -132,8 +132,8 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
     worst = int(np.argmax(level))
     verdict = graded(judged, limits.warning, limits.fault)
     text = (
-        f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median); 80 % of the time below {most:.1f}, "
-        f"in the worst second {level[worst]:.1f}."
+        f"IMU {one.unit} vibrates by {half:.1f} m/s^2 (median). Below {most:.1f} for 80 % of the time, "
+        f"{level[worst]:.1f} in the worst second."
     )
     found = Check("vibration_level", verdict, text, round(judged, 2), "m/s^2", threshold, sensor=sensor)
     found.ci95, found.n = quantile_interval(level, limits.share), len(level)

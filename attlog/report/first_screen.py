@@ -216,9 +216,8 @@ def question_column(key: str, answer: AnswerLine, rows: list[EstimatorRow]) -> Q
     """Return the column of a question."""
     column = answer.column
     title, figures = TITLES[key]
-    sentence = answer.sentence
     if not column.filters or not answer.answered:
-        return QuestionColumn(key, title, figures, "", sentence, True)
+        return QuestionColumn(key, title, figures, "", answer.sentence, True)
     scale = scale_of(column)
     dots = [filter_dot(row, column, scale) for row in rows]
     onboard = next((d.x for d, row in zip(dots, rows, strict=True) if row.name == "onboard"), None)
@@ -227,7 +226,7 @@ def question_column(key: str, answer: AnswerLine, rows: list[EstimatorRow]) -> Q
         title,
         figures,
         unit_text(key, column),
-        sentence,
+        answer.beside_values,
         False,
         dots,
         [(scale.place(t), f"{t:g}".replace("-", MINUS)) for t in scale.ticks],

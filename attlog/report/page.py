@@ -8,18 +8,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from attlog.core.files import write_atomic
+from attlog.core.plain import without_keys
 from attlog.health.settings import param_file
+from attlog.metrics.trace import envelope
 from attlog.report import shell
 from attlog.report.bundle import ArrayPacker, Bundle, bundle
 from attlog.report.figures.behind import figure_behind, view_named
 from attlog.report.figures.catalogue import UNTITLED, sections
 from attlog.report.figures.figure import FigureSource, PageFigure
-from attlog.report.figures.signals import picker
+from attlog.report.figures.signals import Picker, picker
 from attlog.report.first_screen import STRIP_HEIGHT, compare_filters, flight_strip
-from attlog.result import MEASURED_TIMES, Result, agreed_settings
+from attlog.result import MEASURED_TIMES, Result, Trace, agreed_settings
+from attlog.result.document import EVIDENCE
 from attlog.words.events import ShownEvent, minor_title, shown_events
 from attlog.words.findings import (
     ShownCheck,
@@ -38,7 +42,7 @@ from attlog.words.flight import (
     gyro_bias_text,
     level_name,
     messages,
-    rerun_sentences,
+    rerun_summaries,
     subtitle,
     what_happened,
 )
@@ -66,8 +70,13 @@ FILTERS: dict[str, Callable[..., Any]] = {
 }
 
 # Bytes of a page without plotly.js, with which it stays below 3 MB: beyond them, samples of signals are reduced, down
-# to the least.
+# to the least, then the evidence behind answers is left to the JSON file, then lines of figures are reduced.
 MAX_OWN_BYTES, LEAST_SAMPLES_BYTES = 2_400_000, 200_000
+# Lines over time, which take most of a page's bytes, and samples that each keeps in any case.
+LONG_LINES = ("attitude", "difference", "bias", "rest", "rerun", "demand", "sigma", "drift", "data")
+LEAST_LINE_SAMPLES = 1000
+# Share of the excess that one reduction aims beyond, and reductions tried: bytes are not proportional to samples.
+REDUCTION_MARGIN, MAX_REDUCTIONS = 1.1, 4
 
 
 def write_report(
@@ -87,15 +96,53 @@ def render(
     """Return the report as text: template, style and script of this package, packed data."""
     whole = result.to_dict(deterministic) if document is None else document
     result = without_times(result) if deterministic else result
+    plot = plot or bundle()
+    limit = MAX_OWN_BYTES + len(plot.packed) * 4 // 3
+    samples = picker(result)
+    page = drawn(result, whole, plot, samples, deterministic, evidence=True)
+    if len(page) > limit and samples is not None:
+        fewer = picker(result, max(len(samples.block) - (len(page) - limit), LEAST_SAMPLES_BYTES))
+        page = page.replace(samples.block, fewer.block) if fewer is not None else page
+        samples = fewer
+    if len(page) > limit:
+        whole = whole | {"estimators": without_keys(whole.get("estimators", []), EVIDENCE)}
+        page = drawn(result, whole, plot, samples, deterministic, evidence=False)
+    for _ in range(MAX_REDUCTIONS):
+        if len(page) <= limit:
+            break
+        data = len(re.findall(r'id="data">([^<]*)', page)[0])
+        result = with_fewer_samples(result, 1.0 - min(REDUCTION_MARGIN * (len(page) - limit) / data, 0.9))
+        page = drawn(result, whole, plot, samples, deterministic, evidence=False)
+    return page
+
+
+def with_fewer_samples(result: Result, share: float) -> Result:
+    """Return the result with a share of the samples of its long lines, their peaks kept."""
+
+    def fewer(trace: Trace) -> Trace:
+        keep = max(int(share * len(trace.t)), LEAST_LINE_SAMPLES)
+        if trace.figure not in LONG_LINES or len(trace.t) <= keep:
+            return trace
+        t, kept = envelope(trace.t, np.column_stack(list(trace.columns.values())), keep)
+        columns = {name: kept[:, k] for k, name in enumerate(trace.columns)}
+        return replace(trace, t=t, columns=columns, ratio=trace.ratio * len(trace.t) / len(t))
+
+    return replace(result, traces=[fewer(trace) for trace in result.traces])
+
+
+def drawn(
+    result: Result, document: dict[str, Any], plot: Bundle, chosen: Picker | None, deterministic: bool, evidence: bool
+) -> str:
+    """Return the page of a result; ``evidence``: its JSON holds the evidence behind each answer."""
     source = FigureSource.of(result)
-    chosen = picker(result)
     look, figures, lines = source.styles, sections(source), parameter_lines(result)
     behind = places_behind(figures, {"parameters"} if lines else set())
-    page = shell.render(
+    return shell.render(
         "page.html",
         rows=source.rows,
         figures=[figure for part in figures.values() for figure in part],
-        document=whole,
+        document=document,
+        evidence=evidence,
         filters=FILTERS,
         marks=source.marks,
         more={
@@ -114,10 +161,10 @@ def render(
         strip=flight_strip(result),
         strip_height=STRIP_HEIGHT,
         happened=shown_events(result),
-        reruns=rerun_sentences(result),
+        reruns=rerun_summaries(result),
         four=compare_filters(result, look),
         checked=sum(check.verdict == "ok" for check in result.checks),
-        notes={v.question: v.notes for v in result.verdicts},
+        notes=answer_notes(result),
         findings=findings(result),
         gyro_bias=gyro_bias_text(result),
         alike=duplicate_rows_text(result),
@@ -136,11 +183,15 @@ def render(
         firmware=firmware(result),
         definitions={m: d for m, d in result.definitions.items() if not (deterministic and m in MEASURED_TIMES)},
     )
-    over = len(page) - len((plot or bundle()).packed) * 4 // 3 - MAX_OWN_BYTES
-    if chosen is None or over <= 0:
-        return page
-    fewer = picker(result, max(len(chosen.block) - over, LEAST_SAMPLES_BYTES))
-    return page.replace(chosen.block, fewer.block) if fewer is not None else page
+
+
+def answer_notes(result: Result) -> dict[str, list[str]]:
+    """Return how each answer was measured; with accuracy why the onboard filter was not run again."""
+    notes = {verdict.question: list(verdict.notes) for verdict in result.verdicts}
+    reruns = any(row.reproduction is not None for row in result.estimators)
+    if result.not_rerun and not reruns:
+        notes.setdefault("accuracy", []).append(typeset(result.not_rerun))
+    return notes
 
 
 Behind = Callable[[Any], "Place | None"]

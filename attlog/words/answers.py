@@ -72,7 +72,8 @@ ADVICE = {
 class AnswerLine:
     """Answer from a column of the table.
 
-    ``onboard`` and ``remark``: additional sentences, or empty.
+    ``onboard`` and ``remark``: additional sentences, or empty. ``where``: start of ``text`` that names quantity or
+    phase.
     """
 
     text: str
@@ -80,6 +81,7 @@ class AnswerLine:
     onboard: str = ""
     remark: str = ""
     notes: tuple[str, ...] = ()
+    where: str = ""
 
     @property
     def answered(self) -> bool:
@@ -90,6 +92,11 @@ class AnswerLine:
     def sentence(self) -> str:
         """The whole answer."""
         return " ".join(filter(None, (self.text, self.onboard, self.remark)))
+
+    @property
+    def beside_values(self) -> str:
+        """The answer beside its values, which have quantity, phase and the onboard row."""
+        return " ".join(filter(None, (_capital(self.text.removeprefix(self.where).lstrip()), self.remark)))
 
     def within(self, width: int) -> str:
         """Return the answer, with the onboard value if it fits into ``width`` characters."""
@@ -139,7 +146,7 @@ def _accuracy(result: Result) -> AnswerLine:
     tilt = rank_column(result, TILT, AIR)
     line = _unranked(tilt, "tilt ")
     if tilt.ranked:
-        line = AnswerLine(f"Tilt: {_compared(tilt)}.", tilt, _onboard_value(tilt))
+        line = AnswerLine(f"Tilt: {_compared(tilt)}.", tilt, _onboard_value(tilt), where="Tilt:")
     notes = []
     reference = result.reference
     if reference is not None:
@@ -172,7 +179,7 @@ def _noise(result: Result) -> AnswerLine:
         return replace(_unranked(lead), notes=(*advice(result, lead), *notes))
     where = PHASE_WORDS[lead.window]
     where = _capital(where) if lead.window == "rest" else f"Added {where}:"
-    return AnswerLine(f"{where} {_compared(lead)}.", lead, _onboard_value(lead), notes=tuple(notes))
+    return AnswerLine(f"{where} {_compared(lead)}.", lead, _onboard_value(lead), notes=tuple(notes), where=where)
 
 
 def gyro_noise(found: ColumnRanking) -> str:
@@ -259,12 +266,12 @@ def _drift(result: Result) -> AnswerLine:
     drifting = [j for j in found.ranked if j.significant][::-1]
     still = [j for j in found.ranked if not j.significant]
     against = against_heading(result, reference) if found is air else ""
-    where += f" against {against}:" if "in doubt" in against else ""
+    doubt = f"against {against}: " if "in doubt" in against else ""
     text = _significant(drifting, still, found)
     if still and max(abs(end) for j in still for end in j.ends) > EXCLUDES_NOTHING:
         possible = f"up to {bound_text(still)}"
         text = f"{_span(drifting)}; others uncertain ({possible})" if drifting else f"uncertain, {possible} is possible"
-    return AnswerLine(f"{where} {text}.", found, _onboard_drift(found), notes=notes)
+    return AnswerLine(f"{where} {doubt}{text}.", found, _onboard_drift(found), notes=notes, where=where)
 
 
 def rest_notes(result: Result, rest: ColumnRanking) -> list[str]:

@@ -93,6 +93,8 @@ def first_screen_findings(trouble: Sequence[ShownFinding]) -> list[ShownFinding]
 
 def _first_sentence(finding: ShownFinding) -> ShownFinding:
     """Return a finding whose later sentences are evidence, unless its time stands in one of them."""
+    action, *more = SENTENCE_END.split(finding.action, maxsplit=1)
+    finding = replace(finding, action=action, why=(*more, *finding.why))
     ends = SENTENCE_END.split(finding.after if finding.when else finding.before, maxsplit=1)
     if len(ends) < 2 or (finding.when and SENTENCE_END.search(finding.before)):
         return finding

@@ -108,6 +108,20 @@ def rerun_sentences(result: Result) -> list[str]:
     return found or [typeset(result.not_rerun)] * bool(result.not_rerun)
 
 
+def rerun_summaries(result: Result) -> list[str]:
+    """Return in a few words how closely each re-run follows the flown attitude, empty without a re-run."""
+    rows = result.estimators
+    return [reproduction_summary(row.estimator, row.reproduction) for row in rows if row.reproduction is not None]
+
+
+def reproduction_summary(estimator: str, found: Reproduction) -> str:
+    """Return in a few words how closely an estimator such as ``px4_ekf2`` follows the flown attitude."""
+    until = "" if found.until_s is None else f" until {moment(found.until_s)}"
+    if found.follows:
+        return f"{flown_name(estimator)} re-run: within {_distance(found)} of what flew{until}."
+    return f"{flown_name(estimator)} re-run does not follow what flew: {_distance(found)} apart{until}."
+
+
 def mode_phrase(mode: str) -> str:
     """Return in one phrase where a re-run takes its resets and aiding from."""
     return "resets and GNSS use " + {"own": "by the filter's own rules", "flown": "as logged"}[mode]
@@ -116,13 +130,18 @@ def mode_phrase(mode: str) -> str:
 def reproduction_text(estimator: str, found: Reproduction) -> str:
     """Describe how closely an estimator such as ``px4_ekf2`` follows the flown attitude."""
     where = "in the air" if found.airborne else "over the log"
-    size = f"{_upper_bound(found.tilt_median_deg)} tilt and {_upper_bound(found.heading_median_deg)} heading"
+    size = _distance(found)
     if found.until_s is not None:
         where += f" to the lane switch at {moment(found.until_s)}"
     if found.follows:
         return f"{flown_name(estimator)} run again: within {size} of what flew (median {where})."
     leaves = "" if found.leaves_s is None else f", from {moment(found.leaves_s, 0)}"
     return f"{flown_name(estimator)} run again does not follow what flew: {size} apart (median {where}{leaves})."
+
+
+def _distance(found: Reproduction) -> str:
+    """Return the distance of a re-run from what flew."""
+    return f"{_upper_bound(found.tilt_median_deg)} tilt and {_upper_bound(found.heading_median_deg)} heading"
 
 
 def _upper_bound(deg: float) -> str:

@@ -53,8 +53,8 @@ def test_percentiles_are_those_of_flight_whatever_ground_and_touch_down_do() -> 
     expected = 0.1 * np.arange(11, 68)
     assert found.n == len(expected)
     assert found.text == (
-        f"IMU 0 vibrates by {np.median(expected):.1f} m/s^2 (median); 80 % of the time below "
-        f"{np.quantile(expected, 0.8):.1f}, in the worst second {expected.max():.1f}."
+        f"IMU 0 vibrates by {np.median(expected):.1f} m/s^2 (median). Below {np.quantile(expected, 0.8):.1f} "
+        f"for 80 % of the time, {expected.max():.1f} in the worst second."
     )
 
 

@@ -9,18 +9,22 @@ import html
 import json
 import re
 import tomllib
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import attlog
 from attlog.core.errors import OutputError
 from attlog.health.check import agreed_settings
 from attlog.health.settings import param_file
+from attlog.metrics.statistics import UnitValues
+from attlog.metrics.trace import Trace
 from attlog.report import write_report
 from attlog.report.bundle import bundle
-from attlog.report.page import file_stem, render
+from attlog.report.page import file_stem, render, with_fewer_samples
 from attlog.result import Finding
 from tests.conftest import SAMPLES
 from tests.report.conftest import make_result
@@ -171,6 +175,26 @@ def test_saved_files_are_named_after_the_log_in_letters_that_every_system_takes(
     assert file_stem(result) == "a_b_c"
     result.log["name"] = "…"
     assert file_stem(result) == "attlog"
+
+
+def test_a_page_of_a_flight_of_hours_stays_below_3_mb_and_keeps_its_peaks():
+    result, n = make_result(), 10_000
+    t, noise = np.arange(n) * 3.0, np.random.default_rng(1).normal(size=(40, 3, n))
+    noise[:, 0, 7001] = 40.0
+    rows = [one.name for one in result.estimators]
+    result.traces += [
+        Trace("attitude", rows[k % len(rows)], t, dict(zip(("roll", "pitch", "heading"), y, strict=True)))
+        for k, y in enumerate(noise)
+    ]
+    units = UnitValues("mean_square", np.arange(90_000), np.random.default_rng(2).uniform(size=90_000))
+    airborne = result.estimators[1].metrics["airborne"]
+    airborne["tilt_rmse_deg"] = replace(airborne["tilt_rmse_deg"], units=units)
+    text = render(result)
+    assert len(text.encode()) <= 3_000_000
+    assert "less the evidence of each block" in text
+    fewer = with_fewer_samples(result, 0.3)
+    assert all(line.columns["roll"].max() == 40.0 for line in fewer.traces[-40:])
+    assert "less the evidence" not in render(make_result())
 
 
 # How many words a page has: 150 on the first screen, 1,100 as it opens. It lists the answers of up to 76 questions.
