@@ -73,6 +73,7 @@ ELSEWHERE = {
     "attlog --install-completion": "changes the user's shell; tests/cli/test_options.py",
     "attlog sweep copter_4.5.7_gps_delay.BIN": "its log is not in the repository; tests/compare/test_what_if.py",
     "attlog compare copter_mag_fault.bin": "its log is not in the repository; tests/compare/test_what_if.py",
+    "attlog mcp": "waits for an assistant; tests/assistants/test_mcp.py is one",
     "attlog batch s3://": "needs a cluster; tests/batch/test_cluster.py runs one",
 }
 """Commands that begin so are not run here, and why."""

@@ -16,7 +16,19 @@ PACKAGE = Path(attlog.__file__).parent
 ROOT = PACKAGE.parent
 FLOW = (
     *("core", "formats", "flight", "estimators", "segments", "story", "reference", "external", "metrics", "health"),
-    *("result", "words", "report", "pipeline", "compare", "batch", "simulate", "reproduce", "testing", "cli"),
+    *(
+        "result",
+        "words",
+        "report",
+        "pipeline",
+        "compare",
+        "batch",
+        "simulate",
+        "reproduce",
+        "testing",
+        "assistants",
+        "cli",
+    ),
 )
 # Against the flow: compiled objects name the kernels to build, a result draws itself, and a filter that flew runs on a
 # whole log.

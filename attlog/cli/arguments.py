@@ -28,6 +28,7 @@ COMMANDS = {
     "table": "batch",
     **dict.fromkeys(("estimators", "new", "check-estimator"), "filters"),
     **dict.fromkeys(("reproduce", "simulate"), "simulate"),
+    "mcp": "mcp",
     "schema": "analyze",
 }
 OUTPUT_OPTIONS = {"junit": "--junit", "summary": "--summary", "output": "-o"}

@@ -62,6 +62,7 @@ def test_analyze_and_batch_take_the_same_options_of_a_log_and_so_do_the_commands
         "--format",
         "--open",
         "--figures",
+        "--forum",
     }
     for name in ("sweep", "tune"):
         same = {k for k in found["compare"] if found[name].get(k) == found["compare"][k]}

@@ -6,7 +6,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,7 @@ from attlog.cli.arguments import command_line
 from attlog.cli.gates import GateOptions, GateReport, GatesFile
 from attlog.cli.logs import end_command, named_sources, report_error
 from attlog.cli.options import (
+    OUTPUT,
     CommonOptions,
     Figures,
     Folder,
@@ -29,9 +30,9 @@ from attlog.cli.options import (
     commands,
     one_form,
 )
-from attlog.cli.printing import TextLine, console, json_to_stdout, say, table_to_stdout, to_stderr
+from attlog.cli.printing import TextLine, console, json_to_stdout, say, table_to_stdout, text_to_stdout, to_stderr
 from attlog.cli.progress import Bar, compile_first, progress
-from attlog.core.errors import EXIT_INTERRUPTED, PluginError, PluginTimeout, error_message, exit_code
+from attlog.core.errors import EXIT_INTERRUPTED, PluginError, PluginTimeout, UsageError, error_message, exit_code
 
 if TYPE_CHECKING:
     from attlog.batch.job import Record
@@ -50,6 +51,14 @@ def analyze_command(
     json: Json = False,
     gates: GatesFile = None,
     figures: Figures = None,
+    forum: Annotated[
+        bool,
+        typer.Option(
+            "--forum",
+            help="Print what happened as Markdown for a forum or an issue, without place, date, names, serial numbers.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False,
     open_report: Open = False,
 ) -> None:
     """Compare attitude filters with the onboard attitude.
@@ -60,13 +69,15 @@ def analyze_command(
     Example: attlog analyze flight.ulg --estimators default,mahony:kp=0.3
     """
     one_form(json, form)
+    if forum and (json or form is not None):
+        raise UsageError("--forum and --json or --format both go to standard output; use one")
     settings = build_configuration(options)
     if figures is not None:
         from attlog.report.figures.files import find_browser
 
         find_browser()  # missing: reported before any log is read
     gate_report = GateReport(GateOptions(gates), output)
-    run = AnalyzeRun(settings, options, common, output, gate_report, json, form, open_report, figures)
+    run = AnalyzeRun(settings, options, common, output, gate_report, json, form, open_report, figures, forum)
     from attlog.batch.report_files import report_names
 
     found, wrong = named_sources(logs, run.codes)
@@ -96,6 +107,7 @@ class AnalyzeRun:
     form: TableForm | None
     open_report: bool
     figures: Path | None
+    forum: bool = False
     results: list[Result] = field(default_factory=list)
     codes: set[int] = field(default_factory=set)
 
@@ -192,6 +204,10 @@ class AnalyzeRun:
             to_stderr(f"attlog: {record.log}: no filter ran: {failed}")
         if self.json:
             json_to_stdout(result.to_dict(self.options.deterministic))
+        if self.forum:
+            from attlog.words.forum import forum_text
+
+            text_to_stdout(("---\n\n" if len(self.results) > 1 else "") + forum_text(result))
         out = console(stderr=self._for_a_program)
         if not self.common.quiet:
             from attlog.cli.tables import result_lines
@@ -210,7 +226,7 @@ class AnalyzeRun:
     @property
     def _for_a_program(self) -> bool:
         """True if standard output is for a program."""
-        return self.json or self.form is not None
+        return self.json or self.forum or self.form is not None
 
     def _say_summary(self, found: Sequence[Record], total: int, seconds: float) -> None:
         from attlog.batch.order import summary

@@ -1,0 +1,1 @@
+"""Answers for assistants that call tools (Model Context Protocol): small, structured, read-only."""

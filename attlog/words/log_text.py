@@ -1,0 +1,168 @@
+"""Find the words that a log's writer chose within sentences, to mark them for programs or to make them public.
+
+A status text, a parameter or a topic is written by whoever had the vehicle, its companion computer or the file. A
+language model must take it for data, and a forum must not get the position, name or serial number in it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from attlog.words.text import clean
+
+# Marks around the words of a log; removed from these words themselves.
+OPEN, CLOSE = "\u27e6", "\u27e7"
+# So many words in a row that a text of the log has too are taken for its words; a shorter text only whole.
+RUN = 3
+# A text of fewer words and letters says nothing.
+MIN_LETTERS = 8
+# Letters kept of a name or text that is shown by itself.
+MAX_LETTERS = 120
+WORD = re.compile(r"\w+")
+
+
+class LogText:
+    """Texts of a log, found again in sentences by runs of words, whatever is between these."""
+
+    def __init__(self, texts: Iterable[str]) -> None:
+        self._runs: set[tuple[str, ...]] = set()
+        for text in dict.fromkeys(texts):
+            words = [word.casefold() for word in WORD.findall(text)]
+            if len(words) >= RUN:
+                self._runs.update(tuple(words[k : k + RUN]) for k in range(len(words) - RUN + 1))
+            elif sum(map(len, words)) >= MIN_LETTERS:
+                self._runs.add(tuple(words))
+
+    def replaced(self, sentence: str, change: Callable[[str], str]) -> str:
+        """Return a sentence with ``change`` applied to the parts that are the log's words."""
+        parts, end = [], 0
+        for begin, stop in self._spans(sentence):
+            parts += [sentence[end:begin], change(sentence[begin:stop])]
+            end = stop
+        return "".join([*parts, sentence[end:]])
+
+    def _spans(self, sentence: str) -> Iterator[tuple[int, int]]:
+        found = list(WORD.finditer(sentence))
+        words = [match[0].casefold() for match in found]
+        own = [False] * len(words)
+        for size in range(1, RUN + 1):
+            for k in range(len(words) - size + 1):
+                if tuple(words[k : k + size]) in self._runs:
+                    own[k : k + size] = [True] * size
+        k = 0
+        while k < len(words):
+            first = k
+            while k < len(words) and own[k]:
+                k += 1
+            if k > first:
+                yield found[first].start(), found[k - 1].end()
+            k += 1
+
+    def marked(self, value: Any) -> Any:
+        """Return a JSON value whose texts are clean, the log's words in them between marks."""
+        if isinstance(value, str):
+            return (
+                value if value.startswith(OPEN) else self.replaced(_plain(value), lambda words: f"{OPEN}{words}{CLOSE}")
+            )
+        if isinstance(value, dict):
+            return {key: self.marked(item) for key, item in value.items()}
+        return [self.marked(item) for item in value] if isinstance(value, list) else value
+
+
+def marked(text: object, letters: int = MAX_LETTERS) -> str:
+    """Return a name or text of a log in one line between marks, shortened; an empty one stays empty."""
+    words = _plain(" ".join(str(text).split()))
+    return f"{OPEN}{words if len(words) <= letters else words[: letters - 3] + '...'}{CLOSE}" if words else ""
+
+
+def without_marks(text: str) -> str:
+    """Return a text without the marks of :func:`marked`."""
+    return text.replace(OPEN, "").replace(CLOSE, "")
+
+
+def _plain(text: str) -> str:
+    return without_marks(clean(text).replace("\n", " "))
+
+
+# Words that firmware writes, collected from the status texts of ArduPilot and PX4.
+FIRMWARE_WORDS = frozenset(
+    """
+    a aborted above accel accelerometer accz ack acro action activated active adc after ahrs aided aiding airborne
+    airframe airspeed alarm aligned alignment all alt altctl altitude an and angerr angle anomaly apm arducopter
+    ardupilot arduplane ardurover ardusub are arm armable armed arming as at att attitude auto autonomous autorotate
+    autotune aux available avionics avoid bad bandwidth baro barometer barometers barometric bat batt battery baud
+    beginning below beta blind blox boot both bottle brake bus by bytes calibrate calibrated calibrating calibration
+    can cannot change changed check checks checksum chibios circle clear climb clipping cmd code command commander
+    commands compass compasses compensation complete completed connection control copter core corrected count crash
+    crashed critical current cutoff cycle damaged dangerous data dataman db dcm deactivate deactivated deg degrees
+    descend detected dev disabled disarm disarmed disarming do down drift driver dronecan drop due ekf elevation
+    emergency enable enabled encoders engaged engine err error errors esc escs estimate estimator event executing
+    expired ext external fail failed failing failsafe failsafes failure fast fatal fault fence field file filter
+    first fix flash flight flip flow flowhold fly flying fmu fmuv follow for forced fpv frame free frequency from fs
+    full fusion gcs gear glitch gnss gps ground guided guided_nogps gyro gyros gyroscope hardware has hdop heading
+    health healthy heartbeat height high hit hold home horizontal hover hw i2c id imbalanced imu imus in
+    inconsistent init initial initialised initialising initialized inner inputs ins instance internal invalid ip is
+    isb kb khz kill killed land landed landing lane large launch left level lidar limit link load log logger logging
+    logs loiter long lost low lua mag magnetometer main manual mav mavlink max memory message mhz microsd min
+    minimum mismatch missing mission mocap mode module mon monitor motor motorestop motors mount move ms mygcs nav
+    navigation navigator need needed needs neutral new no node none normal not notify now nsh nuttx obstacle of off
+    offboard offset offsets ok on open opened optical or order origin outputs over overflow overload parachute param
+    parameter parameters partner pause pilot pitch pixhawk plan plane please plus pos posctl position potential
+    power prearm preflight pressure primary probing processor propeller protocol pwm px quad quadplane quality radio
+    rally ram range rangefinder rate rates rc rcin rcout re reached reading ready reboot received recovered recovery
+    reference refused rejected required requires reset restored return returned returning reversed rfnd roll rom
+    rotor rover rtk rtl rtt running safe safety sampling satellites sats saturated saturation sbus script sd sec
+    seconds selector sender sensor sensors seq servo set setpoint setpoints settings settling setup short sim sitl
+    size slow smartrtl sonar soon space speed spi spoofing sport stabilise stabilize stable stack stale start
+    started starting startup state stationary status stick still stop stopped stopping streaming sub successfully sw
+    switch switched switching system tail takeoff target telem telemetry temperature termination terrain test
+    throttle throw thrust tilt time timeout timesync tkoff to tone too trigger triggered tune type uavcan ulg
+    unaided unhealthy unstable up update usage use used using value variance vehicle velocity verify version
+    vertical vibration vio vision volt voltage vtol wait waiting warning waypoint waypoints while wind with without
+    wp wq wrong xaccel yaw zero zigzag zone
+    """.split()
+)
+# Longest run of digits that is no serial number, position or time.
+MAX_DIGITS = 4
+# Whatever its source: places, addresses, dates, times of day, coordinates, serial numbers.
+PRIVATE = re.compile(
+    r"""(?xi)
+    \b[a-z][a-z0-9+.-]*://\S+            # URL
+    | [\w.+-]+@[\w-]+(?:\.[\w-]+)+       # mail
+    | (?<![\w.])(?:~|[a-z]:)?(?:[/\\][\w.%+-]+){2,}[/\\]?  # path
+    | \b\d{4}-\d\d-\d\d(?:[T ]\d\d:\d\d(?::\d\d)?)?\b | \b\d{1,2}[./]\d{1,2}[./]\d{4}\b  # date
+    | \b\d{1,2}:\d\d(?::\d\d(?:\.\d+)?)?\b  # time of day
+    | \b\d{1,3}(?:\.\d{1,3}){3}\b        # network address
+    | [-+\u2212]?\b\d{1,3}\.\d{5,}       # degrees of a position
+    | \b(?=[0-9a-f]*\d)[0-9a-f]{8,}\b    # serial number
+    """
+)
+LEFT_OUT = "…"
+# A telephone number, or a serial number in groups.
+NUMBERS = re.compile(r"(?:[+(]*\d[\d.,:()/-]*\s+){2,}[+(]*\d[\d.,:()/-]*")
+# A time of :func:`attlog.words.numbers.moment`, which reads like a time of day.
+CLOCK = re.compile(r"\b(\d+):(\d\d):(\d\d)\b")
+
+
+def public(sentence: str, texts: LogText) -> str:
+    """Return a sentence for the public: of the log's words only those of firmware, without places, names and times."""
+    sentence = texts.replaced(_plain(sentence), firmware_words)
+    sentence = re.sub("(?<=“)[^“”]*(?=”)", lambda quote: firmware_words(quote[0]), sentence)
+    sentence = re.sub(r"((?:text|report) at \S+ s: )(.*)", lambda m: m[1] + firmware_words(m[2]), sentence)
+    sentence = CLOCK.sub(lambda m: f"{3600 * int(m[1]) + 60 * int(m[2]) + int(m[3])} s", sentence)
+    return PRIVATE.sub(LEFT_OUT, sentence)
+
+
+def firmware_words(words: str) -> str:
+    """Return words of a log with an ellipsis for those that firmware does not write, as names are."""
+    kept = NUMBERS.sub(LEFT_OUT, words)
+    kept = re.sub(r"\S+", lambda word: word[0] if _is_firmware(word[0]) else LEFT_OUT, kept)
+    return re.sub(rf"{LEFT_OUT}(\s+{LEFT_OUT})+", LEFT_OUT, kept)
+
+
+def _is_firmware(word: str) -> bool:
+    if re.search(r"[/\\@<>`*\[\]|]|\d:\d\d", word) or len(re.findall(r"\d", word)) > MAX_DIGITS:
+        return False
+    return all(part.casefold() in FIRMWARE_WORDS or len(part) == 1 for part in re.findall(r"[^\W\d_]+", word))
