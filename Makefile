@@ -66,6 +66,7 @@ bench-page: $(VENV)/installed-test
 	$(BIN)/python benchmarks/bench.py --page docs/speed.md
 
 $(VENV)/bin/python:
+	@$(PYTHON) -c "import sys; sys.version_info >= (3, 11) or sys.exit('attlog needs Python 3.11 or newer, this is %d.%d: make $(or $(firstword $(MAKECMDGOALS)),demo) PYTHON=python3.12' % sys.version_info[:2])"
 	@echo "making an environment in $(VENV), ten seconds"
 	@$(PYTHON) -m venv $(VENV)
 

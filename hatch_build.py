@@ -32,7 +32,6 @@ import sys
 import sysconfig
 import tarfile
 import tempfile
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -114,6 +113,8 @@ def compile_kernels(root: Path, editable: bool) -> None:
 
 def fetch(root: Path) -> bool:
     """Write the bundle under ``root``; False where it was there already. Raises on any failure."""
+    import tomllib  # here, so that pip under Python 3.10 comes to say which Python it needs
+
     pin = tomllib.loads((root / "plotlyjs.toml").read_text(encoding="utf-8"))
     folder = root / FOLDER
     stamp = f"{pin['package']} {pin['version']} {pin['integrity']}\n"

@@ -3,6 +3,11 @@
 import sys
 from pathlib import Path
 
+# Before anything that an older Python lacks. This file and attlog/__init__.py are read by any Python 3.
+if sys.version_info < (3, 11):  # noqa: UP036
+    sys.stderr.write("attlog needs Python 3.11 or newer, this is %d.%d\n" % sys.version_info[:2])  # noqa: UP031
+    sys.exit(2)
+
 if __name__ == "__main__" and not sys.flags.safe_path:
     # ``-m`` puts the current folder first, where a file beside a log may be called numpy.py; the command does not.
     if not Path(sys.path[0], "attlog", "__init__.py").is_file():

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path, PurePath
 
 from attlog import formats
-from attlog.core.errors import LogUnreadable, NotALog
+from attlog.core.errors import LogUnreadable, NotALog, missing_file
 
 # Bytes copied at a time.
 BLOCK = 1 << 20
@@ -54,7 +54,7 @@ def hash_file(path: Path) -> str:
 def unreadable(name: str, error: OSError) -> LogUnreadable:
     """Return the error of a file that cannot be opened or read."""
     if isinstance(error, FileNotFoundError):
-        return LogUnreadable(f"{name}: no such file")
+        return LogUnreadable(f"{name}: {missing_file(str(error.filename or name))}")
     return LogUnreadable(f"{name}: cannot be read ({error.strerror or error})")
 
 

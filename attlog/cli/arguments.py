@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 import sys
@@ -104,6 +105,10 @@ class Group(AsTyped, TyperGroup):
             option = own.get(args[first])
             first += 1 if option is None or option.is_flag or option.count else 2
         rest = args[first:]
+        if rest[:1] == ["help"] and not os.path.exists("help"):
+            rest = [*rest[1:2], "--help"]
+            args = [*args[:first], *rest]
+        refuse_unquoted(rest if rest[:1] and rest[0] not in self.commands else rest[1:])
         if rest and rest[0] not in self.commands and names_a_log(rest):
             args = [*args[:first], DEFAULT_COMMAND, *rest]
         return super().parse_args(ctx, args)
@@ -127,7 +132,18 @@ class Command(AsTyped, TyperCommand):
                 "--summary=-" if word == "--summary" and not after.endswith(".md") else word
                 for word, after in zip(args, [*args[1:], ""], strict=True)
             ]
+        self._refuse_option_as_value(ctx, args)
         return super().parse_args(ctx, args)
+
+    def _refuse_option_as_value(self, ctx: Any, args: list[str]) -> None:
+        """Raise UsageError for ``--estimates -o est``, which would be the value ``-o`` and the word ``est``."""
+        params: list[Any] = self.get_params(ctx)
+        options = {name: one for one in params for name in (*one.opts, *one.secondary_opts) if name.startswith("-")}
+        words = args[: args.index("--")] if "--" in args else args
+        for word, value in itertools.pairwise(words):
+            option = options.get(word)
+            if option is not None and not (option.is_flag or option.count) and value.partition("=")[0] in options:
+                raise UsageError(f"{word}: has no value before {value}; write {word} {option.metavar or 'VALUE'}")
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
@@ -166,6 +182,20 @@ def refuse_empty_words(words: list[str]) -> None:
         if word == "" or option:
             after = option or (f"after {before}" if before else "")
             raise UsageError(f"an empty word {after}".rstrip() + "; is a variable not set?")
+
+
+# Most words that a path with spaces is looked for in, and most words of a command line that is looked at.
+MAX_PATH_WORDS, MAX_WORDS = 6, 100
+
+
+def refuse_unquoted(words: list[str]) -> None:
+    """Raise UsageError for words that a shell made of a path with spaces: ``my logs/a.bin``."""
+    for k, word in enumerate(words[:MAX_WORDS]):
+        if word.startswith("-") or os.path.lexists(word):
+            continue
+        for end in range(k + 2, min(len(words), k + MAX_PATH_WORDS) + 1):
+            if os.path.lexists(path := " ".join(words[k:end])):
+                raise UsageError(f'a path with spaces needs quotes: "{path}"')
 
 
 def refuse_overwriting(command: str, params: Mapping[str, Any]) -> None:

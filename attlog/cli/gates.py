@@ -131,6 +131,24 @@ class GateReport:
         elif self.gating is not None:
             say(lines(self.gating.logs[record.name]), out)
 
+    def total(self, names: Iterable[str]) -> list[TextLine]:
+        """Return one line about the gates of all logs; none where nothing is judged."""
+        from attlog.cli.printing import TextLine
+        from attlog.words.numbers import counted
+
+        logs = [] if self.gating is None else self.gating.in_order(names)
+        if not logs:
+            return []
+        passed, failed, skipped = (sum(getattr(log, what) for log in logs) for what in ("passed", "failed", "skipped"))
+        parts = [f"{passed} of {passed + failed} passed" if passed + failed else "none could be checked"]
+        parts += [f"{failed} failed on {counted(sum(log.failed > 0 for log in logs), 'log')}"] if failed else []
+        parts += [f"{skipped} skipped"] if skipped else []
+        parts += (
+            [f"{counted(broken, 'log')} without a result"] if (broken := sum(log.code != 0 for log in logs)) else []
+        )
+        style = "bold red" if failed else "green" if passed and not broken else ""
+        return [TextLine(f"gates: {', '.join(parts)}", style)]
+
     def finish(self, names: Iterable[str], wrong: Sequence[AttlogError] = (), *, interrupted: bool = False) -> set[int]:
         """Publish the outcomes of logs in the order of their reports; return exit codes.
 

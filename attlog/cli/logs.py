@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -31,6 +32,7 @@ def named_sources(places: Sequence[str], codes: set[int]) -> tuple[list[Source],
     from attlog.batch.sources import sources
 
     found, wrong = sources(places)
+    _refuse_filters([source.place for source in found])
     return found, _report_unreadable(wrong, codes)
 
 
@@ -39,8 +41,21 @@ def named_files(places: Sequence[Path], codes: set[int]) -> list[Path]:
     from attlog.batch.sources import find
 
     found, wrong = find(places)
+    _refuse_filters(map(str, found))
     _report_unreadable(wrong, codes)
     return found
+
+
+def _refuse_filters(places: Iterable[str]) -> None:
+    """Raise UsageError for a filter among the logs: ``--estimators mahony mekf``."""
+    missing = [place for place in places if re.match(r"[a-z]\w*(@|:|$)", place) and not os.path.lexists(place)]
+    if not missing:
+        return
+    from attlog.estimators import names
+
+    for word in missing:
+        if re.split("[@:]", word, maxsplit=1)[0] in (*names(), "default", "all"):
+            raise UsageError(f"{word}: is a filter, not a log; list filters with commas: --estimators NAME,{word}")
 
 
 def _report_unreadable(wrong: list[AttlogError], codes: set[int]) -> list[AttlogError]:

@@ -281,6 +281,18 @@ class Comparison:
         """Return the logs that could be used."""
         return [line for line in self.logs if not line.code]
 
+    @property
+    def without_answer(self) -> dict[str, str]:
+        """Return logs that could be used but answer no question, with the commonest reason."""
+        by_log: dict[str, list[Difference]] = {line.name: [] for line in self.used}
+        for found in (d for q in self.questions for c in q.contrasts for d in c.logs if d.log in by_log):
+            by_log[found.log].append(found)
+        return {
+            log: commonest_reason(d.reason for d in found)
+            for log, found in by_log.items()
+            if all(d.value is None for d in found)
+        }
+
     def to_json(self) -> str:
         """Return the JSON text; characters that cannot be encoded are replaced."""
         text = json.dumps(to_plain(self), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"

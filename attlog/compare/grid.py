@@ -144,13 +144,22 @@ def parse_axis(text: str, estimator: Estimator) -> GridAxis:
 
 
 def decimal_comma_hints(texts: Iterable[str]) -> list[str]:
-    """Warn about values that may be a decimal comma: ``kp=0,3`` are two values."""
-    pairs = [(text.partition("=")[0].strip(), WITH_COMMA.fullmatch(text.partition("=")[2].strip())) for text in texts]
-    return [
-        f"{name}={found[0]} are two values, {found[1]} and {found[2]}; the number is written {found[1]}.{found[2]}"
-        for name, found in pairs
-        if found
-    ]
+    """Warn about values that may be a decimal comma: ``kp=1,5`` are two values.
+
+    UsageError for ``kp=0,3`` and ``kp=1,05``, which hardly anybody writes for two values.
+    """
+    hints, wrong = [], []
+    for text in texts:
+        name, _, values = (part.strip() for part in text.partition("="))
+        if found := WITH_COMMA.fullmatch(values):
+            number = f"{found[1]}.{found[2]}"
+            if int(found[1]) == 0 or found[2].startswith("0"):
+                wrong.append(f"{text}: write {name}={number} for one number, {name}={found[1]}.0,{found[2]} for two")
+            else:
+                hints.append(f"{text} are two values, {found[1]} and {found[2]}; the number is written {number}")
+    if wrong:
+        raise UsageError("\n".join(wrong))
+    return hints
 
 
 def spaced_values(low: float, high: float, count: int, log: bool) -> list[float]:

@@ -225,7 +225,9 @@ def pooled_tables(found: Comparison, width: int) -> list[TextTable]:
     main = any(q.main for q in found.questions)
     rows = [row for row in matrix(found) if any(c.direction not in equal for c in row.cells)]
     rows = [row for row in rows if row.question.main or not main]
-    where = f"{found.first.label}, {counted(len(found.logs), 'log')}"
+    answering = len(found.used) - len(found.without_answer)
+    where = f"{found.first.label}, {f'{answering} of ' if answering < len(found.logs) else ''}"
+    where += counted(len(found.logs), "log")
     where += f" ({found.mode_text})" if found.mode_text else ""
     others = [c.label for c in found.configurations[1:]]
     lines: list[tuple[str, ...]]

@@ -154,7 +154,8 @@ def comparison_sentences(found: Comparison) -> list[ConfigurationSentences]:
 
 def _configuration_sentences(found: Comparison, name: str) -> ConfigurationSentences:
     a, b, dropped = found.first.label, found.labels[name], _dropped_sentences(found, name)
-    pairs = [(q, d) for q in found.questions if q.main and (d := q.contrast(name).over) is not None]
+    answered = [(q, d) for q in found.questions if (d := q.contrast(name).over) is not None]
+    pairs = [(q, d) for q, d in answered if q.main] or answered
     if not pairs:
         return ConfigurationSentences(
             name, f"{b} and {a} cannot be compared: {_reason_unavailable(found, name)}.", dropped

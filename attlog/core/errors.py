@@ -7,6 +7,7 @@ numbering, ``docs/cli.md``). Messages are one or two sentences: what, where, wha
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 from collections.abc import Callable, Iterable
 from typing import TypeVar
@@ -162,6 +163,25 @@ def suggestion(name: str, known: Iterable[object]) -> str:
     if near:
         return f"; did you mean {near[0]}?"
     return f"; known are {', '.join(names)}" if names else "; there are none"
+
+
+# Most names of a folder that are compared with a mistyped one.
+MAX_COMPARED_NAMES = 5000
+
+
+def missing_file(path: str) -> str:
+    """Return the error sentence of a file that does not exist, with the nearest name of its folder."""
+    import difflib
+
+    folder, name = os.path.split(path)
+    try:
+        with os.scandir(folder or ".") as entries:
+            found = [entry.name for entry in itertools.islice(entries, MAX_COMPARED_NAMES)]
+    except OSError:
+        found = []
+    by_case = {one.lower(): one for one in found if not one.startswith(".")}
+    near = difflib.get_close_matches(name.lower(), by_case, n=1, cutoff=0.7)
+    return f"no such file; did you mean {os.path.join(folder, by_case[near[0]])}?" if near else "no such file"
 
 
 def call_guarded(what: str, make: Callable[[], T], otherwise: Callable[[str], U]) -> T | U:

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.errors import LogUnreadable, NotALog, UsageError
+from attlog.core.errors import LogUnreadable, NotALog, UsageError, missing_file
 from attlog.formats.recording import MessageLayout, Recording
 from attlog.formats.table import Boot, Damage, Field, Messages, ParamChange, Table, Text
 
@@ -179,7 +179,7 @@ def _head(path: Path) -> bytes:
             return b""
         return first_bytes(path, MAX_HEAD_BYTES)
     except FileNotFoundError:
-        raise LogUnreadable(f"{path}: no such file") from None
+        raise LogUnreadable(f"{path}: {missing_file(str(path))}") from None
     except (OSError, ValueError) as error:
         raise LogUnreadable(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
 

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -140,6 +141,14 @@ LOG_NAME = "copter_yaw_turns.bin"
         (("compare", LOG_NAME, "mahony", "mahony:ki=1,kp=0,3"), "did you mean kp=0.3?"),
         (("sweep", LOG_NAME, "mahony:kp=0,3", "ki=0..1/3"), "did you mean kp=0.3?"),
         (("sweep", LOG_NAME, "mahony", "kp=0,5..2/4"), "did you mean kp=0.5?"),
+        (("sweep", LOG_NAME, "mahony", "kp=0,3"), "write kp=0.3 for one number, kp=0.0,3 for two"),
+        (("sweep", LOG_NAME, "mahony", "kp=1,05"), "write kp=1.05 for one number"),
+        (("analyze", LOG_NAME, "--estimators", "mahony", "mekf"), "mekf: is a filter, not a log; list filters with "),
+        (("batch", LOG_NAME, "-o", "x", "--estimators", "mahony", "mekf@x"), "with commas: --estimators NAME,mekf@x"),
+        (("extract", LOG_NAME, "--estimates", "-o", "est"), "--estimates: has no value before -o; write --estimates"),
+        (("simulate", "hover", "--seed", "--output=x.ulg"), "--seed: has no value before --output=x.ulg"),
+        (("my logs/a.bin".split()), 'a path with spaces needs quotes: "my logs/a.bin"'),
+        (("info", *"my logs/a.bin".split()), 'a path with spaces needs quotes: "my logs/a.bin"'),
         (("tune", LOG_NAME, "mahony", "kp=0,3..2"), "did you mean kp=0.3?"),
         (("sweep", LOG_NAME, "mahony", "kp=0.1-2"), "kp=0.1..2/12"),
         (("sweep", LOG_NAME, "mahony", "kp=1e-2:2"), "kp=1e-2..2/12"),
@@ -153,17 +162,35 @@ LOG_NAME = "copter_yaw_turns.bin"
         (("compare", LOG_NAME, "mahony"), "a comparison needs two configurations or more"),
     ],
 )
-def test_the_answer_to_another_writing_names_ours(attlog, samples, monkeypatch, words, said):
-    monkeypatch.chdir(samples)
+def test_the_answer_to_another_writing_names_ours(attlog, samples, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    Path("my logs").mkdir()
+    for place in (LOG_NAME, "my logs/a.bin"):
+        Path(place).symlink_to(samples / LOG_NAME)
     done = attlog(*words)
     assert done.code == 2
     assert said in done.err
     assert len(done.err.splitlines()) == 1
 
 
+def test_help_is_a_command_too(attlog):
+    assert attlog("help").out == attlog("--help").out
+    assert attlog("help", "info").out == attlog("info", "--help").out
+
+
+@pytest.mark.parametrize("command", ["analyze", "info", "health", "extract", "reproduce xu --logs"])
+def test_a_mistyped_log_is_answered_with_the_nearest_name(attlog, samples, monkeypatch, command):
+    monkeypatch.chdir(samples)
+    done = attlog(*command.split(), "Copter_yaw_turn.bin")
+    assert (done.code, done.err) == (66, f"attlog: Copter_yaw_turn.bin: no such file; did you mean {LOG_NAME}?\n")
+    assert attlog(*command.split(), "zzz/copter_yaw_turns.bin").err == (
+        "attlog: zzz/copter_yaw_turns.bin: no such file\n"
+    )
+
+
 def test_a_list_of_two_whole_numbers_is_swept_and_said_to_be_two(attlog, samples, tmp_path):
     given = ("--reference", "onboard", "-q", "-o", tmp_path)
-    done = attlog("sweep", samples / LOG_NAME, "mahony", "kp=0,3", *given)
+    done = attlog("sweep", samples / LOG_NAME, "mahony", "kp=1,5", *given)
     assert done.code == 0
-    assert done.err == "attlog: kp=0,3 are two values, 0 and 3; the number is written 0.3\n"
-    assert attlog("sweep", samples / LOG_NAME, "mahony", "kp=0,3.0", *given).err == ""
+    assert done.err == "attlog: kp=1,5 are two values, 1 and 5; the number is written 1.5\n"
+    assert attlog("sweep", samples / LOG_NAME, "mahony", "kp=0.0,3", *given).err == ""

@@ -43,6 +43,7 @@ def test_green_is_0_and_red_is_1_with_the_sentence(attlog, command: str, gates, 
     more = () if command == "analyze" else ("--resume",)
     done = attlog(*args, gates("lag_ms = { max = 5 }"), *more)
     assert (done.code, "failed" in done.out) == (0, False), done.err
+    assert ("gates: 2 passed" if command == "analyze" else "gates: 2 of 2 passed") in done.out
     done = attlog(*args, gates("total_p95_deg = { max = 0.5 }"), *more)
     assert done.code == 1
     assert "mekf: total_p95_deg 2.6° (airborne), at most 0.5°" in done.out + done.err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import os
 import shutil
@@ -28,6 +29,33 @@ def test_a_signal_interrupts_and_is_told(number: signal.Signals) -> None:
         signal.raise_signal(number)
     assert received == [number]
     assert signal.getsignal(number) == before
+
+
+OLDER = "import sys; sys.version_info = (3, 10, 13); exec(sys.argv.pop(1))"
+
+
+def test_an_older_python_is_told_which_one_is_needed(tmp_path: Path) -> None:
+    older = tmp_path / "python3.10"
+    older.write_text(f'#!/bin/sh\n[ "$1" = -c ] && shift\nexec "{sys.executable}" -c \'{OLDER}\' "$@"\n')
+    older.chmod(0o755)
+    run = "import runpy; runpy.run_module('attlog', run_name='__main__')"
+    done = subprocess.run([older, run], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (2, "attlog needs Python 3.11 or newer, this is 3.10\n")
+    if shutil.which("make") is None:
+        pytest.skip("no make")
+    made = subprocess.run(
+        ["make", "demo", f"PYTHON={older}", f"VENV={tmp_path / 'venv'}"], cwd=ROOT, capture_output=True, text=True
+    )
+    first = "attlog needs Python 3.11 or newer, this is 3.10: make demo PYTHON=python3.12"
+    assert (made.returncode, made.stderr.splitlines()[0]) == (2, first)
+
+
+def test_what_runs_before_the_check_is_read_by_an_older_python() -> None:
+    """``pip install .`` imports the hook, ``-m attlog`` the others, before anything says which Python is needed."""
+    for name in ("attlog/__init__.py", "attlog/__main__.py", "hatch_build.py"):
+        tree = ast.parse((ROOT / name).read_text(encoding="utf-8"), feature_version=(3, 8))
+        at_once = [one for node in tree.body if isinstance(node, ast.Import) for one in node.names]
+        assert "tomllib" not in {one.name for one in at_once}, name
 
 
 def test_what_nohup_ignores_stays_ignored() -> None:

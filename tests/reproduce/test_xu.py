@@ -121,8 +121,20 @@ def test_the_best_gain_is_the_lowest_of_a_curve_that_is_known(seeds: list[GainRu
     ]
     runs = Flights("simulated missions", known)
     best = best_gain(runs, "tilt")
-    assert (best.kp, best.alike, best.any_within(0.6, 1.1)) == (0.85, (0.85,), True)
+    assert (best.kp, best.alike) == (0.85, (0.85,))
     assert best.over.value == pytest.approx(1.0 + np.log(0.6 / 0.85) ** 2)
+
+
+@pytest.mark.parametrize(
+    ("best_kp", "at_least", "at_most"),
+    [(0.1, "does not hold", "holds"), (0.85, "holds", "holds"), (3.0, "holds", "does not hold")],
+)
+def test_each_end_of_the_range_of_the_best_gain_has_a_verdict(best_kp: float, at_least: str, at_most: str) -> None:
+    error = {gain(kp): 1.0 + np.log(kp / best_kp) ** 2 for kp in SWEPT}
+    scaled = [{row: e * (1.0 + 0.01 * n) for row, e in error.items()} for n in range(3)]
+    runs = [GainRun(tilt=one, heading=one) for one in scaled]
+    low, high = xu._best_gain_claims([Flights("simulated missions", runs)])
+    assert (low.verdict, high.verdict) == (at_least, at_most)
 
 
 @pytest.mark.slow

@@ -132,6 +132,8 @@ def batch_command(
         codes |= outcome.codes
         _say_outcome(outcome, output, common.quiet)
         names = [record.name for record in outcome.records]
+        if not common.quiet and EXIT_INTERRUPTED not in codes:
+            say(gates.total(names), console())
     end_command(codes | gates.finish(names, wrong, interrupted=EXIT_INTERRUPTED in codes))
 
 

@@ -179,8 +179,12 @@ def _print_comparison(result: Comparison, page: Path, options: ComparisonOptions
         say([f"page: {page}"], out)
 
 
+# Lines of a table behind which what is above it has scrolled away.
+SCREEN_LINES = 24
+
+
 def comparison_lines(result: Comparison, width: int, verbose: bool = False) -> Iterator[TextLine]:
-    """Yield what is significant, the change over all logs, and the first sentence again.
+    """Yield what is significant and the change over all logs, below a long table the first sentence again.
 
     ``verbose``: also a sentence for each significant question, and tables with a row for each log.
     """
@@ -195,7 +199,9 @@ def comparison_lines(result: Comparison, width: int, verbose: bool = False) -> I
     yield from tables
     for line in (line for line in result.logs if line.code):
         yield from wrapped("not used: ", clean(f"{line.name}: {line.reason}"), width)
-    if tables:
+    for log, reason in result.without_answer.items():
+        yield from wrapped("no answer: ", clean(f"{log}: {reason}" if reason else log), width)
+    if len(tables) > SCREEN_LINES:
         yield from leads
 
 

@@ -17,7 +17,7 @@ from attlog.cli.arguments import command_line
 from attlog.cli.options import CommonOptions, Folder, Jobs, JobsOfCores, Json, complete_scenarios
 from attlog.cli.printing import GAP, TextLine, console, json_to_stdout, say, table, to_stderr, to_stdout, wrapped
 from attlog.cli.progress import progress
-from attlog.core.errors import AttlogError, LogUnreadable, UsageError
+from attlog.core.errors import AttlogError, LogUnreadable, UsageError, missing_file
 
 if TYPE_CHECKING:
     from attlog.reproduce.paper import Paper
@@ -269,12 +269,15 @@ def reproduce_command(
     from attlog.reproduce import page
     from attlog.reproduce.paper import PAPERS_WITH_LOGS, PaperOptions, paper_json, reproduce, select_papers
 
+    if logs:  # a shell makes several words of --logs flights/*.ulg
+        more = [word for word in papers if os.path.exists(word)]
+        papers, logs = [word for word in papers if word not in more], [*logs, *map(Path, more)]
     names = select_papers(papers)
     errors: list[AttlogError] = []
     found_logs: list[Path] = []
     if logs:
         found_logs, errors = find(logs)
-    errors += [LogUnreadable(f"{path}: there is no such file") for path in found_logs if not os.path.isfile(path)]
+    errors += [LogUnreadable(f"{path}: {missing_file(str(path))}") for path in found_logs if not os.path.isfile(path)]
     if errors:
         raise errors[0]
     if found_logs and not PAPERS_WITH_LOGS & set(names):
