@@ -155,7 +155,7 @@ def numbers(lines: list[IndexRow]) -> tuple[dict[str, str], list[dict[str, Any]]
         for column in x.row.get("columns", []):
             if column["title"] not in shown:
                 continue
-            about = {k: column[k] for k in ("title", "metric", "unit")} | {
+            about = {k: column.get(k) for k in ("title", "metric", "agreement", "unit")} | {
                 "sign": unit_sign(column["unit"]),
                 "values": {},
             }

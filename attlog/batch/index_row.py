@@ -19,7 +19,7 @@ from attlog.words.findings import parameter_change
 from attlog.words.flight import firmware
 from attlog.words.names import row_names
 from attlog.words.numbers import listed
-from attlog.words.table import main_table
+from attlog.words.table import AGREEMENT_TITLES, main_table
 
 # Version of the row format. Rows of other versions are rebuilt from their result.
 FORM = 3
@@ -435,17 +435,25 @@ def _verdict(verdict: Verdict) -> dict[str, Any]:
 def _columns(result: Result) -> list[dict[str, Any]]:
     """Return the comparison's columns.
 
-    Each has title, metric, window, unit and row -> value, or the code of a missing value.
+    Each has title, metric, whether it is agreement with the onboard attitude, window, unit and row -> value, or the
+    code of a missing value.
     """
     found = []
-    for heading in main_table(result, many=True).columns:
+    for heading in main_table(result).columns:
         if heading.metric in MEASURED_TIMES:
             continue
         cells = {r.name: r.metrics.get(heading.window, {}).get(heading.metric) for r in result.estimators}
         values = {name: _short(answer) for name, answer in cells.items() if answer is not None}
         unit = next(a.unit for a in cells.values() if a is not None and a.value is not None)
         found.append(
-            {"title": heading.title, "metric": heading.metric, "window": heading.window, "unit": unit, "values": values}
+            {
+                "title": heading.title,
+                "metric": heading.metric,
+                "agreement": heading.title in AGREEMENT_TITLES.values(),
+                "window": heading.window,
+                "unit": unit,
+                "values": values,
+            }
         )
     return found
 

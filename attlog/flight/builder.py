@@ -83,9 +83,13 @@ class LogBuilder:
         t: float | None = None,
         offset: int | None = None,
         count: int = 1,
+        *,
+        remedy: str = "",
+        source: str = "",
     ) -> None:
         """Add a problem to the log."""
-        self.problems.append(Problem(code, severity, text.strip(), t, offset, count))
+        found = Problem(code, severity, text.strip(), t, offset, count, remedy=remedy.strip(), source=source)
+        self.problems.append(found)
 
     # Parts of the log.
 

@@ -108,7 +108,7 @@ def choose_mag(builder: LogBuilder, preferred: int | None, why: str, asked: int 
         name = mag.field.source
         reason = dead_reason(mag, log.replay_imu)
         if reason:
-            if not any(p.code == "mag_only_offsets" and p.text.startswith(f"{name}:") for p in builder.problems):
+            if not any(p.code == "mag_only_offsets" and p.source == name for p in builder.problems):
                 builder.problem("mag_dead", "warning", f"{name}: {reason}; this magnetometer is not used.")
         elif not mag.enabled:
             passed_over.append(("mag_disabled", f"{name}: the parameters disable this compass", mag.index))

@@ -222,16 +222,17 @@ def choose_imu(
 
 def _report_no_unit(builder: LogBuilder) -> None:
     """Add the problem of a log without inertial data: refused, damaged, or not logged."""
-    messages = builder.messages
+    messages, remedy = builder.messages, ""
     if any(p.code in ("no_clock", *LEFT_OUT_CODES) for p in builder.problems):
         text = f"No record of the gyro and accelerometer in this log can be used. {_reason_left_out(builder)}"
     else:
-        reason = builder.log.advice("imu")
+        text = "This log holds no continuous gyro and accelerometer data of one unit."
         if messages.damage and 2 * messages.damage_bytes >= messages.size:
             first = messages.damage[0]
-            reason = f"Most of the file is damaged: {first.lost} at byte {first.offset}."
-        text = f"This log holds no continuous gyro and accelerometer data of one unit. {reason}"
-    builder.problem("no_imu", "error", text)
+            text += f" Most of the file is damaged: {first.lost} at byte {first.offset}."
+        else:
+            remedy = builder.log.advice("imu")
+    builder.problem("no_imu", "error", text, remedy=remedy)
 
 
 def _reason_left_out(builder: LogBuilder, more_than: int = 0) -> str:
@@ -250,14 +251,15 @@ def _faster_unit(builder: LogBuilder, units: list[ImuCandidate], slow: int) -> t
         "imu_that_flew_too_slow",
         "warning",
         f"The IMU that flew ({units[slow].source}) is logged at {units[slow].rate:.1f} Hz; "
-        f"{units[fast[0]].source} is replayed instead. {builder.log.advice('imu', units[slow].rate)}",
+        f"{units[fast[0]].source} is replayed instead.",
+        remedy=builder.log.advice("imu", units[slow].rate),
     )
     return fast[0], "the only one logged fast enough"
 
 
 def _is_replayable(builder: LogBuilder, unit: ImuCandidate) -> bool:
     """Return whether a unit has enough valid samples at a sufficient rate; report a shortfall."""
-    log, records = builder.log, len(unit.t_us)
+    log, records, remedy = builder.log, len(unit.t_us), ""
     if records < REPLAY_MIN_SAMPLES:
         code = "imu_too_short"
         text = f"{unit.source} is too short: {records} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
@@ -269,13 +271,14 @@ def _is_replayable(builder: LogBuilder, unit: ImuCandidate) -> bool:
     elif not is_replayable_rate(unit.rate):
         code = "imu_rate_too_low"
         text = f"{unit.source} is logged at {unit.rate:.1f} Hz; a replay needs at least {REPLAY_MIN_HZ:.0f} Hz. "
-        text += _reason_left_out(builder, records) or log.advice("imu", unit.rate)
+        left_out = _reason_left_out(builder, records)
+        text, remedy = text + left_out, "" if left_out else log.advice("imu", unit.rate)
     else:
         if unit.rate < LOW_RATE_HZ:
-            text = f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and steps are coarse. "
-            builder.problem("imu_low_rate", "warning", text + log.advice("fast_imu", unit.rate))
+            text = f"{unit.source} is logged at {unit.rate:.1f} Hz: vibration is aliased and steps are coarse."
+            builder.problem("imu_low_rate", "warning", text, remedy=log.advice("fast_imu", unit.rate))
         return True
-    builder.problem(code, "error", text)
+    builder.problem(code, "error", text, remedy=remedy)
     return False
 
 

@@ -484,7 +484,7 @@ class Problem:
     """Defect of the log or the flight, to be reported with the results.
 
     ``t`` s (of the first of ``count``) or ``offset`` in bytes is its place, ``value`` in ``unit`` its size. ``cause``
-    and ``remedy``: a sentence each, empty if unknown.
+    and ``remedy``: a sentence each, empty if unknown. ``source``: stream it is about, empty if about none or several.
     """
 
     code: str
@@ -497,6 +497,7 @@ class Problem:
     unit: str = ""
     cause: str = ""
     remedy: str = ""
+    source: str = ""
 
 
 @dataclass(slots=True)

@@ -27,6 +27,9 @@ from attlog.formats.table import Messages, ParamChange
 UNSET_DECLINATION_DEG = 1e-6
 # Parameters with the bit that enables the autopilot's own declination map.
 DECLINATION_LOOKUP = {"EKF2_DECL_TYPE": 1, "ATT_MAG_DECL_A": 1, "COMPASS_AUTODEC": 1}
+# Difference below which a parameter sent again by telemetry is the same value, rounded: ground stations write and read
+# back six decimals, or six significant digits (`%f`, `%g`).
+ROUNDED_DECIMALS, ROUNDED_SHARE = 5e-7, 5e-6
 # Most names in a sentence, and most invalid lines of a file in a message.
 MAX_SHOWN = 6
 # Names at least this similar are suggested (difflib's ratio).
@@ -48,10 +51,11 @@ def boot_values(changes: list[ParamChange]) -> dict[str, float]:
 def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
     """Return the changes of every parameter on the log's clock.
 
-    Values without a time apply from the first stamp on. Repeated equal values (a table written at each arming) are
-    merged.
+    Values without a time apply from the first stamp on. Repeated equal values (a table written at each arming), in
+    telemetry also rounded ones, are merged.
     """
     changes = builder.messages.params
+    rounds = builder.messages.format in ("tlog", "mavlink")
     near = (c.t_us for c in changes if c.t_us is not None and builder.is_near(c.t_us))
     begin = min(min(near, default=builder.t0_us), builder.t0_us)
     lines: dict[str, tuple[list[int], list[float]]] = {}
@@ -61,7 +65,7 @@ def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
         t, v = lines.setdefault(change.name, ([], []))
         if change.t_us is not None and not builder.is_near(change.t_us):
             continue
-        if not v or v[-1] != change.value:
+        if not v or not (v[-1] == change.value or (rounds and _is_rounding(v[-1], change.value))):
             t.append(begin if change.t_us is None else change.t_us)
             v.append(change.value)
     seconds = builder.seconds(np.fromiter(chain.from_iterable(t for t, _ in lines.values()), np.int64))
@@ -70,6 +74,14 @@ def parameter_lines(builder: LogBuilder, source: str) -> dict[str, TimeLine]:
         name: TimeLine(seconds[a : a + len(v)], v, source)
         for a, (name, (_, v)) in zip(begins, lines.items(), strict=False)
     }
+
+
+def _is_rounding(a: float, b: float) -> bool:
+    """Return whether two values differ by no more than a ground station's rounding."""
+    whole = float(a).is_integer() and float(b).is_integer()
+    return (
+        not whole and a != 0.0 and b != 0.0 and abs(a - b) <= max(ROUNDED_DECIMALS, ROUNDED_SHARE * max(abs(a), abs(b)))
+    )
 
 
 def add_values(builder: LogBuilder, declinations: Mapping[str, float]) -> None:
@@ -123,7 +135,7 @@ def parameter_histories(log: FlightLog) -> list[ParameterHistory]:
         value = line.at(0.0)
         known = own.defaults.get(name, value if own.defaults and log.format == "ulog" else None)
         default = None if name in own.filled else known
-        changed = [(t, v) for t, v in zip(line.t.tolist(), line.value, strict=True) if t > 0.0 and len(line.value) > 1]
+        changed = [(t, v) for t, v in zip(line.t.tolist()[1:], line.value[1:], strict=True) if t > 0.0]
         found.append(ParameterHistory(name, value, default, _origin(log, name, value, default), changed))
     return found
 

@@ -16,7 +16,7 @@ from attlog.core.timestamps import Stamps, plausible_records
 from attlog.flight import limits
 from attlog.flight.model import Array, FlightLog
 from attlog.flight.timestamps import isolated_timestamps, record_clock
-from attlog.formats.table import Field, Table
+from attlog.formats.table import Field, Messages, Table
 
 # Columns that are the clock of their records.
 CLOCK_COLUMNS = frozenset({"TimeUS", "TimeMS", "timestamp", "timestamp_sample", "_t_us", "time_boot_ms", "time_usec"})
@@ -88,11 +88,7 @@ class Signals:
     @cached_property
     def own(self) -> int | None:
         """The table instance of the vehicle in telemetry, None in a log of one vehicle."""
-        if self.log.format not in ("tlog", "mavlink"):
-            return None
-        from attlog.flight.mavlink import choose_system_id
-
-        return choose_system_id(self.messages, self.log.path, None)
+        return vehicle_instance(self.messages)
 
     @cached_property
     def all(self) -> list[Signal]:
@@ -180,6 +176,15 @@ class Signals:
                 near = np.abs(t) <= limits.MAX_LOG_S
                 self._clocks[key] = t[near], kept[near]
         return self._clocks[key]
+
+
+def vehicle_instance(messages: Messages) -> int | None:
+    """Return the table instance of the vehicle in telemetry, None in a log of one vehicle."""
+    if messages.format not in ("tlog", "mavlink"):
+        return None
+    from attlog.flight.mavlink import choose_system_id
+
+    return choose_system_id(messages, messages.path, None)
 
 
 def numeric_fields(table: Table) -> list[str]:

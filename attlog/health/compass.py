@@ -75,10 +75,11 @@ def field_checks(case: HealthCase) -> list[Check]:
     # A compass may share an IMU's record (MAVLink RAW_IMU).
     shared = {imu.gyro.source for imu in log.imus}
     names = [f"The compass of {s}" if s in shared else s for s in (mag.field.source for mag in log.mags)]
+    offsets = {problem.source for problem in log.problems if problem.code == "mag_only_offsets"}  # reported already
     dead = [
         Check("compass_dead", "fault", f"{name}: {reason}.", threshold="must follow the field")
         for m, name in zip(log.mags, names, strict=True)
-        if (reason := compass.dead_reason(m, log.replay_imu))
+        if m.field.source not in offsets and (reason := compass.dead_reason(m, log.replay_imu))
     ]
     if log.mag is None:
         return [*dead, unknown("field", "No usable magnetometer in this log.", "15 to 90 uT")]
@@ -451,7 +452,7 @@ def _field_size(mag: Mag, spans: list[Span]) -> tuple[float, float]:
 
 def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
     """Add the parameters that switch compasses to a check, else advice in words."""
-    name, flown = other.field.source, used.field.source
+    name, flown = _compass_name(log, other), _compass_name(log, used)
     # The firmware refuses to arm with a compass whose offsets are zero.
     if not other.calibrated or (other.offsets is not None and len(other.offsets.x) and not other.offsets.x.any()):
         check.why_no_setting = f"{name} was never calibrated: calibrate it first."
@@ -460,7 +461,7 @@ def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
     if why := _switched_already(log, other):
         check.verdict, check.why_no_setting = "ok", f"{why}: nothing to set."
         return
-    check.other_compass = name
+    check.other_compass = other.field.source
     wanted = compass_switches(log.settings.values, other.index, used.index)
     check.settings = [Setting(n, log.param(n), value) for n, value in wanted.items() if log.param(n) != value]
     how = " and ".join(f"{setting.name} {setting.new:.0f}" for setting in check.settings)
@@ -468,6 +469,12 @@ def _offer_switch(log: FlightLog, check: Check, other: Mag, used: Mag) -> None:
         how = _priority_words(log, other, used)
         check.why_no_setting = "No single parameter of this log switches a compass."
     check.action = f"Use {name} instead of {flown}: set {how}."
+
+
+def _compass_name(log: FlightLog, mag: Mag) -> str:
+    """Return the name of a compass for actions: in telemetry its number too, because a message is no compass."""
+    source = mag.field.source
+    return f"compass {mag.index + 1} ({source})" if log.format in ("tlog", "mavlink") else source
 
 
 # Text of ArduPilot's EKF at a change of its compass.
@@ -491,7 +498,7 @@ def _priority_words(log: FlightLog, other: Mag, used: Mag) -> str:
     if log.firmware.name == "PX4" and None not in slots and slots[0] != slots[1]:
         return f"CAL_MAG{slots[0]}_PRIO 100 and CAL_MAG{slots[1]}_PRIO 50"
     if log.firmware.name == "ArduPilot":
-        return "it first in the order of compasses"
+        return f"compass {other.index + 1} first in the ground station's list of compasses"
     return "the priority of that compass higher"
 
 

@@ -158,7 +158,7 @@ def problem_finding(problem: Problem, kind: str = "") -> Finding:
         count=problem.count,
         value=problem.value,
         unit=problem.unit,
-        cause=problem.cause,
+        cause=problem.cause or REPORT_CAUSES.get(problem.code, ""),
         action=problem.remedy,
     )
 
@@ -333,11 +333,31 @@ ACTIONS_BY_ABOUT = {
 }
 # Failsafes of a sensor or the estimator, and maximum time from report to event.
 EXPLAINED_FAILSAFES, SAME_TIME_S = ("err_7_1", "err_31_1", "ekf_failsafe", "vibration_failsafe"), 0.01
+# Action of a finding that has none by its signs, by kind and by what it is about: a remedy's key, or a sentence.
+USUAL_REMEDIES = {
+    "mag_only_offsets": "compass_wiring",
+    "mag_dead": "compass_wiring",
+    "imu_all_zero": "bus",
+    "accelerometer_dead": "bus",
+    "clipping": "vibration",
+}
+ATTITUDE_ACTION = "Keep the vehicle still as it starts, and compare its horizon with the real one before flying."
+ESTIMATOR_ACTION = "Look at the EKF's test ratios: the first above 1 names the sensor to check."
+USUAL_ACTIONS = {
+    ("attitude", "heading"): "Compare its heading with a known direction before the next flight.",
+    ("attitude", ""): ATTITUDE_ACTION,
+    ("estimator", ""): ESTIMATOR_ACTION,
+    ("realigned", ""): "Arm away from steel, reinforced concrete and cars, and check the compass calibration.",
+    ("imu_switched", ""): EVENT_ACTIONS["sensor_switch"],
+    ("damage", ""): "Copy the log again; if it stays damaged, check the memory card.",
+}
 STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
 # Maximum number of quoted messages in a finding.
 MAX_EVIDENCE = 4
 # Maximum number of effects named in a finding; subject of a sign that has some, unless it has its own.
 MAX_EFFECTS, FIRST_CAUSE = 2, "first_cause"
+# Kinds of events whose sentence gives a span.
+LASTING_EFFECTS = ("clipping", "aid_rejected")
 # Maximum time between events of one crash, as in the headline.
 ONE_CRASH_S = 5.0
 # Maximum number of later crashes listed.
@@ -345,6 +365,11 @@ MAX_LATER_CRASHES = 3
 # Maximum time from arming to an overturn at take-off.
 SOON_AFTER_ARMING_S = 10.0
 FLIPPED_ADVICE = "Check motor order, spin and propellers, and how the autopilot is mounted."
+# Actions after a crash without a known cause: of a vehicle that hovers, with and without logged motor outputs, and of
+# any other.
+LOST_ADVICE = "Compare attitude, set-points and motor outputs in the 5 s before it; inspect motors and propellers."
+UNLOGGED_ADVICE = "Log the motor outputs, without which no cause is found; inspect motors, propellers and ESCs."
+STEERED_ADVICE = "Compare attitude, set-points and control outputs in the 5 s before it; inspect the vehicle."
 
 
 def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: FlightLog) -> Signs:
@@ -372,12 +397,34 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             about = {"clipping": "clipping", "realigned": "heading", "vibration": "vibration"}.get(event.kind, "")
             action = ACTIONS_BY_ABOUT.get((event.kind, event.about), EVENT_ACTIONS.get(event.kind, ""))
             sign = replace(sign, about=about, action=action)
+            if event.kind == "hard_landing" and event.cause is None:
+                sign = replace(sign, action=landing_advice(log, event.t))
             if about == "vibration":
                 sign = replace(sign, cause=CAUSES["vibration_level"], action=log.remedy("vibration"))
             pairs.append((event, sign))
-    found = [*crash_signs(events, log.kind.hovers), *join_effects(pairs, events, reported)]
+    found = [*crash_signs(events, log), *join_effects(pairs, events, reported)]
     counted = [sign for sign in found if sign.kind == "crash" or not _is_within(sign.t, wrecks)]
     return [replace(sign, evidence=sign.evidence[:MAX_EVIDENCE]) for sign in counted]
+
+
+# Modes that land by themselves, and the parameters of their final speed of descent with their unit.
+LANDING_MODES = re.compile(r"land|rtl|rth|return", re.I)
+LANDING_SPEEDS = {"LAND_SPEED": "cm/s", "LAND_SPD_MS": "m/s", "MPC_LAND_SPEED": "m/s"}
+# Time before the impact at which the mode counts: firmwares change it at touch-down.
+BEFORE_LANDING_S = 1.0
+
+
+def landing_advice(log: FlightLog, t: float) -> str:
+    """Return what to do about a hard landing at ``t`` s: by the speed that its mode sets, or the pilot."""
+    inspect = "Inspect the frame, its legs and propellers"
+    mode = log.state.mode
+    if mode is None or not LANDING_MODES.search(str(mode.at(t - BEFORE_LANDING_S))):
+        return f"{inspect}, and sink slower near the ground."
+    speeds = [(name, value, unit) for name, unit in LANDING_SPEEDS.items() if (value := log.param(name)) is not None]
+    if not speeds:
+        return f"{inspect}, and lower the landing speed of the autopilot."
+    name, value, unit = speeds[0]
+    return f"{inspect}; check {name} ({value:g} {unit}) and the height near the ground."
 
 
 def join_effects(
@@ -398,33 +445,43 @@ def join_effects(
         others = [*(other for other, its in pairs if its.kind != sign.kind), *reported]
         results = sorted((other for other in others if causes.follows(other, event)), key=lambda other: other.t)
         if results:
-            sign = _with_effects(sign, [(other.text, other.t) for other in results])
+            sign = _with_effects(sign, [(other.text, other.t, other.kind in LASTING_EFFECTS) for other in results])
         joined.append(sign)
     return joined
 
 
-def _with_effects(sign: Finding, results: Sequence[tuple[str, float]]) -> Finding:
-    """Return a first cause that names its effects (sentence, t), in time order."""
-    said = [causes.effect_phrase(text, t) for text, t in results[:MAX_EFFECTS]]
+def _with_effects(sign: Finding, results: Sequence[tuple[str, float, bool]]) -> Finding:
+    """Return a first cause that names its effects (sentence, t, whether it gives a span), in time order."""
+    said = [causes.effect_phrase(*effect) for effect in results[:MAX_EFFECTS]]
     said += [f"{len(results) - MAX_EFFECTS} more"] if len(results) > MAX_EFFECTS else []
     text = f"{sign.text} {'Effects' if len(said) > 1 else 'Effect'}: {'; '.join(said)}."
     return replace(sign, text=text, about=sign.about or FIRST_CAUSE)
 
 
-def crash_signs(events: Sequence[Event], hovers: bool = True) -> Signs:
+def crash_signs(events: Sequence[Event], log: FlightLog) -> Signs:
     """Return signs of crashes; the text of the first covers all.
 
-    The action of an overturn at take-off of a vehicle that ``hovers`` is to check motors and mounting.
+    One with a known cause has no action of its own: that of the cause is at its finding.
     """
     happened = [event for event in events if event.is_crash]
     found = [event_finding(event, "crash") for event in happened]
     if found:
-        flipped = hovers and happened[0].kind == "overturn" and _was_on_ground(events, happened[0].t)
         text = _crash_text(_group_crashes(happened))
         first = causes.root(happened[0], events)
         cause = "" if first.kind in CRASHES else first.text
-        found[0] = replace(found[0], text=text, cause=cause, action=FLIPPED_ADVICE if flipped else "")
+        found[0] = replace(
+            found[0], text=text, cause=cause, action="" if cause else _crash_action(events, happened[0], log)
+        )
     return found
+
+
+def _crash_action(events: Sequence[Event], crash: Event, log: FlightLog) -> str:
+    """Return what to check after a crash without a known cause."""
+    if not log.kind.hovers:
+        return STEERED_ADVICE
+    if crash.kind == "overturn" and _was_on_ground(events, crash.t):
+        return FLIPPED_ADVICE
+    return UNLOGGED_ADVICE if log.power.outputs is None and log.power.motors is None else LOST_ADVICE
 
 
 def wreck_spans(events: Sequence[Event]) -> list[tuple[float, float]]:
@@ -472,6 +529,8 @@ def _crash_text(groups: Sequence[Sequence[Event]]) -> str:
 
 # Rules of reports.
 
+# Causes of reports whose reader knows none.
+REPORT_CAUSES = dict.fromkeys(("mag_only_offsets", "mag_dead"), CAUSES["compass_dead"])
 # Kinds of events that describe a problem code in more detail.
 EVENTS_FOR_CODES = {
     "failsafe": ("failsafe", "battery"),
@@ -621,18 +680,6 @@ def _joined(same: Signs) -> Finding:
     )
 
 
-def drop_zero_compass(signs: Signs, context: Context) -> Signs:
-    """Drop the dead-compass sign of a compass whose logged values were only its offsets."""
-    sources = [(sign, sign.text.partition(":")[0]) for sign in signs]
-    dead = {source: sign for sign, source in sources if sign.kind == "mag_dead"}
-    left_out = {source for sign, source in sources if sign.kind == ONLY_OFFSETS}
-    kept = [pair for pair in sources if not (pair[0].kind == "mag_dead" and pair[1] in left_out)]
-    return [
-        replace(s, cause=dead[name].cause, action=dead[name].action) if s.kind == ONLY_OFFSETS and name in dead else s
-        for s, name in kept
-    ]
-
-
 def gather_wrong_heading(signs: Signs, context: Context) -> Signs:
     """Attribute a wrong heading by GNSS to the compass, without one to the attitude.
 
@@ -735,7 +782,7 @@ def explain_by_force(signs: Signs, context: Context) -> Signs:
     since = force.t or 0.0
     later = [s for s in signs if s.kind == "estimator" and s.t is not None and s.t >= since]
     later = [s for s in later if s.about != REJECTED_POSITION]
-    named = [(s.text, s.t or 0.0) for s in sorted(later, key=lambda s: s.t or 0.0)]
+    named = [(s.text, s.t or 0.0, s.about in TEST_RATIOS) for s in sorted(later, key=lambda s: s.t or 0.0)]
     caused = _with_effects(force, named) if named else force
     return [caused if s is force else _as_kind(force.kind, s) if s in later else s for s in signs]
 
@@ -794,7 +841,6 @@ def _is_wrong_attitude(sign: Finding) -> bool:
 
 RULES: tuple[Rule, ...] = (
     join_repeated,
-    drop_zero_compass,
     gather_wrong_heading,
     Change(lambda s: s.kind == "compass", _is_missing_compass),
     # The reference of the heading uses the same field.
@@ -875,13 +921,24 @@ def choose_actions(found: Sequence[Finding], checks: Sequence[Check], log: Fligh
     taken: set[str] = set()
     chosen = []
     for finding in found:
-        action, cause = finding.action, finding.cause
+        action, cause = finding.action or usual_action(finding, log), finding.cause
         if finding.is_trouble and finding.kind in advice:
             action, why = advice[finding.kind]
             cause = why or cause
         chosen.append(replace(finding, cause=cause, action="" if action in taken else action))
         taken.add(action)
     return chosen
+
+
+def usual_action(finding: Finding, log: FlightLog) -> str:
+    """Return what to do about a warning whose signs have no action, empty if nothing is known."""
+    if not finding.is_trouble:
+        return ""
+    for name in (finding.about, finding.kind):
+        if name in USUAL_REMEDIES:
+            return log.remedy(USUAL_REMEDIES[name])
+    kind = finding.kind
+    return USUAL_ACTIONS.get((kind, finding.about), USUAL_ACTIONS.get((kind, ""), ""))
 
 
 def settings_advice(checks: Sequence[Check], log: FlightLog) -> dict[str, tuple[str, str]]:

@@ -70,9 +70,7 @@ def _wrong_heading_check(case: HealthCase, wrong: WrongHeading) -> Check:
     # A compass that is set wrongly, or corrected by a file, is not the one that flew.
     other = case.trouble("compass_orientation") or any(p.code == "calibration_applied" for p in log.problems)
     left = None if other else compass_left(log, segments, wrong)
-    if left is None:
-        check.action = "" if case.trouble("compass_orientation") else log.remedy("compass")
-    else:
+    if left is not None:
         _blame_estimator(log, segments, check, left)
     return check
 

@@ -40,6 +40,13 @@ REJECTION_CAUSES = {
     "height": "A drifting barometer or vibration.",
     "airspeed": "A blocked or badly calibrated airspeed sensor.",
 }
+POSITION_ACTION = "Check vibration, the GNSS antenna's view of the sky, and the compass."
+REJECTION_ACTIONS = {
+    "velocity": POSITION_ACTION,
+    "position": POSITION_ACTION,
+    "height": "Shield the barometer from wind and light, and check vibration.",
+    "airspeed": "Check the tubes of the airspeed sensor, and calibrate it.",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +146,8 @@ def _ratio_check(case: HealthCase, one: RatioSummary, rejection: Rejection | Non
             check.t, check.t_end = rejection.spans[0][0], rejection.spans[-1][1]
             check.about = REJECTED_POSITION if one.aid == "position" else ""
         wrong = case.trouble("heading_by_gnss")
+        if one.aid in REJECTION_ACTIONS and not wrong:
+            check.action = REJECTION_ACTIONS[one.aid]
         if wrong and one.aid in ("velocity", "position"):
             check.why_no_setting = "The heading is wrong, not GNSS: turned by one angle, both agree."
             check.evidence.append(wrong[0].text)

@@ -77,7 +77,9 @@ CHECKS: Mapping[str, Row] = {
     "compass_iron": Row("iron near the compass", timing.sensor_fault_checks, "compass", warning="note", fault="note"),
     "onboard_against_truth": Row("attitude against truth", attitude.smoother_checks, "attitude", fault="serious"),
     "onboard_against_smoother": Row("attitude against smoother", attitude.smoother_checks, "attitude", fault="serious"),
-    "heading_by_gnss": Row("heading by GNSS", heading.gnss_heading_checks, "compass", fault="serious"),
+    "heading_by_gnss": Row(
+        "heading by GNSS", heading.gnss_heading_checks, "compass", fault="serious", remedy="compass"
+    ),
     "vibration_level": Row("vibration", vibration.vibration_checks, "vibration", remedy="vibration"),
     "clipping": Row("clipping", vibration.vibration_checks, "vibration"),
     "vertical_force": Row(

@@ -53,7 +53,7 @@ def timing_checks(case: HealthCase) -> list[Check]:
     breaks = gap_indices(t) - 1
     found = [rate_check(source, imu.gyro.rate), gap_check(t, breaks, log, case.segments)]
     # Decimated IMU data is already reported.
-    thinned = any(p.code == "imu_decimated" and p.text.startswith(f"{source}:") for p in log.problems)
+    thinned = any(p.code == "imu_decimated" and p.source == source for p in log.problems)
     return found if thinned else [*found, jitter_check(np.delete(np.diff(t), breaks))]
 
 

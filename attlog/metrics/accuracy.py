@@ -22,9 +22,9 @@ from attlog.metrics.statistics import (
     UnitValues,
     make_ids,
 )
-from attlog.metrics.windows import covered_seconds, why_no_errors, why_no_heading
+from attlog.metrics.windows import covered_seconds, why_no_errors, why_no_heading, why_unproven
 from attlog.reference import scoring, sigma_deg
-from attlog.reference.model import SMOOTHER, Track
+from attlog.reference.model import Track
 from attlog.segments import model
 
 Array = NDArray[np.float64]
@@ -91,7 +91,7 @@ def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str,
         statistic = metric.name.split("_")[1]
         value, ci95 = size.of(statistic)
         alone = why_unranked(case, row, angle, ci95, duration)
-        why = alone or _among_others(case, row, angle) or _too_few(units, angle) or _unproven(case)
+        why = alone or _among_others(case, row, angle) or _too_few(units, angle) or why_unproven(case)
         answer = answers[metric.name] = Answer(
             value,
             "deg",
@@ -243,13 +243,6 @@ def _too_few(units: UnitValues, angle: str) -> str | None:
     needed = MIN_BLOCKS[angle] * BLOCK_S[angle]
     have = f"{len(units.ids)} whole block{'' if len(units.ids) == 1 else 's'} of {BLOCK_S[angle]:.0f} s"
     return f"too short to rank: {have}; {needed:.0f} s are needed"
-
-
-def _unproven(case: Case) -> str | None:
-    """Return why no error against an onboard attitude without a smoother is ranked, else None."""
-    if case.reference.kind != "onboard" or SMOOTHER not in case.reference.faults.refused:
-        return None
-    return "the onboard attitude is unproven, because the smoother was refused"
 
 
 COVERAGE_METRIC = Metric(

@@ -14,7 +14,7 @@ from attlog.metrics import step_turning
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
-from attlog.metrics.windows import why_no_errors
+from attlog.metrics.windows import why_no_errors, why_unproven
 from attlog.reference.model import Track
 
 Array = NDArray[np.float64]
@@ -192,7 +192,7 @@ def _lag_answer(case: Case, row: Track, window: str, found: Fit, events: list[st
     why = why_no_pure_delay(found, sound=row.status == "ok", half_width=half, lag=lag, earliest=earliest)
     if why is not None:
         return answer(None, "ms", window, code="not_a_pure_delay", reason=why)
-    unranked = None if row.causal else "looks ahead in time: its lag is no merit"
+    unranked = why_unproven(case) if row.causal else "looks ahead in time: its lag is no merit"
     ids, n = make_ids([events[k].onset for k in found.events]), len(found.events)
     pseudo = 1000 * (n * lag - (n - 1) * (found.left_out[:, 0] - delay))
     return answer(

@@ -17,7 +17,7 @@ from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, too_few, why_no_events
 from attlog.metrics.step_products import axis_of
 from attlog.metrics.step_turning import StepEvent, SummedTurning
-from attlog.metrics.windows import why_no_errors
+from attlog.metrics.windows import why_no_errors, why_unproven
 from attlog.reference.model import AttitudeErrors, Track
 
 Array = NDArray[np.float64]
@@ -252,16 +252,22 @@ def compute_step_error(case: Case, row: Track, window: str) -> dict[str, Answer]
     errors = errors_after(found)
     own = SMOOTHED_DEG if case.reference.kind == "smoother" else 0.0
     return {
-        m.name: _answer(errors, unit, window, found, own) for m, unit in zip(STEP_ERROR_METRICS, UNITS, strict=True)
+        m.name: _answer(errors, unit, window, found, own, why_unproven(case))
+        for m, unit in zip(STEP_ERROR_METRICS, UNITS, strict=True)
     }
 
 
 def _answer(
-    errors: EventErrors, unit: Literal["deg", "pct"], window: str, found: list[Curve], own_deg: float
+    errors: EventErrors,
+    unit: Literal["deg", "pct"],
+    window: str,
+    found: list[Curve],
+    own_deg: float,
+    unranked: str | None,
 ) -> Answer:
     """Return the answer in one unit.
 
-    ``own_deg``: the reference's own error, below which rows are equal.
+    ``own_deg``: the reference's own error, below which rows are equal. ``unranked``: why no row is ranked, else None.
     """
     count, sign = len(errors.deg), "deg" if unit == "deg" else "%"
     if count < MIN_EVENTS:
@@ -284,6 +290,8 @@ def _answer(
         each=[float(v) for v in values],
         units=UnitValues("step_event", errors.ids, sizes, here),
         floor=sigma,
+        reason=unranked,
+        ranked=unranked is None,
     )
 
 

@@ -14,7 +14,7 @@ from attlog.core.spans import Span, clipped, complement, intersect
 from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_object, per_row
 from attlog.reference import alignment
-from attlog.reference.model import Track
+from attlog.reference.model import SMOOTHER, Track
 from attlog.segments import increments, model
 
 # Phases in the order of the sentences. Never pooled: noise of a filter differs between them by up to ten times.
@@ -290,3 +290,10 @@ def span_windows(case: Case, row: Track, phase: str, span: Span) -> list[tuple[S
     laid = [(w, s) for w, s in windows_of_times(case, row.t, phase, span) if w[0] >= start - ROUND_S]
     own = [(w, unbroken_samples(s, row.q, segment)) for w, s in laid]
     return [(w, s) for w, s in own if s is not None]
+
+
+def why_unproven(case: Case) -> str | None:
+    """Return why nothing against an onboard attitude without a smoother is ranked, else None."""
+    if case.reference.kind != "onboard" or SMOOTHER not in case.reference.faults.refused:
+        return None
+    return "the onboard attitude is unproven, because the smoother was refused"

@@ -27,7 +27,7 @@ from attlog.core.files import file_names, staging_folder, write_all_atomic
 from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
 from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
-from attlog.flight.signals import NAME
+from attlog.flight.signals import NAME, vehicle_instance
 from attlog.flight.timestamps import record_clock
 from attlog.formats import Field, Messages, Table
 from attlog.pipeline.summary import sha256
@@ -69,7 +69,7 @@ class Extract:
         return pandas.DataFrame(self.columns)
 
 
-def messages(log: FlightLog, names: Iterable[str], system: int | None = None) -> Iterator[Extract]:
+def messages(log: FlightLog, names: Collection[str], system: int | None = None) -> Iterator[Extract]:
     """Yield the named messages of a log, scaled by the factors of their format.
 
     Without names all messages. Names as of :func:`select_tables`. ``system``: the MAVLink vehicle that ``log`` was read
@@ -99,18 +99,32 @@ def messages(log: FlightLog, names: Iterable[str], system: int | None = None) ->
         yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
 
 
-def select_tables(opened: Messages, asked: Iterable[str]) -> dict[tuple[str, int], list[str]]:
+def other_senders(log: FlightLog, names: Iterable[str]) -> list[str]:
+    """Return a sentence on each named message of telemetry that others than the vehicle send too."""
+    if log.messages is None or (own := vehicle_instance(log.messages)) is None:
+        return []
+    found = []
+    for name in (_known_name(name, log.messages.names()) for name in names):
+        sent = log.messages.instances(name)
+        if own in sent and len(sent) > 1:
+            others = ", ".join(f"{name}[{sender}]" for sender in sent if sender != own)
+            found.append(f"{name}: the vehicle's own; others sent {others}")
+    return found
+
+
+def select_tables(opened: Messages, asked: Collection[str]) -> dict[tuple[str, int], list[str]]:
     """Select messages and instances by names, each with the named fields; all without names.
 
     Names are ``ATT``, ``att``, ``MAG.0``, ``IMU[1]``, and those of signals: ``ATT.Roll``, ``BAT[0].Volt``. A message
-    without fields is wanted whole. UsageError for unknown names, each with similar ones, else with all.
+    without fields is wanted whole. In telemetry a name without an instance is the vehicle's own message, if it sends
+    it. UsageError for unknown names, each with similar ones, else with all.
     """
-    known = opened.names()
+    known, own = opened.names(), vehicle_instance(opened) if asked else None
     found: dict[tuple[str, int], list[str]] = {}
     whole: set[tuple[str, int]] = set()
     wrong = []
     for text in list(asked) or known:
-        keys, fields, reason = _selected(opened, text, known)
+        keys, fields, reason = _selected(opened, text, known, own)
         wrong += [reason] if reason else []
         whole |= set() if fields else set(keys)
         for key in keys:
@@ -120,8 +134,13 @@ def select_tables(opened: Messages, asked: Iterable[str]) -> dict[tuple[str, int
     return {key: [] if key in whole else fields for key, fields in found.items()}
 
 
-def _selected(opened: Messages, text: str, known: Collection[str]) -> tuple[list[tuple[str, int]], list[str], str]:
-    """Return the tables that a name selects and the field it names, or why it selects none."""
+def _selected(
+    opened: Messages, text: str, known: Collection[str], own: int | None
+) -> tuple[list[tuple[str, int]], list[str], str]:
+    """Return the tables that a name selects and the field it names, or why it selects none.
+
+    ``own``: instance that a name without one selects where a message has it.
+    """
     name, instance = _name_and_instance(text, known)
     field = ""
     if not opened.instances(_known_name(name, known)) and (signal := NAME.fullmatch(text)) is not None:
@@ -137,7 +156,8 @@ def _selected(opened: Messages, text: str, known: Collection[str]) -> tuple[list
         return [], [], f"no message {text}; {hint}"
     if instance is not None and instance not in instances:
         return [], [], f"no instance {instance} of {name}; it has {', '.join(map(str, instances))}"
-    keys = [(name, i) for i in instances if instance in (None, i)]
+    chosen = own if instance is None and own in instances else instance
+    keys = [(name, i) for i in instances if chosen in (None, i)]
     if not field:
         return keys, [], ""
     having = [key for key in keys if field in opened[key]]

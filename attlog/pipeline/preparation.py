@@ -79,7 +79,7 @@ def flight_of(source: str | Path | FlightLog, config: Config) -> FlightLog:
 def require_imu(log: FlightLog) -> None:
     """Raise LogUnusable, with the reason, for a log that cannot be replayed."""
     if log.imu is None:
-        reasons = [p.text for p in log.problems if p.severity == "error"]
+        reasons = [f"{p.text} {p.remedy}".strip() for p in log.problems if p.severity == "error"]
         raise LogUnusable(f"{log.path}: " + (" ".join(reasons) or "no inertial data: nothing to replay"))
 
 

@@ -80,10 +80,24 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
         },
         "advice": {"rest": part("Advice", lambda: log.advice("rest"), "")},
         "choices": dict(log.choices),
-        "params": part("Parameters", lambda: _params(log), {}),
-        "params_changed": part("Parameters", lambda: _changed(log), {}),
-        "params_in_flight": part("Parameters", lambda: _changed_in_flight(log), {}),
+        **part("Parameters", lambda: describe_parameters(log), {key: {} for key in PARAMETER_KEYS}),
     }
+
+
+PARAMETER_KEYS = ("params", "params_changed", "params_origin", "params_in_flight")
+
+
+def describe_parameters(log: FlightLog) -> dict[str, Any]:
+    """Return the parameters of the JSON: first values, those off their default, their origin, changes in flight.
+
+    Without those at their default all the time. ``params_origin``: name -> ``airframe``, ``file`` or, for parameters
+    set during the log, ``default``.
+    """
+    histories = parameter_histories(log)
+    origins: dict[str, str] = {one.name: one.origin for one in histories if one.origin in ("airframe", "file")}
+    origins |= {one.name: "default" for one in histories if one.changes and one.origin == "default"}
+    later = {one.name: [[t, value] for t, value in one.changes] for one in histories if one.changes}
+    return dict(zip(PARAMETER_KEYS, (_params(log), _changed(log), origins, later), strict=True))
 
 
 def _date(log: FlightLog) -> str | None:
@@ -94,7 +108,7 @@ def _date(log: FlightLog) -> str | None:
 
 
 def _params(log: FlightLog) -> dict[str, float]:
-    """Return the first value of each parameter that differs from its logged default.
+    """Return the first value of each parameter that differs from its logged default, or that was set later.
 
     All parameters where no defaults are logged. ULog logs no default for a parameter at its default.
     """
@@ -104,7 +118,8 @@ def _params(log: FlightLog) -> dict[str, float]:
     usual = {
         name: value for name, value in found.items() if name not in log.parameters.filled
     } | log.parameters.defaults
-    return {name: value for name, value in found.items() if value != usual.get(name)}
+    lines = log.parameters.lines
+    return {name: v for name, v in found.items() if v != usual.get(name) or len(lines[name].value) > 1}
 
 
 def place(log: FlightLog) -> dict[str, float] | None:
@@ -157,8 +172,3 @@ def _changed(log: FlightLog) -> dict[str, list[Any]]:
         if default is not None and value is not None and value != default:
             out[name] = [value, default]
     return out
-
-
-def _changed_in_flight(log: FlightLog) -> dict[str, list[list[float]]]:
-    """Return parameters that were set after the start of the log: name -> [[t, value], ...]."""
-    return {one.name: [[t, value] for t, value in one.changes] for one in parameter_histories(log) if one.changes}

@@ -71,10 +71,13 @@ def effects(event: Event, events: Sequence[Event]) -> list[Event]:
     return [other for other in events if other is not event and root(other, events) is event]
 
 
-def effect_phrase(text: str, t: float) -> str:
-    """Return the sentence of an event at ``t`` s as a clause with its time, without capital and full stop."""
+def effect_phrase(text: str, t: float, lasts: bool = False) -> str:
+    """Return the sentence of an event at ``t`` s as a clause with its time, without capital and full stop.
+
+    ``lasts``: the sentence gives a span or a duration, of which the clause has the begin alone.
+    """
     text = text.rstrip(".").partition(". ")[0].partition(": ")[0]
-    if re.search("clipped|rejected its", text):
+    if lasts:
         text = re.split(" for | from ", text)[0] + f" from {t:.1f} s"
     elif not re.search(r"\b(at|from) [\d.]+", text):
         text += f" at {t:.1f} s"
@@ -100,8 +103,9 @@ POSITION_WORDS = re.compile(
     r"bad position|requires position|EKF variance|EKF failsafe|stopped aiding|dead reckoning|(GNSS|GPS) failsafe",
     re.I,
 )
-# Failsafes with another cause.
-OTHER_FAILSAFES = re.compile(r"kill switch|radio|ground station|battery|terrain|vibration|attitude failure|crash", re.I)
+# Failsafes with another cause: what the event is about, or the autopilot's words.
+OTHER_FAILSAFES = frozenset({"kill switch", "radio", "ground station", "battery", "terrain", "vibration"})
+OTHER_WORDS = re.compile(r"kill switch|radio|ground station|battery|terrain|vibration|attitude failure|crash", re.I)
 
 
 def lost_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
@@ -111,13 +115,18 @@ def lost_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
         during = [
             (n, e)
             for n, e in _of(events, "failsafe", "message")
-            if lost.t + MIN_COAST_S <= e.t <= end + AFTER_LOSS_S and not OTHER_FAILSAFES.search(e.text)
+            if lost.t + MIN_COAST_S <= e.t <= end + AFTER_LOSS_S and not _has_other_cause(e)
         ]
         reported = [e.t for _, e in during if POSITION_WORDS.search(_words(e))]
         for n, event in during:
             unnamed = event.kind == "failsafe" and any(abs(event.t - t) <= AFTER_LOSS_S for t in reported)
             if unnamed or POSITION_WORDS.search(_words(event)):
                 yield k, n, f"GNSS had been missing for {event.t - lost.t:.1f} s"
+
+
+def _has_other_cause(event: Event) -> bool:
+    """Return whether a failsafe or the autopilot's message has another cause than the position."""
+    return event.about in OTHER_FAILSAFES or (event.kind == "message" and bool(OTHER_WORDS.search(event.quote)))
 
 
 # Time from a jump of GNSS to its effect, and the smallest jump that explains one: default gate of ArduPilot's EKF
@@ -132,7 +141,7 @@ def jumped_position(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
             continue
         for n, event in _of(events, "failsafe", "aid_rejected"):
             about = event.about == "position" or POSITION_WORDS.search(_words(event))
-            if 0.0 <= event.t - jump.t <= MAX_JUMP_S and about and not OTHER_FAILSAFES.search(event.text):
+            if 0.0 <= event.t - jump.t <= MAX_JUMP_S and about and not _has_other_cause(event):
                 yield k, n, f"GNSS position and velocity disagree by {jump.value:.0f} m"
 
 

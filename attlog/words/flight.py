@@ -134,9 +134,10 @@ def reproduction_text(estimator: str, found: Reproduction) -> str:
     if found.until_s is not None:
         where += f" to the lane switch at {moment(found.until_s)}"
     if found.follows:
-        return f"{flown_name(estimator)} run again: within {size} of what flew (median {where})."
+        return f"{flown_name(estimator)} run again: within {size} of the onboard attitude (median {where})."
     leaves = "" if found.leaves_s is None else f", from {moment(found.leaves_s, 0)}"
-    return f"{flown_name(estimator)} run again does not follow what flew: {size} apart (median {where}{leaves})."
+    text = f"{flown_name(estimator)} run again does not follow the onboard attitude"
+    return f"{text}: {size} apart (median {where}{leaves})."
 
 
 def _distance(found: Reproduction) -> str:

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
-from attlog.flight.parameters import ParameterHistory
+from attlog.flight.parameters import Origin, ParameterHistory
 from attlog.result import Result
 from attlog.words.numbers import MINUS, moment
 from attlog.words.text import plain_value
@@ -58,19 +58,19 @@ def parameter_lines(result: Result) -> list[ParameterLine]:
 
 
 def _written_histories(log: dict[str, Any]) -> list[ParameterHistory]:
-    """Return the parameters that a JSON result lists as changed."""
+    """Return the parameters that a JSON result lists as not at their default, or as set during the log."""
     changed, later = dict(log.get("params_changed") or {}), dict(log.get("params_in_flight") or {})
     first = dict(log.get("params") or {})
-    return [
-        ParameterHistory(
-            name,
-            first.get(name, changed.get(name, (None,))[0]),
-            changed.get(name, (None, None))[1],
-            "set" if changed.get(name, (None, None))[1] is not None else "unknown",
-            [(t, value) for t, value in later.get(name, [])],
-        )
-        for name in sorted(first.keys() | changed.keys() | later.keys())
-    ]
+    origins: dict[str, Origin] = dict(log.get("params_origin") or {})
+    found = []
+    for name in sorted(first.keys() | changed.keys() | later.keys()):
+        now, default = changed.get(name, (None, None))
+        value, origin = first.get(name, now), origins.get(name)
+        default = value if origin == "default" else default
+        usual: Origin = "unknown" if default is None else "default" if value == default else "set"
+        changes = [(t, value) for t, value in later.get(name, [])]
+        found.append(ParameterHistory(name, value, default, origin or usual, changes))
+    return found
 
 
 def _line(history: ParameterHistory, flights: list[list[float]]) -> ParameterLine:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pandas
@@ -200,3 +201,20 @@ def test_fields_are_named_as_on_the_page_and_those_of_a_message_share_its_table(
     assert pandas.read_csv(tmp_path / "both.csv").equals(whole)
     done = attlog("extract", log, "ATT.Rol", "-o", tmp_path / "none")
     assert (done.code, "no field Rol of ATT; it has TimeUS, DesRoll, Roll" in done.err) == (2, True)
+
+
+def test_a_name_in_telemetry_is_the_vehicles_own_message():
+    """As in the page's picker; other senders have names of their own, and all messages are still all of them."""
+    from attlog.pipeline import extraction
+    from tests.flight import fake
+
+    heartbeat = {"_t_us": fake.micros(5, 1.0), "type": np.full(5, 2, np.uint8)}
+    info = {"system": 1, "systems": {1: {"component": 1}, 255: {"component": None}}}
+    opened = fake.messages("tlog", {("HEARTBEAT", 257): heartbeat, ("HEARTBEAT", 65470): heartbeat}, info=info)
+    assert list(extraction.select_tables(opened, ["heartbeat"])) == [("HEARTBEAT", 257)]
+    assert extraction.select_tables(opened, ["HEARTBEAT[65470].type"]) == {("HEARTBEAT", 65470): ["type"]}
+    assert len(extraction.select_tables(opened, [])) == 2
+    log = SimpleNamespace(messages=opened)
+    assert extraction.other_senders(log, ["heartbeat"]) == [
+        "HEARTBEAT: the vehicle's own; others sent HEARTBEAT[65470]"
+    ]

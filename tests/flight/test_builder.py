@@ -156,7 +156,7 @@ def test_a_sensor_without_one_good_record_is_not_called_unlogged() -> None:
     ):
         log = read(tables)
         assert log.imu is None
-        assert [says in p.text for p in log.problems if p.code == "no_imu"] == [True]
+        assert [says in p.text + p.remedy for p in log.problems if p.code == "no_imu"] == [True]
 
 
 @pytest.mark.parametrize(

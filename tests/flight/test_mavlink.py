@@ -161,7 +161,7 @@ def test_a_rate_below_ten_hertz_is_refused_with_what_to_do() -> None:
     assert log.imu is None
     problem = next(p for p in log.problems if p.code == "imu_rate_too_low")
     assert "4.0 Hz" in problem.text
-    assert "SD card" in problem.text
+    assert "SD card" in problem.remedy
 
 
 @pytest.mark.parametrize(("hz", "replayed"), [(9.97, True), (9.9, False)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ from attlog.flight.builder import LogBuilder
 from attlog.flight.parameters import ParameterHistory, add_values, parameter_histories, parameter_lines
 from attlog.formats.recording import Recording
 from attlog.formats.table import Messages, ParamChange
+from attlog.pipeline.summary import describe_parameters
+from attlog.result import Result
+from attlog.words.parameters import parameter_lines as displayed
 from tests.flight.fake import messages, micros
 
 T0_US = 10_000_000
@@ -82,3 +86,36 @@ def test_values_before_the_first_sample_are_no_changes_and_repeated_ones_are_non
     (found,) = histories(messages("dataflash", ROWS, changes)).values()
     assert found.value == 2.0
     assert found.changes == [(4.0, 3.0), (6.0, 2.0)]
+
+
+def test_a_value_first_logged_in_flight_is_no_change() -> None:
+    (found,) = histories(messages("dataflash", ROWS, [ParamChange("A", 1.0, T0_US + 4_000_000)])).values()
+    assert (found.value, found.changes) == (1.0, [])
+
+
+@pytest.mark.parametrize(("log_format", "changes"), [("tlog", 2), ("dataflash", 4)])
+def test_a_value_that_telemetry_repeats_rounded_is_no_change(log_format: str, changes: int) -> None:
+    def later(name: str, *values: float) -> list[ParamChange]:
+        return [ParamChange(name, value, T0_US + 1_000_000 * k) for k, value in enumerate(values)]
+
+    sent = [*later("SMALL", 1.862886e-05, 1.86e-05), *later("LARGE", 96322.617, 96323.0)]
+    sent += [*later("TUNED", 0.135, 0.14), *later("COUNT", 1_000_000, 1_000_001)]
+    found = histories(messages(log_format, ROWS, sent))
+    assert sum(len(one.changes) for one in found.values()) == changes
+    assert found["TUNED"].changes
+    assert found["COUNT"].changes
+
+
+def test_parameters_of_a_json_result_keep_their_origin() -> None:
+    """Those at their default are not in JSON."""
+    builder = LogBuilder(messages("ulog", ROWS, PX4), t0_us=T0_US)
+    builder.log.format = "ulog"
+    builder.log.parameters.lines = parameter_lines(builder, "made")
+    add_values(builder, {})
+    lines = displayed(Result({}, "", {}, json.loads(json.dumps(describe_parameters(builder.log)))))
+    assert {line.name: (line.kind, line.default) for line in lines} == {
+        "SET": ("set", "0.25"),
+        "FRAME": ("airframe", "2"),
+        "BOTH": ("set", "5"),
+        "USUAL": ("default", "1"),
+    }

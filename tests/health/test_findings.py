@@ -18,8 +18,8 @@ from attlog.health import findings as rules
 from attlog.health.check import Check, Setting, unknown
 from attlog.health.findings import FLIPPED_ADVICE, MAX_LISTED, Context, Finding, crash_signs, findings, join_repeated
 from attlog.health.gravity import MEAN_GRAVITY
-from attlog.health.registry import CHECKS
-from attlog.story.flight_events import Event
+from attlog.health.registry import CAUSES, CHECKS
+from attlog.story.flight_events import Cause, Event
 from tests.conftest import ROOT, SAMPLES
 from tests.health.made import OFFSET, REFUSED, SILENT, SOUND
 from tests.health.test_health import good
@@ -122,7 +122,7 @@ def test_crashes_come_from_events_with_the_others_as_evidence(log: FlightLog) ->
         Event("realigned", 8.0, "warning", "Realigned."),
     ]
     (one,) = findings(log, [check("crash")], events=events)
-    assert (one.text, one.t, one.action) == ("Turned over at 5.6 s. Hit the ground.", 5.6, "")
+    assert (one.text, one.t, one.action) == ("Turned over at 5.6 s. Hit the ground.", 5.6, rules.LOST_ADVICE)
     assert one.evidence == ["ATT", "Hit the ground."]
 
 
@@ -178,13 +178,13 @@ def test_gnss_is_blamed_only_where_it_jumped_itself(log: FlightLog, apart_m: flo
     (one,) = findings(
         log, [check("gnss_quality", "ok")] if not action else [check("gnss_quality")], [report], events=[event]
     )
-    assert (one.kind, bool(one.action)) == (kind, action)
+    assert (one.kind, "antenna" in one.action) == (kind, action)
 
 
 def test_no_calibration_mends_a_sensor_that_does_not_answer(log: FlightLog) -> None:
     (dead,) = findings(log, [check("accelerometer_dead")])
     (wrong,) = findings(log, [check("accelerometer_rest", value=9.2)])
-    assert (dead.action, bool(wrong.action)) == ("", True)
+    assert (dead.action, wrong.action) == (GENERAL_REMEDIES["bus"], GENERAL_REMEDIES["accelerometer"])
 
 
 def test_a_crash_that_only_the_autopilot_reports_is_no_crash(log: FlightLog) -> None:
@@ -264,12 +264,10 @@ def test_a_wrong_attitude_explains_no_vibration(log: FlightLog) -> None:
     assert {f.kind: f.evidence for f in found} == {"attitude": ["gravity_in_flight is off."], "vibration": []}
 
 
-def test_a_compass_that_is_its_offsets_is_told_once_with_what_to_check(log: FlightLog) -> None:
-    zero = Check("compass_dead", "fault", "MAG: all its values are zero.")
-    other = Check("compass_dead", "fault", "MAG2: all its values are zero.")
-    left_out = Problem("mag_only_offsets", "warning", "MAG: every value equals the compass offsets.")
-    found = {f.kind: f for f in findings(log, [zero, other], [left_out])}
-    assert {k: f.text for k, f in found.items()} == {"mag_only_offsets": left_out.text, "mag_dead": other.text}
+def test_a_compass_that_is_its_offsets_is_reported_with_what_to_check(log: FlightLog) -> None:
+    log.problems = [Problem("mag_only_offsets", "warning", "MAG: every value is an offset.", source="MAG")]
+    (one,) = findings(log, [])
+    assert (one.cause, one.action) == (CAUSES["compass_dead"], GENERAL_REMEDIES["compass_wiring"])
 
 
 def test_of_a_sensor_whose_records_were_refused_no_check_is_told(log: FlightLog) -> None:
@@ -359,29 +357,53 @@ ARMED = Event("armed", 1.0, "info", "Armed.")
 LIFT = Event("liftoff", 3.0, "info", "Lift-off.")
 
 
-def test_a_copter_that_flips_before_any_lift_off_has_motors_or_mount_to_check() -> None:
-    assert crash_signs([ARMED, OVER])[0].action == FLIPPED_ADVICE
+def test_a_copter_that_flips_before_any_lift_off_has_motors_or_mount_to_check(log: FlightLog) -> None:
+    assert crash_signs([ARMED, OVER], log)[0].action == FLIPPED_ADVICE
 
 
-def test_what_flew_before_it_turned_over_or_does_not_hover_is_not_sent_to_its_motors() -> None:
-    assert crash_signs([ARMED, LIFT, OVER])[0].action == ""
-    assert crash_signs([ARMED, OVER], hovers=False)[0].action == ""
+def test_a_crash_has_an_action_by_vehicle_and_log_unless_its_cause_has_one(log: FlightLog) -> None:
+    assert crash_signs([ARMED, LIFT, OVER], log)[0].action == rules.LOST_ADVICE
+    log.power.outputs = log.power.motors = None
+    assert crash_signs([ARMED, LIFT, OVER], log)[0].action == rules.UNLOGGED_ADVICE
+    failed = Event("motor_failed", 5.0, "serious", "Motor 2 gave no thrust from 5.0 s.")
+    caused = replace(OVER, cause=Cause("motor_failed", 5.0, failed.text, ""))
+    assert crash_signs([ARMED, LIFT, failed, caused], log)[0].action == ""
+    log.vehicle = "fixed wing"
+    assert crash_signs([ARMED, OVER], log)[0].action == rules.STEERED_ADVICE
 
 
-def test_a_log_that_begins_long_after_arming_may_begin_in_the_air_and_a_blow_is_no_flip() -> None:
-    assert crash_signs([Event("armed", -156.2, "info", "Armed before the log begins."), OVER])[0].action == ""
-    assert crash_signs([ARMED, Event("impact", 9.0, "serious", "Hit the ground at 9.0 s: 12 g.")])[0].action == ""
+def test_a_log_that_begins_long_after_arming_may_begin_in_the_air_and_a_blow_is_no_flip(log: FlightLog) -> None:
+    before = Event("armed", -156.2, "info", "Armed before the log begins.")
+    assert crash_signs([before, OVER], log)[0].action == rules.LOST_ADVICE
+    hit = Event("impact", 9.0, "serious", "Hit the ground at 9.0 s: 12 g.")
+    assert crash_signs([ARMED, hit], log)[0].action == rules.LOST_ADVICE
 
 
-def test_how_it_lay_is_told_of_the_last_move_alone() -> None:
+def test_a_hard_landing_is_answered_by_the_speed_of_its_landing_mode_or_by_the_pilot(log: FlightLog) -> None:
+    log.state.mode = TimeLine(np.array([0.0, 10.0, 20.0]), ["LOITER", "LAND", "LOITER"], "MODE")
+    log.parameters.lines["LAND_SPEED"] = TimeLine(np.array([0.0]), [50.0], "PARM")
+    assert "LAND_SPEED (50 cm/s)" in rules.landing_advice(log, 20.2)
+    assert "sink slower" in rules.landing_advice(log, 9.0)
+
+
+def test_every_serious_finding_of_a_lost_flight_has_an_action(log: FlightLog) -> None:
+    """Of an attitude, an estimator, a damage and a dead compass no sign has an action of its own."""
+    reports = [Problem(code, "error", f"{code}.") for code in ("damage", "ekf_check", "imu_all_zero", "mag_dead")]
+    log.simulated = False
+    found = findings(log, [check("gravity_direction"), check("second_source", "warning")], reports)
+    assert [f.kind for f in found if not f.action] == []
+
+
+def test_how_it_lay_is_told_of_the_last_move_alone(log: FlightLog) -> None:
     """It fell over and lay at 44 deg, then turned over to 175; it did not lie at 44 then."""
     fell = Event("overturn", 26.9, "serious", "Fell over at 26.9 s, to 44°. It then lay at 44°.", t_end=40.1)
     over = Event("overturn", 39.8, "serious", "Turned over at 39.8 s, to 175°.")
     assert (
-        crash_signs([ARMED, LIFT, fell, over])[0].text == "Fell over at 26.9 s, to 44°. Turned over at 39.8 s, to 175°."
+        crash_signs([ARMED, LIFT, fell, over], log)[0].text
+        == "Fell over at 26.9 s, to 44°. Turned over at 39.8 s, to 175°."
     )
     hit = Event("impact", 41.0, "serious", "Hit the ground at 41.0 s: 9.0 g. It then lay at 170°.")
-    assert crash_signs([ARMED, LIFT, fell, over, hit])[0].text.endswith("9.0 g. It then lay at 170°.")
+    assert crash_signs([ARMED, LIFT, fell, over, hit], log)[0].text.endswith("9.0 g. It then lay at 170°.")
 
 
 # What comes in dozens is one sign with its number; what comes a few times stands for itself.

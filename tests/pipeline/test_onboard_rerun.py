@@ -92,7 +92,7 @@ def test_it_runs_by_default_and_is_never_ranked(result: Result) -> None:
     assert (row.kind, row.status) == ("rerun", "ok")
     assert not any(RUN in names for window in result.ranked.values() for names in window.values())
     assert rerun_sentences(result) == [
-        "EKF2 run again: within 0.04° tilt and 0.09° heading of what flew (median in the air)."
+        "EKF2 run again: within 0.04° tilt and 0.09° heading of the onboard attitude (median in the air)."
     ]
 
 
@@ -147,7 +147,8 @@ def test_a_re_run_that_does_not_follow_says_by_how_much_and_since_when(result: R
     assert row.reproduction is not None
     lost = replace(row.reproduction, tilt_median_deg=1.23, follows=False, leaves_s=33.7)
     assert rerun_sentences(replace(result, estimators=[replace(row, reproduction=lost)])) == [
-        "EKF2 run again does not follow what flew: 1.3° tilt and 0.09° heading apart (median in the air, from 34 s)."
+        "EKF2 run again does not follow the onboard attitude: "
+        "1.3° tilt and 0.09° heading apart (median in the air, from 34 s)."
     ]
 
 
@@ -162,7 +163,7 @@ def test_a_lane_switch_ends_the_comparison_and_is_named(result: Result) -> None:
     row = row_of(result, RUN)
     found = reproduction(case, run, "cold")
     assert rerun_sentences(replace(result, estimators=[replace(row, reproduction=found)]))[0].endswith(
-        "of what flew (median in the air to the lane switch at 40.0 s)."
+        "of the onboard attitude (median in the air to the lane switch at 40.0 s)."
     )
 
 

@@ -13,8 +13,8 @@ const hasGate = (i) => hasKind(i, 0);
 const toSet = (i) => D.sensors[i][2];
 const isIn = (i, level) => !level || (level === 'gates' ? hasGate(i) : level === 'set' ? toSet(i).length > 0 : LEVELS[D.level[i]] === level);
 const column = (title) => D.columns.find((c) => c.title === title);
-// one column of each question: noise at rest, where it is known, and not noise in hover as well
-const inTable = () => { const found = D.columns.filter((c) => c.values[state.row]); return found.filter((c, k) => found.findIndex((d) => d.metric === c.metric) === k).slice(0, NUMBERS); };
+// one column of each question, agreement with onboard apart from errors: noise at rest, where it is known, and not noise in hover as well
+const inTable = () => { const found = D.columns.filter((c) => c.values[state.row]); return found.filter((c, k) => found.findIndex((d) => d.metric === c.metric && d.agreement === c.agreement) === k).slice(0, NUMBERS); };
 
 function matches(i) {
   if (!isIn(i, state.level)) return false;

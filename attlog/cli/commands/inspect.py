@@ -363,7 +363,7 @@ def extract_command(
     ]
     if len(empty) == len(tables):
         raise LogUnusable("\n".join([f"{log}: nothing to extract", *dict.fromkeys(empty)]))
-    for sentence in empty if not common.quiet else ():
+    for sentence in [*extraction.other_senders(flight, messages or []), *empty] if not common.quiet else ():
         to_stderr(f"attlog: {sentence}")
     if str(own.output) == "-":
         extraction.write_stream(tables, flight, sys.stdout.buffer, kind)

@@ -45,7 +45,7 @@ def magnetometers(builder: DataflashBuilder) -> list[Mag]:
         offsets = columns(table, "OfsX", "OfsY", "OfsZ") if "OfsX" in table else None
         if offsets is not None and shows_only_offsets(field, offsets):
             text = f"{source}: every value equals the compass offsets, so the compass itself measures nothing; "
-            builder.problem("mag_only_offsets", "warning", text + "it is not used.")
+            builder.problem("mag_only_offsets", "warning", text + "it is not used.", source=source)
             field = np.zeros_like(field)
         sampled = t - (t - table["S"].astype(np.int64)) % _WRAP_US if "S" in table else None
         enabled = builder.values.get("COMPASS_USE" + ("" if unit == 0 else str(unit + 1)), 1.0) != 0

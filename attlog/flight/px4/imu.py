@@ -297,7 +297,7 @@ def decimation_problem(source: str, t: Stamps, dt: Array) -> list[Problem]:
     if apart_ms <= DECIMATION_FACTOR * covered_ms:
         return []
     text = f"{source}: the logger kept one sample per {apart_ms:.0f} ms although each covers {covered_ms:.1f} ms; "
-    return [Problem("imu_decimated", "warning", f"{text}the rotation between them is lost.")]
+    return [Problem("imu_decimated", "warning", f"{text}the rotation between them is lost.", source=source)]
 
 
 def filtered_candidates(builder: TopicBuilder, selected: int) -> list[ImuCandidate]:

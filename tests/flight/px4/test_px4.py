@@ -72,7 +72,7 @@ def test_a_decimated_sensor_combined_is_told_and_refused_below_ten_hertz() -> No
     log = read({("sensor_combined", 0): combined(200, 9.6, 4000)})
     assert log.imu is None
     assert {"imu_decimated", "imu_rate_too_low"} <= {p.code for p in log.problems}
-    assert "SDLOG_PROFILE" in " ".join(p.text for p in log.problems)
+    assert "SDLOG_PROFILE" in " ".join(p.remedy for p in log.problems)
 
 
 def test_fast_increments_of_the_unit_that_flew_are_preferred_and_divided_by_their_own_time() -> None:
