@@ -62,7 +62,10 @@ PANELS: dict[str, PanelUnit] = {
     "climb": PanelUnit("m/s", -1_000.0, 1_000.0),
     "speed": PanelUnit("m/s", 0.0, 1_000.0),
     **{axis: PanelUnit("deg/s", -1e5, 1e5) for axis in RATE_PANELS},
+    "roll": PanelUnit("deg"),
+    "pitch": PanelUnit("deg"),
     "heading": PanelUnit("deg"),
+    "acceleration": PanelUnit("m/s^2", -1e4, 1e4),
     "motors": PanelUnit("%", -1_000.0, 1_000.0),
     "servos": PanelUnit("%", -1_000.0, 1_000.0),
     "outputs": PanelUnit("us", 1.0, 10_000.0),
@@ -171,7 +174,7 @@ def _of_flight(log: FlightLog) -> Iterator[PanelLine]:
     yield from _stream("height", "rangefinder", log.rangefinder)
     yield from _stream("speed", "onboard", log.estimator.speed)
     yield from _stream("speed", "air", log.airspeed)
-    yield from _headings(log)
+    yield from _attitudes(log)
     if log.setpoints.rates is not None:
         for axis, x in zip(RATE_PANELS, log.setpoints.rates.x.T, strict=True):
             yield PanelLine(axis, "set-point", log.setpoints.rates.t, np.degrees(x))
@@ -190,12 +193,15 @@ def _of_flight(log: FlightLog) -> Iterator[PanelLine]:
         yield from _stream("temperature", numbered("IMU", unit.index), unit.temperature)
 
 
-def _headings(log: FlightLog) -> Iterator[PanelLine]:
-    """Yield headings in deg: onboard, commanded, and by GNSS where it shows one."""
+def _attitudes(log: FlightLog) -> Iterator[PanelLine]:
+    """Yield headings in deg: onboard, commanded, and by GNSS where it shows one; all angles where no filter runs."""
     known = {"onboard": log.onboard_attitude, "set-point": log.setpoints.attitude}
     for label, attitude in known.items():
         if attitude is not None and len(attitude.t):
-            yield PanelLine("heading", label, attitude.t, np.degrees(rotation.to_euler(attitude.q)[:, 2]))
+            angles = np.degrees(rotation.to_euler(attitude.q)).T
+            for panel, angle in zip(("roll", "pitch", "heading"), angles, strict=True):
+                if panel == "heading" or log.imu is None:
+                    yield PanelLine(panel, label, attitude.t, angle)
     for k, g in enumerate(log.gnss[:MAX_INSTANCES]):
         north, east = g.vel_ned[:, 0], g.vel_ned[:, 1]
         moving = (g.fix >= FIX_3D) & (north**2 + east**2 >= MIN_COURSE_M_S**2)

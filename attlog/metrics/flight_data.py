@@ -5,19 +5,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.spans import Span
+from attlog.core.spans import Span, merge
 from attlog.flight.model import Array, FlightLog, without_pauses
 from attlog.flight.panels import RATE_PANELS, PanelLine, panel_lines
-from attlog.metrics.trace import Trace, envelope
+from attlog.metrics.trace import Trace, detailed
+from attlog.story.flight_events import Event
 
 # Samples of all lines together, and fewest and most of one.
 BUDGET, MIN_SAMPLES, MAX_SAMPLES = 120_000, 800, 6000
 # A slow line is broken at an interval this many times the usual one, if the logger paused in it; times of the records
 # at both ends of a pause differ by less than ROUNDING_S between messages.
 LONGER, ROUNDING_S = 1.5, 0.2
+# Events that are faster than an envelope of a long log: at most the gravest of them, with the time about each, and the
+# samples of a line that are kept for them.
+FAST = {"overturn", "tumble", "impact", "hard_landing", "oscillation", "clipping", "rate_tracking"}
+FAST |= {"motor_no_thrust", "motor_off", "motor_frozen", "motors_off", "no_thrust_left", "yaw_backwards"}
+MAX_FAST, BEFORE_S, AFTER_S, MAX_NEAR = 8, 2.0, 4.0, 6000
+# Panels with such detail.
+DETAILED = {*RATE_PANELS, "motors", "outputs", "commands"}
+AXES = ("x", "y", "z")
 # Time on the ground before take-off whose height is 0.
 GROUND_S = 5.0
 # Whose height at take-off is subtracted from a line; a distance to the ground keeps its own.
@@ -25,28 +36,44 @@ ZERO_OF = {"set-point": "onboard", "TECS set-point": "GNSS"}
 MEASURED_FROM_GROUND = ("rangefinder",)
 
 
-def flight_data(log: FlightLog, flights: list[Span]) -> list[Trace]:
-    """Return the traces of flight data; ``flights``: spans in the air."""
+def flight_data(log: FlightLog, flights: list[Span], events: Sequence[Event] = ()) -> list[Trace]:
+    """Return the traces of flight data; ``flights``: spans in the air, ``events``: around them detail is kept."""
     lines = panel_lines(log)
     heights = {line.label for line in lines if line.panel == "height"}
     lines = [x for x in lines if x.panel != "height" or ZERO_OF.get(x.label, x.label) in heights]
     _zero_heights([line for line in lines if line.panel == "height"], flights)
-    keep = int(np.clip(BUDGET // (len(lines) + len(RATE_PANELS)), MIN_SAMPLES, MAX_SAMPLES))
+    keep = int(np.clip(BUDGET // (len(lines) + len(RATE_PANELS) + len(AXES)), MIN_SAMPLES, MAX_SAMPLES))
     found, imu = [], log.replay_imu
-    stops = _stops(log)
+    stops, near = _stops(log), near_events(events)
     if imu is not None and len(imu.gyro.t) > 1:
-        t, rates = envelope(imu.gyro.t, imu.gyro.x, keep)
+        t, rates = _detailed(imu.gyro.t, imu.gyro.x, keep, near)
         ratio = len(imu.gyro.t) / len(t)
         found += [
             _trace(panel, ["gyro"], t, np.degrees(rates[:, [k]]), ratio, stops) for k, panel in enumerate(RATE_PANELS)
         ]
+        t, force = _detailed(imu.acc.t, imu.acc.x, keep, near)
+        found.append(_trace("acceleration", list(AXES), t, force, len(imu.acc.t) / max(len(t), 1), stops))
     grouped: dict[tuple[str, bytes], list[PanelLine]] = {}
     for line in lines:
         grouped.setdefault((line.panel, line.t.tobytes()), []).append(line)
     for same in grouped.values():
-        t, x = envelope(same[0].t, np.column_stack([line.y for line in same]), keep)
+        values = np.column_stack([line.y for line in same])
+        t, x = _detailed(same[0].t, values, keep, near if same[0].panel in DETAILED else near[:0])
         found.append(_trace(same[0].panel, [line.label for line in same], t, x, len(same[0].t) / len(t), stops))
     return found
+
+
+def near_events(events: Sequence[Event]) -> Array:
+    """Return the spans (n, 2) s around the gravest events of the vehicle's motion, apart and in time order."""
+    grave = sorted((e for e in events if e.kind in FAST), key=lambda e: (e.severity != "serious", e.t))[:MAX_FAST]
+    return np.array(merge([(e.t - BEFORE_S, e.t + AFTER_S) for e in grave])).reshape(-1, 2)
+
+
+def _detailed(t: Array, x: Array, keep: int, near: Array) -> tuple[Array, Array]:
+    """Return an envelope with every sample near events, of which those are left out for which a line has no room."""
+    edges = np.searchsorted(t, near)
+    room = np.cumsum(edges[:, 1] - edges[:, 0]) <= MAX_NEAR
+    return detailed(t, x, keep, near[room])
 
 
 def _stops(log: FlightLog) -> Array:

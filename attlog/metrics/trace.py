@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,6 +99,19 @@ def envelope(t: Array, columns: Array, keep: int) -> tuple[Array, Array]:
     out = np.empty((2 * buckets, columns.shape[1]))
     extremes(out, np.ascontiguousarray(columns), edges)
     return np.column_stack([t[first], t[middle]]).ravel(), out
+
+
+def detailed(t: Array, columns: Array, keep: int, whole: Array) -> tuple[Array, Array]:
+    """Return an envelope of (n,), (n, k) that keeps every sample within spans ``whole`` (m, 2) s, in time order."""
+    if len(t) <= keep or not len(whole):
+        return envelope(t, columns, keep)
+    edges = [0, *np.searchsorted(t, whole.ravel()).tolist(), len(t)]
+    parts = []
+    for k, (i, j) in enumerate(pairwise(edges)):
+        if i < j:
+            part = t[i:j], columns[i:j]
+            parts.append(part if k % 2 else envelope(*part, max(keep * (j - i) // len(t), 2)))
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
 
 
 @jit.loop("envelopes of long lines")

@@ -22,6 +22,7 @@ from attlog.metrics.windows import detrended, deviations, own_start, within
 from attlog.reference import alignment
 from attlog.reference.model import Reference, Track
 from attlog.segments import model
+from attlog.story.flight_events import Event
 
 Array = NDArray[np.float64]
 
@@ -314,10 +315,10 @@ class Drawing:
             *setpoint_traces(case, row),
         ]
 
-    def last(self) -> list[Trace]:
+    def last(self, events: Sequence[Event] = ()) -> list[Trace]:
         """Return the traces of all rows together, sensors, set-point, height and flight data."""
         case = self.case
-        data = flight_data(case.log, case.segments.spans("airborne"))
+        data = flight_data(case.log, case.segments.spans("airborne"), events)
         height = height_trace(case.log, case.segments)
         return [*demand_traces(case), *self._rest.drawn(), *sensor_traces(case), *height, *data]
 

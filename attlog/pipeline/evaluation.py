@@ -240,7 +240,8 @@ class RowMeasurer:
             return []
         log = self.case.log
         first = guarded_part(log, "Figures", partial(self._drawing.first, self.case.rows), list[Trace])
-        return [*first, *self._drawn, *guarded_part(log, "Figures", self._drawing.last, list[Trace])]
+        last = partial(self._drawing.last, _events(self.case))
+        return [*first, *self._drawn, *guarded_part(log, "Figures", last, list[Trace])]
 
 
 def without_replay(
@@ -258,7 +259,7 @@ def without_replay(
         checks = checks_of(log, phases, case, drawn=drawn if case is None else None)
         if case is None and log.messages is not None:
             height = guarded_part(log, "Height", partial(height_trace, log, phases), list[Trace])
-            data = partial(flight_data, log, phases.spans("airborne"))
+            data = partial(flight_data, log, phases.spans("airborne"), happened)
             drawn += [*height, *guarded_part(log, "Figures", data, list[Trace])]
     described = describe(log, phases)  # before the findings, which include its errors
     parameters = guarded_part(log, "Parameters", partial(parameter_histories, log), list[ParameterHistory])

@@ -136,7 +136,8 @@ def drawn(
     """Return the page of a result; ``evidence``: its JSON holds the evidence behind each answer."""
     source = FigureSource.of(result)
     look, figures, lines = source.styles, sections(source), parameter_lines(result)
-    behind = places_behind(figures, {"parameters"} if lines else set())
+    lost = {event.t: event.kind for event in result.events if event.kind in ("overturn", "tumble")}
+    behind = places_behind(figures, {"parameters"} if lines else set(), lost)
     return shell.render(
         "page.html",
         rows=source.rows,
@@ -215,16 +216,21 @@ class Place:
         return Markup(' title="{}"').format(clean(self.title)) + chosen
 
 
-def places_behind(figures: Mapping[str, Sequence[PageFigure]], others: Collection[str] = ()) -> Behind:
+def places_behind(
+    figures: Mapping[str, Sequence[PageFigure]], others: Collection[str] = (), lost: Mapping[float, str] | None = None
+) -> Behind:
     """Return a function from a shown finding, event or check to the figure behind it, None without one.
 
-    ``others``: ids of places that are no figures.
+    ``others``: ids of places that are no figures. ``lost``: kind of a loss of control by its time, which a finding of
+    a crash is shown by.
     """
+    rounded = {round(t, 3): kind for t, kind in (lost or {}).items()}
     titles = {figure.id: figure.title for part in figures.values() for figure in part}
     views = {figure.id: figure.views for part in figures.values() for figure in part}
 
     def behind(shown: ShownFinding | ShownEvent | ShownCheck) -> Place | None:
         kind, about = (shown.id, shown.id) if isinstance(shown, ShownCheck) else (shown.kind, shown.about)
+        kind = rounded.get(round(shown.t, 3), kind) if kind == "crash" and shown.t is not None else kind
         name = figure_behind(kind, about, shown.text, shown.t is not None, titles.keys() | set(others))
         if name in titles:
             sensor = shown.sensor if isinstance(shown, ShownCheck) else ""

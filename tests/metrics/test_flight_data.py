@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from attlog.flight.model import Firmware, FlightLog, Stream
-from attlog.metrics.flight_data import MAX_SAMPLES, broken_intervals, flight_data
+from attlog.flight.model import Firmware, FlightLog, Imu, Stream
+from attlog.metrics.flight_data import MAX_FAST, MAX_NEAR, MAX_SAMPLES, broken_intervals, flight_data, near_events
+from attlog.story.flight_events import Event
 
 RNG = np.random.default_rng(5)
 
@@ -42,6 +43,33 @@ def test_a_long_line_keeps_its_peak_and_its_pause() -> None:
     assert trace.ratio > 20.0
     assert float(np.nanmax(y)) - float(np.nanmedian(y)) > 76.0
     assert np.isnan(y[(trace.t > 890.0) & (trace.t < 1010.0)]).any()
+
+
+def test_an_oscillation_in_a_long_flight_is_kept_sample_by_sample() -> None:
+    t = np.arange(0.0, 2000.0, 0.01)
+    wave = np.radians(30.0) * np.sin(2.0 * np.pi * 8.0 * t) * ((t > 1500.0) & (t < 1520.0))
+    log = log_with(stream(t[:2], t[:2]))
+    rates = Stream(t, np.column_stack([wave, 0.0 * t, 0.0 * t]), "rad/s", "FRD", "made")
+    force = Stream(t, np.tile([0.0, 0.0, -9.8], (len(t), 1)), "m/s^2", "FRD", "made")
+    log.imus, log.imu = [Imu(0, rates, force)], 0
+    event = Event("oscillation", 1500.0, "warning", "Roll oscillated.", t_end=1520.0)
+    traces = {trace.key: trace for trace in flight_data(log, [], [event])}
+    roll, force_z = traces["roll_rate"], traces["acceleration"]
+    inside = (roll.t > 1500.5) & (roll.t < 1503.0)
+    assert np.count_nonzero(inside) >= 249
+    expected = 30.0 * np.sin(2.0 * np.pi * 8.0 * roll.t[inside])
+    assert np.abs(roll.columns["gyro"][inside] - expected).max() < 1e-6
+    assert len(roll.t) < MAX_SAMPLES + MAX_NEAR
+    assert np.all(np.diff(roll.t) >= 0.0)
+    assert np.allclose(force_z.columns["z"], -9.8)
+
+
+def test_detail_near_events_has_a_limit() -> None:
+    events = [Event("impact", 50.0 * k, "serious", "Hit.") for k in range(40)]
+    near = near_events(events)
+    assert len(near) == MAX_FAST
+    assert np.all(near[1:, 0] > near[:-1, 1])
+    assert len(near_events([Event("armed", 5.0, "note", "Armed.")])) == 0
 
 
 def test_a_height_above_sea_level_is_set_beside_gnss_and_left_out_without_it(monkeypatch: pytest.MonkeyPatch) -> None:

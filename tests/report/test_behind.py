@@ -46,6 +46,8 @@ def test_figures_that_are_named_can_be_drawn() -> None:
         ("compass", "compass_offset", "MAG is off by 12 uT.", "compass"),
         ("gyro_bias", "imu_instances", "IMU2 and IMU differ by 1.8°/s.", "bias"),
         ("accelerometer", "imu_instances", "IMU2 and IMU differ by 0.8 m/s².", "gravity"),
+        ("vibration", "clipping", "The accelerometer clipped.", "acceleration"),
+        ("control", "oscillation", "Roll oscillated at 8 Hz.", "rates"),
         ("failsafe", "", "Battery failsafe at 23.7 s.", "battery"),
         ("failsafe", "", "Radio failsafe at 5.0 s.", "sticks"),
         ("cut_at_end", "", "The last record is cut.", ""),
@@ -130,3 +132,15 @@ def test_a_finding_of_the_second_compass_draws_the_second_compass(visit: Any, tm
     drawn = page.page.evaluate("() => document.getElementById('compass').data.map((t) => t.own.quantity)")
     assert any(str(name).startswith("MAG2 ") for name in drawn)
     assert page.complaints == []
+
+
+def test_an_overturn_is_shown_by_the_attitude_and_an_impact_by_the_height() -> None:
+    result = make_result()
+    result.headline = "Flew 55 to 190 s."
+    result.traces.append(Trace("data", "", T, {"barometer": np.sin(T)}, "height"))
+    for kind, t in (("overturn", 61.5), ("impact", 90.25)):
+        result.events.append(Event(kind, t, "serious", f"Lost at {t} s."))
+        result.findings.append(Finding("crash", "serious", f"Lost at {t:.1f} s.", t=t))
+    page = render(result, bundle())
+    links = dict(re.findall(r'<li class="bad">.*?<a href="#([\w-]+)" data-t="([\d.]+)"', page))
+    assert links == {"fig-attitude": "61.5", "fig-heights": "90.25"}

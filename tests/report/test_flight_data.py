@@ -30,7 +30,8 @@ def figures(result: Result) -> dict[str, PageFigure]:
 
 def test_every_panel_is_in_one_figure_and_has_an_axis() -> None:
     used = [panel for figure in flight_data.FIGURES for panel in figure.panels]
-    assert sorted(used) == sorted(PANELS)
+    assert sorted({*used, *flight_data.ONBOARD.panels}) == sorted(PANELS)
+    assert len(used) == len(set(used))
     assert set(flight_data.AXES) == set(PANELS)
 
 
@@ -89,6 +90,25 @@ def test_a_reversing_motor_is_drawn_down_to_its_least_output_and_a_stopped_one_i
         (axis,) = [x for key, x in figure.data["views"][0]["axes"].items() if key != "xaxis"]
         assert axis["fit"].get("floor") == floor
         assert words in figure.caption
+
+
+def test_a_log_without_filters_shows_its_onboard_attitude_first() -> None:
+    result = result_with(roll={"onboard": 10.0 * np.sin(T)}, pitch={"onboard": 0 * T + 2.0}, heading={"onboard": T})
+    result.estimators, result.traces = [], [trace for trace in result.traces if trace.figure == "data"]
+    names = [figure.id for figure in sections(FigureSource.of(result))["flight"]]
+    assert names == ["strip", "attitude"]
+    assert [figure.id for figure in sections(FigureSource.of(make_result()))["flight"]].count("attitude") == 1
+
+
+def test_clipped_samples_are_marked_above_the_acceleration() -> None:
+    result = result_with(acceleration={"x": 0 * T, "y": 0 * T, "z": 0 * T - 9.8})
+    counted = {"samples": np.array([3.0, 40.0])}
+    result.traces = [trace for trace in result.traces if trace.figure != "clipping"]
+    result.traces.append(Trace("clipping", "", np.array([20.0, 21.0]), counted, "VIBE", values={"samples": 43.0}))
+    figure = figures(result)["acceleration"]
+    (marks,) = [t for t in figure.data["views"][0]["traces"] if t["mode"] == "markers"]
+    assert (marks["x"], marks["meta"]["value"]) == ([20.0, 21.0], [3, 40])
+    assert "43 samples clipped" in figure.caption
 
 
 def test_flight_data_can_be_printed() -> None:

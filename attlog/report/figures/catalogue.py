@@ -17,7 +17,7 @@ from attlog.result import Result
 Builder = Callable[[FigureSource], PageFigure | None]
 # Figures by section of the page, in its order.
 SECTIONS: dict[str, tuple[Builder, ...]] = {
-    "flight": (flight.strip, flight.attitude, flight.difference, flight.track),
+    "flight": (flight.strip, flight.attitude, flight_data.onboard_attitude, flight.difference, flight.track),
     "rest": (rest.close_up, rest.spread, rest.allan),
     "step": (steps.one_step, steps.all_steps, drift.lag, steps.setpoint),
     "drift": (drift.drift, drift.drifts),

@@ -17,7 +17,7 @@ from attlog.flight.panels import PANELS, RATE_PANELS
 from attlog.report.figures.figure import FigureSource, PageFigure, View, axis_key, panel_domain, sampling_text
 from attlog.report.figures.flight import SENSED, before_crash, heading_cut
 from attlog.result import Trace
-from attlog.words.numbers import quantity, unit_sign
+from attlog.words.numbers import counted, quantity, unit_sign
 
 # Height of a panel, and of what surrounds all of them, px.
 PANEL_PX, AROUND_PX = 128, 66
@@ -30,16 +30,19 @@ FIXED = {
     "TECS set-point": ("mu", "dash"),
     "air set-point": ("mu", "dot"),
     "gyro": ("e1", "solid"),
+    **{axis: (f"a{axis}", "solid") for axis in "xyz"},
 }
 PALETTE = 8
 # Number of a motor, rotor, speed controller or output in its label.
 NUMBER = re.compile(r"\d+")
 # Panels whose values after a crash set no range.
-UPSET = {"height", "climb", "speed", "volts", *RATE_PANELS}
+UPSET = {"height", "climb", "speed", "volts", "acceleration", *RATE_PANELS}
 # Logged samples for each stored one from which the caption says so.
 LEAST_THINNED = 1.2
 # Share of the values that leave the figure at the top: an accuracy of kilometres before the first fix.
 BEFORE_FIX = 0.02
+# The same of an acceleration: a blow on landing.
+STRAY = 0.0005
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +76,10 @@ AXES: dict[str, Axis] = {
     "roll_rate": Axis("roll", 10.0, 0.02),
     "pitch_rate": Axis("pitch", 10.0, 0.02),
     "yaw_rate": Axis("yaw", 10.0, 0.02),
+    "roll": Axis("roll", 4.0, 0.02),
+    "pitch": Axis("pitch", 4.0, 0.02),
     "heading": Axis("heading", 10.0, 0.02),
+    "acceleration": Axis("acceleration", 4.0, 0.01, (("share", STRAY), ("pad", 0.1))),
     "motors": Axis("motors", 10.0, 0.02, (("floor", STOPPED_PERCENT), ("pad", 0.06))),
     "servos": Axis("servos", 10.0, 0.02),
     "outputs": Axis("outputs", 100.0, 0.5),
@@ -111,6 +117,12 @@ FIGURES = (
     DataFigure("speeds", "Speed", ("speed",)),
     DataFigure("headings", "Heading", ("heading",)),
     DataFigure("rates", "Body rates", RATE_PANELS, "Right wing down, nose up and nose right are positive."),
+    DataFigure(
+        "acceleration",
+        "Acceleration",
+        ("acceleration",),
+        "Specific force in body axes: x forward, y right, z down, −9.8 at rest.",
+    ),
     DataFigure("motors", "Motor and servo outputs", ("motors", "servos", "outputs", "commands", "rpm", "esc_current")),
     DataFigure("sticks", "Sticks and switches", ("sticks", "stick_pulses", "channels")),
     DataFigure("battery", "Battery and supply", ("volts", "amperes", "used", "remaining", "rails")),
@@ -123,6 +135,8 @@ FIGURES = (
     DataFigure("load", "Load of processor, logger and radio", ("load", "loop", "slow_loops", "dropouts", "link")),
     DataFigure("temperature", "Temperature", ("temperature",)),
 )
+# Attitude of a log in which no filter runs.
+ONBOARD = DataFigure("attitude", "Attitude", ("roll", "pitch", "heading"))
 RANGE_TEXT = (
     "0 % and 100 % are the ends of the range that the parameters give a motor in flight; a stopped motor lies at 0 % "
     "or below."
@@ -151,9 +165,17 @@ def figure_of(figure: DataFigure, source: FigureSource) -> PageFigure | None:
     thinned = [trace for trace in lines if trace.ratio > LEAST_THINNED]
     said = sampling_text(thinned) if thinned else ""
     explained = [text for label, text in LABEL_TEXTS.items() if any(label in trace.columns for trace in lines)]
-    caption = " ".join(filter(None, [figure.caption, *explained, _range_text(lines), said]))
+    clipped = source.traces("clipping") if "acceleration" in panels else []
+    marked = [f"▼ {counted(int(c.values['samples']), 'sample')} clipped ({c.key})." for c in clipped]
+    caption = " ".join(filter(None, [figure.caption, *explained, _range_text(lines), *marked, said]))
     height = AROUND_PX + PANEL_PX * len(panels) + (60 if len(panels) == 1 else 0)
     return PageFigure(figure.id, "plot", figure.title, caption, height, data, True, _words(panels, lines))
+
+
+def onboard_attitude(source: FigureSource) -> PageFigure | None:
+    """Draw the onboard attitude of a log in which no filter runs, beside its set-point."""
+    alone = any(trace.key == "roll" for trace in source.traces("data"))
+    return figure_of(ONBOARD, source) if alone else None
 
 
 # The builders of all figures, in the order of the page.
@@ -186,11 +208,25 @@ def _draw_panel(
         if cut is not None:
             y = y - 360.0 * np.floor((y - cut) / 360.0)
             meta |= {"wraps": True, "cut": cut}
+        if key == "roll":
+            meta["wraps"] = True
         view.line(label, colour, trace.t, y, unit=unit, dash=dash, yaxis=axis_key(i), meta=meta)
     sign = unit_sign(unit)
     view.axis(axis_key(i), f"{axis.title}, {sign}" if sign else axis.title, nticks=5, fit=fit, zeroline=False)
     if cut is not None:
-        view.axes["yaxis"]["heading"] = True
+        view.axes[f"{axis_key(i)[0]}axis{axis_key(i)[1:]}"]["heading"] = True
+    if key == "acceleration":
+        clipping_marks(view, source, axis_key(i))
+
+
+def clipping_marks(view: View, source: FigureSource, key: str) -> None:
+    """Mark the seconds with clipped samples at the top of a panel."""
+    for trace in source.traces("clipping"):
+        count = [int(n) for n in trace.columns["samples"]]
+        marker = {"symbol": "triangle-down", "size": 9, "color": "bad"}
+        meta = {"quantity": "clipped samples", "unit": "1", "edge": 0.97, "free": True, "value": count}
+        times = [round(float(t), 1) for t in trace.t]
+        view.markers("clipped", times, [0.0] * len(times), marker, meta=meta, yaxis=key, hoverinfo="skip")
 
 
 def _reverses(lines: list[Trace]) -> bool:
