@@ -236,6 +236,7 @@ def _explained_parameter(name: str, path: Path | None, log_name: str) -> Answer:
             raise UsageError(f"{name!r} is no metric or check, and attlog describes no parameter of this name")
         return {"parameter": name, **known, "range": documented_range(name)}, []
     from attlog.flight import read
+    from attlog.flight.advice import LOG_BITS, bit_mask
     from attlog.flight.parameters import parameter_histories
 
     log = read(path)
@@ -252,6 +253,10 @@ def _explained_parameter(name: str, path: Path | None, log_name: str) -> Answer:
         return found | {"value": None, "reason": "unknown: the log does not hold this parameter"}, []
     default = "unknown: not logged" if history.default is None else history.default
     found |= {"value": history.value, "default": default, "origin": history.origin}
+    mask = bit_mask(history.value) if found.get("unit") == "bits" else None
+    found |= {} if mask is None else {"bits_set": [bit for bit in range(53) if mask >> bit & 1]}
+    if name == "LOG_BITMASK" and (bits := LOG_BITS.get(log.settings.family)) is not None:
+        found["bits_of_this_vehicle"] = {kind: bit for kind, bit in bits._asdict().items() if bit is not None}
     return found | {"set_during_the_log": [{"t_s": t, "value": value} for t, value in history.changes]}, []
 
 

@@ -63,12 +63,27 @@ class LogText:
     def marked(self, value: Any) -> Any:
         """Return a JSON value whose texts are clean, the log's words in them between marks."""
         if isinstance(value, str):
-            return (
-                value if value.startswith(OPEN) else self.replaced(_plain(value), lambda words: f"{OPEN}{words}{CLOSE}")
-            )
+            return value if value.startswith(OPEN) else self._marked(value)
         if isinstance(value, dict):
             return {key: self.marked(item) for key, item in value.items()}
         return [self.marked(item) for item in value] if isinstance(value, list) else value
+
+    def _marked(self, sentence: str) -> str:
+        def mark(words: str) -> str:
+            return f"{OPEN}{without_marks(words)}{CLOSE}" if words else ""
+
+        return quotes_replaced(self.replaced(_plain(sentence), mark), mark)
+
+
+# What attlog quotes of a log.
+QUOTE = re.compile(r"(?<=“)[^“”]*(?=”)")
+QUOTED_EVIDENCE = re.compile(r"^((?:text|report) at \S+ s: )(.*)$")
+
+
+def quotes_replaced(sentence: str, change: Callable[[str], str]) -> str:
+    """Return a sentence with ``change`` applied to what it quotes."""
+    sentence = QUOTE.sub(lambda quote: change(quote[0]), sentence)
+    return QUOTED_EVIDENCE.sub(lambda line: line[1] + change(line[2]), sentence)
 
 
 def marked(text: object, letters: int = MAX_LETTERS) -> str:
@@ -137,6 +152,8 @@ PRIVATE = re.compile(
     | \b\d{1,3}(?:\.\d{1,3}){3}\b        # network address
     | [-+\u2212]?\b\d{1,3}\.\d{5,}       # degrees of a position
     | \b(?=[0-9a-f]*\d)[0-9a-f]{8,}\b    # serial number
+    | (?<=the\ model\ says\ )[-+\u2212]?[\d.]+(?=\ ?(?:°|deg)) | (?<=declination\ of\ )[-+\u2212]?[\d.]+
+    | (?:(?<=_DEC\ says\ )|(?<=_DECL\ says\ )|(?<=_DECL_A\ says\ ))[-+\u2212]?[\d.]+  # declination of a place
     """
 )
 LEFT_OUT = "…"
@@ -149,8 +166,7 @@ CLOCK = re.compile(r"\b(\d+):(\d\d):(\d\d)\b")
 def public(sentence: str, texts: LogText) -> str:
     """Return a sentence for the public: of the log's words only those of firmware, without places, names and times."""
     sentence = texts.replaced(_plain(sentence), firmware_words)
-    sentence = re.sub("(?<=“)[^“”]*(?=”)", lambda quote: firmware_words(quote[0]), sentence)
-    sentence = re.sub(r"((?:text|report) at \S+ s: )(.*)", lambda m: m[1] + firmware_words(m[2]), sentence)
+    sentence = quotes_replaced(sentence, firmware_words)
     sentence = CLOCK.sub(lambda m: f"{3600 * int(m[1]) + 60 * int(m[2]) + int(m[3])} s", sentence)
     return PRIVATE.sub(LEFT_OUT, sentence)
 

@@ -254,6 +254,7 @@ def test_explain_defines_metrics_checks_and_parameters(served: Server) -> None:
     assert flown["of"] == "ArduPilot"
     assert flown["value"] > 0
     assert "default" in flown
+    assert sum(1 << bit for bit in flown["bits_set"]) == flown["value"]
     other = served("explain", name="LOG_BITMASK", log="2026/hover.ulg")
     assert other["meaning"].startswith("unknown")
     assert other["reason"].startswith("unknown")
