@@ -22,6 +22,7 @@ from attlog.compare.baseline import Baseline, read_baselines
 from attlog.compare.gates import GateOutcome, Gates, judge_gates, worst_first
 from attlog.core.errors import LogUnreadable, OutputError, UsageError
 from attlog.core.files import open_atomic, write_atomic
+from attlog.core.own_files import JUNIT, SUMMARY
 from attlog.report import gates as report_gates
 from attlog.result import Result
 from attlog.words.numbers import counted
@@ -168,7 +169,7 @@ def _overlap(one: Path, other: Path) -> bool:
 
 def write_junit(path: Path, logs: Iterable[GatedLog]) -> None:
     """Write the JUnit file of logs. OutputError if it cannot be written."""
-    with open_atomic(path) as file:
+    with open_atomic(path, JUNIT) as file:
         file.write(b'<?xml version="1.0" encoding="UTF-8"?>\n<testsuites name="attlog">\n')
         for log in logs:
             file.write(zlib.decompress(log.suite))
@@ -324,7 +325,7 @@ def write_summary(text: str, path: Path | None, environment: Mapping[str, str] =
     """
     step = environment.get("GITHUB_STEP_SUMMARY")
     if path is not None:
-        write_atomic(path, text)
+        write_atomic(path, text, SUMMARY)
     if step and (path is None or path.resolve() != Path(step).resolve()):
         try:
             with open(step, "a", encoding="utf-8") as file:

@@ -24,12 +24,12 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from attlog import __version__
-from attlog.batch.job import Job, Record, done_before, files_of, keep
-from attlog.batch.process import failed_record, run_one
+from attlog.batch.job import Job, Record, done_before, files_of, keep, read_record
+from attlog.batch.process import failed_record, publish, run_one
 from attlog.batch.remote import is_url
 from attlog.batch.sources import Source
 from attlog.core.errors import EXIT_BUG, AttlogError, ClusterError, OutputError, UsageError
-from attlog.core.files import is_disk_full, write_atomic
+from attlog.core.files import is_disk_full
 
 # Client and workers need the same Python version, because jobs are pickled.
 PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
@@ -299,9 +299,9 @@ def _version_query() -> Callable[[], str | None]:
 def _store(job: Job, record: Record, files: dict[str, bytes]) -> Record:
     """Write files and record of a log, the JSON last."""
     try:
-        for name in sorted(files, key=lambda name: (name.endswith(".json"), name)):
-            write_atomic(job.folder / name, files[name])
-        return keep(job, record) if job.keep else record
+        before = read_record(job.folder, job.name) if job.keep else None
+        publish(job, before, files)
+        return keep(job, record, before) if job.keep else record
     except OutputError as error:
         return failed_record(job, error, is_disk_full(error.__cause__))
 

@@ -15,6 +15,7 @@ from attlog.batch.job import Record
 from attlog.batch.order import LEVELS, OPEN_FIRST, TITLES, IndexRow, index_rows, natural_sort_key, short_names
 from attlog.compare.gates import BASELINE_ESTIMATORS
 from attlog.core.files import write_atomic
+from attlog.core.own_files import INDEX as INDEX_PAGE
 from attlog.report.bundle import packed, source_hash
 from attlog.report.shell import WEB as REPORT
 from attlog.words.numbers import counted, listed, unit_sign
@@ -41,7 +42,7 @@ def write_index(folder: Path, found: Iterable[Record], *, title: str = "", resul
     with all numbers, if there is one.
     """
     path = folder / INDEX
-    write_atomic(path, render(found, title=title or folder.resolve().name, results=results))
+    write_atomic(path, render(found, title=title or folder.resolve().name, results=results), INDEX_PAGE)
     return path
 
 

@@ -13,7 +13,8 @@ from typing import Any
 from attlog import __version__
 from attlog.batch.sources import Source
 from attlog.core.errors import AttlogError
-from attlog.core.files import write_atomic
+from attlog.core.files import file_name, write_atomic
+from attlog.core.own_files import RECORD
 from attlog.formats.file_bytes import first_bytes
 from attlog.formats.ulog.encrypted import ENCRYPTED_HEADER, has_key, is_encrypted
 from attlog.pipeline.config import Config
@@ -91,15 +92,6 @@ class Record:
         """True if another attempt would end in the same way."""
         return self.code in FINAL_CODES
 
-    def fails_as(self, before: Record | None) -> bool:
-        """Compare with an earlier failure: same content, settings, version and code."""
-        return (
-            before is not None
-            and not self.done
-            and bool(self.key)
-            and (self.key, self.code) == (before.key, before.code)
-        )
-
 
 def record_path(folder: Path, name: str) -> Path:
     """Return the path of the record of a report."""
@@ -109,7 +101,8 @@ def record_path(folder: Path, name: str) -> Path:
 def write_record(folder: Path, record: Record) -> None:
     """Write a record atomically. OutputError if that fails."""
     document = {"schema": SCHEMA} | {k: v for k, v in asdict(record).items() if k not in NOT_WRITTEN}
-    write_atomic(record_path(folder, record.name), json.dumps(document, separators=(",", ":"), allow_nan=False) + "\n")
+    text = json.dumps(document, separators=(",", ":"), allow_nan=False) + "\n"
+    write_atomic(record_path(folder, record.name), text, RECORD)
 
 
 def read_record(folder: Path, name: str) -> Record | None:
@@ -131,6 +124,8 @@ def _read(path: Path) -> Record | None:
         if document.pop("schema") != SCHEMA:
             return None
         document["files"] = {name: (size, digest) for name, (size, digest) in document["files"].items()}
+        if any(file_name(name) != name for name in (*document["files"], document["name"])):
+            return None  # a folder can come from a stranger, and these files are replaced and removed
         known = {f.name for f in fields(Record)}
         return Record(**{k: v for k, v in document.items() if k in known})
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
@@ -213,14 +208,15 @@ def done_before(job: Job) -> Record | None:
     return replace(record, again=True, known=not record.done)
 
 
-def keep(job: Job, record: Record) -> Record:
-    """Write a record, marked ``known`` if an earlier run failed in the same way.
+def keep(job: Job, record: Record, before: Record | None) -> Record:
+    """Write the record of a log that was tried; ``before``: that of an earlier run.
 
-    OutputError if it cannot be written.
+    A failed log keeps the files of the earlier run. OutputError if the record cannot be written.
     """
-    before = read_record(job.folder, job.name) if job.resume else None
+    if before is not None and not record.done:
+        record = replace(record, files=before.files)
     write_record(job.folder, record)
-    return replace(record, known=record.fails_as(before))
+    return record
 
 
 def stamp(source: Source) -> str:

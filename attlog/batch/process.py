@@ -6,18 +6,19 @@ import functools
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from attlog import __version__
-from attlog.batch.job import RECORDS_FOLDER, Job, Record, content_key, done_before, keep, read_record
+from attlog.batch.job import RECORDS_FOLDER, Job, Record, content_key, done_before, keep, read_record, size_and_hash
 from attlog.batch.log_file import CHANGED, file_state
-from attlog.batch.report_files import PRINTED, load_filters, process_log
+from attlog.batch.report_files import PRINTED, kind_of_report, load_filters, process_log
 from attlog.core import limits
 from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code, is_out_of_processes
-from attlog.core.files import is_disk_full
+from attlog.core.files import is_disk_full, write_atomic
+from attlog.core.own_files import REPORT, hash_named_in, require_replaceable
 from attlog.core.workers import Closed, Died, ForkServer, TooLong, TooMuchMemory
 
 # Exit code of a log that exceeded its limit of time or memory.
@@ -68,11 +69,11 @@ def run_one(job: Job, processes: ForkServer | None = None, on_message: OnMessage
     try:
         (scratch / "out").mkdir(parents=True)
         record = _analyse(job, scratch, processes or shared(), on_message or (lambda _: None))
+        before = read_record(job.folder, job.name) if job.keep else None
         if record.done:
-            _publish(scratch / "out", job.folder)
+            publish(job, before, {path.name: path for path in (scratch / "out").iterdir()})
         if job.keep:
-            _remove_outdated(job, record)
-            record = keep(job, record)
+            record = keep(job, record, before)
     except (OSError, OutputError) as error:
         failure: Exception = error
         if isinstance(error, OSError) and not is_out_of_processes(error):
@@ -159,19 +160,27 @@ def _why(died: Died, changed: bool) -> tuple[int, str]:
     return EXIT_BUG, f"its process {ended}" + ("; -vv shows what it said last" if ended.status is not None else "")
 
 
-def _remove_outdated(job: Job, record: Record) -> None:
-    """Remove files of an earlier run that are not in the new record."""
-    before = read_record(job.folder, job.name)
-    for name in set(before.files if before else ()) - set(record.files):
-        (job.folder / name).unlink(missing_ok=True)
+def publish(job: Job, before: Record | None, made: Mapping[str, Path | bytes]) -> None:
+    """Move files into place, or write their content, each atomically and the JSON last.
 
-
-def _publish(out: Path, folder: Path) -> None:
-    """Move each file into place atomically, the JSON last. OutputError on failure."""
-    for file in sorted(out.iterdir(), key=lambda path: (path.suffix == ".json", path.name)):
+    They replace what the record ``before`` holds, and reports of the same log. OutputError on failure: then nothing is
+    replaced.
+    """
+    known = before.files if before else {}
+    result = made.get(f"{job.name}.json")
+    log = "" if result is None else hash_named_in(result if isinstance(result, bytes) else result.read_bytes())
+    kind = kind_of_report(Path(job.source.place), log, job.folder / f"{job.name}.json")
+    names = sorted(made, key=lambda name: (name.endswith(".json"), name))
+    for name in names:
+        place = job.folder / name
+        if name not in known or size_and_hash(place) != known[name]:
+            require_replaceable(place, kind)
+    for name in names:
+        place, content = job.folder / name, made[name]
+        if isinstance(content, bytes):
+            write_atomic(place, content, REPORT)
+            continue
         try:
-            file.replace(folder / file.name)
+            content.replace(place)
         except OSError as error:
-            raise OutputError(
-                f"{folder / file.name}: cannot be written ({error.strerror}); choose another place with -o"
-            ) from error
+            raise OutputError(f"{place}: cannot be written ({error.strerror}); choose another place with -o") from error

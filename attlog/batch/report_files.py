@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import traceback
 from collections.abc import Callable, Iterable, Iterator
@@ -14,8 +15,18 @@ from attlog import __version__
 from attlog.batch.job import Job, key, size_and_hash, stamp
 from attlog.batch.log_file import require_unchanged
 from attlog.core import files as file_names
-from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code
+from attlog.core.errors import (
+    EXIT_BUG,
+    LogUnreadable,
+    OutputError,
+    PluginError,
+    PluginTimeout,
+    UsageError,
+    error_message,
+    exit_code,
+)
 from attlog.core.files import is_disk_full, staging_folder
+from attlog.core.own_files import REPORT, FileKind, grown_from, log_of
 
 if TYPE_CHECKING:
     from attlog.pipeline.config import Config
@@ -47,13 +58,15 @@ def analyze_to_files(
     command: str = "",
     deterministic: bool = False,
     figures: Path | None = None,
+    earlier: Path | None = None,
 ) -> ReportFiles:
     """Analyse a log and write ``NAME.html`` and ``NAME.json`` to a folder.
 
     ``name``: the file's own by default. Both files are replaced together or not at all. Errors as in
     :func:`attlog.analyze`; LogUnreadable if the log changes meanwhile; OutputError if a file cannot be written.
     ``deterministic``: leave measured times out. ``figures``: path prefix of figures, written after the report, all or
-    none. The logger ``attlog.stages`` reports the stage.
+    none. ``earlier``: folder of the report of an earlier run, ``folder`` by default; PluginError where no filter ran
+    and it holds an answer, which is kept. The logger ``attlog.stages`` reports the stage.
     """
     from attlog.pipeline import analyze
 
@@ -61,9 +74,10 @@ def analyze_to_files(
     with require_unchanged(log):
         result = analyze(log, config, command=command)
     files = ReportFiles(result, folder / f"{name}.html", folder / f"{name}.json")
+    _keep_earlier_answer(result, (earlier or folder) / files.json.name)
     logging.getLogger("attlog.stages").info("writing the report")
     document = result.to_dict(deterministic)  # large: built once for both files
-    with staging_folder(folder) as stage:
+    with staging_folder(folder, kind_of_report(log, result.log["sha256"], files.json)) as stage:
         result.to_html(stage / files.report.name, deterministic=deterministic, document=document)
         result.to_json(stage / files.json.name, whole=document)
     if figures is not None:
@@ -72,6 +86,33 @@ def analyze_to_files(
         logging.getLogger("attlog.stages").info("drawing the figures")
         write_figures(result, figures)
     return files
+
+
+def kind_of_report(log: Path, sha256: str, earlier: Path) -> FileKind:
+    """Return what a report of a log may replace: one of the same log, also of its beginning.
+
+    ``earlier``: the JSON that may be there.
+    """
+    before = log_of(earlier) if earlier.is_file() else ""
+    if before in ("", sha256):
+        return REPORT.of(sha256)
+    with suppress(OSError, ValueError, AttributeError):
+        return REPORT.of(sha256, grown_from(log, json.loads(earlier.read_bytes()).get("log")))
+    return REPORT.of(sha256)
+
+
+def _keep_earlier_answer(result: Result, earlier: Path) -> None:
+    """Raise PluginError if no filter ran where an earlier report has one that did."""
+    from attlog.result import TIMED_OUT, Result, nothing_ran
+
+    if not (failed := nothing_ran(result.estimators)):
+        return
+    with suppress(LogUnreadable, UsageError):
+        if not nothing_ran(Result.load(earlier).estimators):
+            timed_out = any(finding.kind == TIMED_OUT for finding in result.findings)
+            raise (PluginTimeout if timed_out else PluginError)(
+                f"no filter ran: {failed}; the report of an earlier run, {earlier.with_suffix('.html')}, is kept"
+            )
 
 
 def report_names(logs: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
@@ -149,6 +190,7 @@ def process_log(job: Job, scratch: Path, *, on_message: Callable[[dict[str, Any]
                 command=job.command,
                 deterministic=job.deterministic,
                 figures=job.figures,
+                earlier=job.folder,
             )
         return {
             "key": key(content, job.settings),

@@ -19,6 +19,7 @@ from attlog.batch.job import RECORDS_FOLDER, Record, records
 from attlog.core import files
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from attlog.core.files import open_atomic
+from attlog.core.own_files import RESULTS
 from attlog.result import SCHEMA_NAME, Result
 
 if TYPE_CHECKING:
@@ -83,9 +84,10 @@ def write_results(folder: Path, found: Iterable[Record]) -> Path:
     """
     has_arrow = importlib.util.find_spec("pyarrow") is not None
     path, other = folder / (PARQUET if has_arrow else CSV), folder / (CSV if has_arrow else PARQUET)
-    with open_atomic(path) as file:
+    with open_atomic(path, RESULTS) as file:
         (_write_parquet if has_arrow else _write_csv)(file, found)
-    other.unlink(missing_ok=True)
+    if RESULTS.includes(other):
+        other.unlink()
     return path
 
 

@@ -29,8 +29,10 @@ from attlog.batch.report_files import report_names
 from attlog.batch.results_file import CSV, PARQUET, write_results
 from attlog.batch.sources import Source
 from attlog.core.errors import EXIT_INTERRUPTED, ClusterError, OutputError, UsageError
-from attlog.core.files import remove_unfinished, write_atomic
+from attlog.core.files import file_name, remove_unfinished, write_atomic
 from attlog.core.machine import cores
+from attlog.core.own_files import INDEX as INDEX_PAGE
+from attlog.core.own_files import RECORD, REPORT, RESULTS, require_replaceable
 from attlog.core.workers import ForkServer
 from attlog.pipeline.config import Config
 
@@ -101,6 +103,8 @@ def run_batch(
         if warning:
             logging.getLogger("attlog.batch").warning(warning)
         _remove_leftovers(folder)
+        for name, kind in ((INDEX, INDEX_PAGE), (PARQUET, RESULTS), (CSV, RESULTS)):
+            require_replaceable(folder / name, kind)
         jobs = plan_jobs(sources, folder, config, commands, fresh, options)
         outcome = BatchOutcome(total=len(jobs))
         place = {job.name: k for k, job in enumerate(jobs)}
@@ -159,6 +163,8 @@ def lock_folder(folder: Path) -> Iterator[str]:
     place = folder / RECORDS_FOLDER / "lock"
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
+        if os.path.islink(place):  # of a stranger's folder: what it leads to would be emptied
+            raise OutputError(f"{place}: is a link, so it is not written; choose another place with -o")
         file = place.open("a+")
     except OSError as error:
         raise _not_written(folder, error) from error
@@ -220,7 +226,7 @@ def plan_jobs(
     made = report_names((source.file_name for source in new), earlier.values())
     names = earlier | dict(zip((source.name for source in new), made, strict=True))
     plan = {"schema": PLAN_SCHEMA, "version": __version__, "settings": settings, "names": names}
-    write_atomic(_plan_path(folder), json.dumps(plan, indent=1) + "\n")
+    write_atomic(_plan_path(folder), json.dumps(plan, indent=1) + "\n", RECORD)
     return [
         Job(source, names[source.name], folder, config, settings, command, **options)
         for source, command in zip(sources, commands or [""] * len(sources), strict=True)
@@ -237,7 +243,8 @@ def _earlier_names(folder: Path, fresh: bool, resume: bool) -> dict[str, str]:
     UsageError if the folder holds a batch that is neither resumed nor removed.
     """
     try:
-        names: dict[str, str] = dict(json.loads(_plan_path(folder).read_bytes())["names"])
+        planned = dict(json.loads(_plan_path(folder).read_bytes())["names"])
+        names = {log: name for log, name in planned.items() if isinstance(name, str) and file_name(name) == name}
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, KeyError, TypeError):
@@ -284,11 +291,13 @@ def _remove_batch(folder: Path, names: Iterable[str]) -> None:
     try:
         for name in names:
             record = read_record(folder, name)
-            for file in record.files if record else ():
-                (folder / file).unlink(missing_ok=True)
+            for file, kept in record.files.items() if record else ():
+                if size_and_hash(folder / file) == kept or REPORT.includes(folder / file):
+                    (folder / file).unlink()
             record_path(folder, name).unlink(missing_ok=True)
         for page in (_plan_path(folder), folder / INDEX, folder / PARQUET, folder / CSV):
-            page.unlink(missing_ok=True)
+            if any(kind.includes(page) for kind in (RECORD, INDEX_PAGE, RESULTS)):
+                page.unlink()
     except OSError as error:
         raise _not_written(folder, error) from error
 

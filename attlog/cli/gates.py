@@ -13,6 +13,7 @@ import typer
 from attlog import __version__
 from attlog.cli.printing import Piped, say, to_stderr
 from attlog.core.errors import OutputError, UsageError, error_message
+from attlog.core.own_files import JUNIT, SUMMARY, require_replaceable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -30,8 +31,6 @@ GatesFile = Annotated[
         help="Check every log against the limits of this file; exit with 1 where one fails. [default: none]",
     ),
 ]
-# First bytes of a summary.
-HEADING = b"## "
 # Value of ``--summary`` without a file.
 ANY_PLACE = "-"
 
@@ -60,10 +59,11 @@ def report_refusal(why: str, words: Sequence[str]) -> None:
 
 def _may_be_written(file: Path) -> bool:
     """Return True for a missing file or an earlier summary."""
-    if not os.path.isfile(file):
-        return True
-    with open(file, "rb") as opened:
-        return opened.read(len(HEADING)) == HEADING
+    try:
+        require_replaceable(file, SUMMARY)
+    except OutputError:
+        return False
+    return True
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +98,8 @@ class GateOptions:
         for option, place in (("--junit", self.junit), ("--summary", self.summary)):
             if place not in (None, ANY_PLACE) and os.path.isdir(str(place)):
                 raise UsageError(f"{option} {place}: is a folder; use the name of a file")
+            if place not in (None, ANY_PLACE):
+                require_replaceable(Path(str(place)), JUNIT if option == "--junit" else SUMMARY)
 
     @property
     def any(self) -> bool:

@@ -22,6 +22,7 @@ from typing import Any, BinaryIO
 
 from attlog.core.errors import LogUnreadable, OutputError, UsageError
 from attlog.core.limits import MAX_SETTINGS_BYTES
+from attlog.core.own_files import ANY_FILE, FileKind, is_special, require_replaceable
 
 # Letters of a file's name in the name of its temporary file.
 MAX_TEMPORARY_LETTERS = 40
@@ -35,39 +36,48 @@ def is_disk_full(error: BaseException | None) -> bool:
     return isinstance(error, OSError) and error.errno in DISK_FULL_ERRNOS
 
 
-def write_atomic(path: Path, data: str | bytes) -> None:
+def write_atomic(path: Path, data: str | bytes, kind: FileKind | None = None) -> None:
     """Write a temporary file in the same folder and rename it.
 
+    An existing file is replaced if it is of this kind or has this content, else OutputError; None replaces nothing.
     An old file survives any failure. The file gets the rights of any new file of the process. Bytes of names that are
     no UTF-8 are written as escapes. OutputError names the file and the reason.
     """
-    with open_atomic(path) as file:
-        file.write(_encoded(data))
+    content = _encoded(data)
+    with open_atomic(path, ANY_FILE if _holds(path, content) else kind) as file:
+        file.write(content)
+
+
+def _holds(path: Path, content: bytes) -> bool:
+    """Return whether a file has this content already, so that nothing is lost."""
+    try:
+        return path.is_file() and path.stat().st_size == len(content) and path.read_bytes() == content
+    except (OSError, ValueError):
+        return False
 
 
 def _encoded(data: str | bytes) -> bytes:
     return data.encode("utf-8", "backslashreplace") if isinstance(data, str) else data
 
 
-def write_all_atomic(files: Mapping[Path, str | bytes]) -> None:
-    """Write several files: either all are replaced or none.
+def write_all_atomic(files: Mapping[Path, str | bytes], kind: FileKind | None = None) -> None:
+    """Write several files of a kind: either all are replaced or none.
 
     OutputError as write_atomic.
     """
     with ExitStack() as open_files:
         for path, data in files.items():
-            file = open_files.enter_context(open_atomic(path))
+            file = open_files.enter_context(open_atomic(path, kind))
             file.write(_encoded(data))
             file.flush()
-            if path.is_dir():  # renaming would fail after others got their names
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
 
 
 @contextmanager
-def staging_folder(folder: Path) -> Iterator[Path]:
-    """Yield a temporary folder whose files move into ``folder`` at the end.
+def staging_folder(folder: Path, kind: FileKind | None = None) -> Iterator[Path]:
+    """Yield a temporary folder whose files move into ``folder`` at the end, all or none.
 
-    The JSON files move last. OutputError names the final places.
+    They replace files of this kind only, as in :func:`write_atomic`. The JSON files move last. OutputError names the
+    final places.
     """
     stage = None
     try:
@@ -77,14 +87,13 @@ def staging_folder(folder: Path) -> Iterator[Path]:
         yield stage
         made = sorted(stage.iterdir(), key=lambda path: (path.suffix == ".json", path.name))
         for path in made:
-            if (folder / path.name).is_dir():
-                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(folder / path.name))
             if is_special(folder / path.name):
                 raise FileExistsError(errno.EEXIST, "is a device, a pipe or a socket", str(folder / path.name))
+            require_replaceable(folder / path.name, kind)
         for path in made:
             path.replace(folder / path.name)
     except OSError as error:
-        place = error.filename if isinstance(error, (IsADirectoryError, FileExistsError)) else folder
+        place = error.filename if isinstance(error, FileExistsError) else folder
         raise _write_error(Path(place), error) from error
     except OutputError as error:
         raise OutputError(str(error).replace(str(stage), str(folder))) from error.__cause__
@@ -94,15 +103,17 @@ def staging_folder(folder: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def open_atomic(path: Path) -> Iterator[BinaryIO]:
+def open_atomic(path: Path, kind: FileKind | None = None) -> Iterator[BinaryIO]:
     """Yield a temporary file that gets its final name if the block ends without error.
 
-    A terminal, ``/dev/null``, a pipe or ``/dev/stdout`` is written in place: a file instead would destroy it.
+    ``kind`` as in :func:`write_atomic`. A terminal, ``/dev/null``, a pipe or ``/dev/stdout`` is written in place: a
+    file instead would destroy it.
     """
     if is_special(path):
         with _open_special(path) as special:
             yield special
         return
+    require_replaceable(path, kind)
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,18 +133,6 @@ def open_atomic(path: Path) -> Iterator[BinaryIO]:
         if not isinstance(error, OSError):
             raise
         raise _write_error(path, error) from error
-
-
-def is_special(path: Path) -> bool:
-    """Return whether a path is a device, pipe, socket, or name of an open file."""
-    try:
-        mode = path.stat().st_mode
-        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-            return True
-        where = os.path.realpath(path.parent)
-        return stat.S_ISREG(mode) and (where in ("/dev", "/dev/fd") or where.startswith("/proc/"))
-    except (OSError, ValueError):  # nothing there, or no name of a file: writing it says so
-        return False
 
 
 @contextmanager

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import LogUnreadable, NotALog, UsageError, missing_file
+from attlog.core.own_files import ANY_FILE, SIMULATED_LOG, FileKind
 from attlog.formats.recording import MessageLayout, Recording
 from attlog.formats.table import Boot, Damage, Field, Messages, ParamChange, Table, Text
 
@@ -75,11 +76,14 @@ class Format:
         read: Callable[..., Messages] = self._load(self.reader)
         return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
 
-    def write(self, path: Path, recording: Recording) -> None:
-        """Write the log. UsageError for what the format cannot hold, and for formats that are only read."""
+    def write(self, path: Path, recording: Recording, kind: FileKind = SIMULATED_LOG) -> None:
+        """Write the log; it replaces a file of this kind.
+
+        UsageError for what the format cannot hold, and for formats that are only read.
+        """
         if not self.writer:
             raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
-        self._load(self.writer)(path, recording)
+        self._load(self.writer)(path, recording, kind)
 
     def _load(self, place: str) -> Any:
         module, _, name = place.partition(".")
@@ -184,13 +188,14 @@ def _head(path: Path) -> bytes:
         raise LogUnreadable(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error})") from error
 
 
-def write(path: Path | str, recording: Recording) -> None:
+def write(path: Path | str, recording: Recording, *, replace: bool = False) -> None:
     """Write a log in the format of the path's suffix.
 
     ``.ulg``, ``.bin``, ``.tlog`` or ``.mcap``, whole or not at all. UsageError for another suffix and for what the
-    format cannot hold, OutputError if the file cannot be written. The same recording gives the same bytes.
+    format cannot hold, OutputError if the file cannot be written. The same recording gives the same bytes. An existing
+    file is replaced if it has these bytes or is a simulated log; any with ``replace``.
     """
-    format_for(path).write(Path(path), recording)
+    format_for(path).write(Path(path), recording, ANY_FILE if replace else SIMULATED_LOG)
 
 
 def format_for(path: Path | str) -> Format:

@@ -179,6 +179,7 @@ def param_file(log: Mapping[str, Any], settings: Sequence[Setting]) -> str:
     vehicle = int((log.get("params") or {}).get(MAVLINK_ID_PARAMETER) or 1)
     name = " ".join(str(log.get("name") or "log").split())
     lines = [f"attlog {__version__}: what to set, found in {name} ({firmware or 'unknown firmware'})", *FILE_WARNING]
+    lines += [f"log sha256: {log['sha256']}"] if log.get("sha256") else []
     if firmware == "PX4":
         lines += [LEARNED_OFFSETS_NOTE, "Vehicle-Id\tComponent-Id\tName\tValue\tType"]
     lines = [f"# {line}" for line in lines]

@@ -25,6 +25,7 @@ from attlog.core import files, rotation
 from attlog.core.errors import LogUnusable, OutputError, UsageError
 from attlog.core.files import file_names, staging_folder, write_all_atomic
 from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
+from attlog.core.own_files import DATA
 from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
 from attlog.flight.signals import NAME, vehicle_instance
@@ -274,7 +275,7 @@ def write(tables: Iterable[Extract], log: FlightLog, path: Path, kind: str) -> l
             _write(table, path, meta, kind)
         return [path for _ in listed]
     names = [f"{name}.{kind}" for name in file_names(table.name for table in listed)]
-    with staging_folder(path) as stage:
+    with staging_folder(path, DATA.of(meta["sha256"])) as stage:
         for table, name in zip(listed, names, strict=True):
             _write(table, stage / name, meta, kind)
     return [path / name for name in names]
@@ -284,7 +285,7 @@ def _write(table: Extract, target: Path, meta: dict[str, Any], kind: str) -> Non
     """Write one table into one file, CSV with a JSON file beside it."""
     content, about = _encoded(table, meta, kind)
     beside = {target.with_name(target.name + ".json"): about + "\n"} if kind == "csv" else {}
-    write_all_atomic({target: content, **beside})
+    write_all_atomic({target: content, **beside}, DATA.of(meta["sha256"]))
 
 
 def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, kind: str) -> None:

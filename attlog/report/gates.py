@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Literal
 
 from attlog.core.files import write_atomic
+from attlog.core.own_files import REPORT
 from attlog.words.numbers import counted
 from attlog.words.text import clean
 
@@ -29,7 +30,7 @@ def show(report: Path, said: Sequence[Said]) -> bool:
     if filled is None:
         return False
     if filled != page:
-        write_atomic(report, filled)
+        write_atomic(report, filled, REPORT)
     return True
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from attlog.core.files import write_atomic
+from attlog.core.own_files import REPORT
 from attlog.core.plain import without_keys
 from attlog.health.settings import param_file
 from attlog.metrics.trace import envelope
@@ -87,7 +88,7 @@ def write_report(
     ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: output of
     ``Result.to_dict``, if already computed.
     """
-    write_atomic(Path(path), render(result, deterministic=deterministic, document=document))
+    write_atomic(Path(path), render(result, deterministic=deterministic, document=document), REPORT)
 
 
 def render(

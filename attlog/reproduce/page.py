@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.files import write_atomic
+from attlog.core.own_files import PAPER
 from attlog.core.plain import to_plain
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure, View, axis_key, panel_domain, unit_suffix
@@ -74,7 +75,7 @@ CHIP_CLASS = {"holds": "good", "holds in part": "warn", "does not hold": "bad", 
 
 def write_page(paper: Paper, path: Path) -> None:
     """Write the page of a paper (atomically). OutputError if it cannot be written."""
-    write_atomic(path, render_paper(paper))
+    write_atomic(path, render_paper(paper), PAPER)
 
 
 def render_paper(paper: Paper) -> str:

@@ -195,8 +195,9 @@ class Result:
             text = document.NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:
             from attlog.core.files import write_atomic
+            from attlog.core.own_files import REPORT
 
-            write_atomic(Path(path), text)
+            write_atomic(Path(path), text, REPORT)
         return text
 
     @classmethod

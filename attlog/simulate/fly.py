@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.files import staging_folder
+from attlog.core.own_files import SIMULATED_LOG
 from attlog.core.workers import in_processes
 from attlog.estimators import Estimator, EstimatorSpec
 from attlog.simulate.environment import Environment, environment, field_at, share_at, wind_at
@@ -230,7 +231,10 @@ def write_flights(
     try:
         flight = fly(scenario, seed)
         with ExitStack() as stages:
-            stage = {folder: stages.enter_context(staging_folder(folder)) for folder in {path.parent for path in paths}}
+            stage = {
+                folder: stages.enter_context(staging_folder(folder, SIMULATED_LOG))
+                for folder in {p.parent for p in paths}
+            }
             for path in paths:
                 write(stage[path.parent] / path.name, flight, params)
         return [(path, path.stat().st_size) for path in paths]

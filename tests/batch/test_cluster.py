@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from attlog import Config
-from attlog.batch import cluster
+from attlog.batch import cluster, process
 from attlog.batch.cluster import cluster_runner
 from attlog.batch.job import MEASURED, Job, Record, read_record, settings_key
 from attlog.batch.process import run_one
@@ -241,8 +241,8 @@ def test_a_filter_file_that_workers_do_not_see_is_told_once(
 def test_the_json_of_a_log_that_comes_back_is_written_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Who waits for it finds the page as well."""
     order: list[str] = []
-    monkeypatch.setattr(cluster, "write_atomic", lambda path, data: order.append(path.name))
-    work: Any = SimpleNamespace(folder=tmp_path, keep=False)
+    monkeypatch.setattr(process, "write_atomic", lambda path, data, kind: order.append(path.name))
+    work: Any = SimpleNamespace(folder=tmp_path, name="a", keep=False, source=SimpleNamespace(place="a.ulg"))
     record = Record("a.ulg", "a")
     assert cluster._store(work, record, {"a.json": b"", "a.html": b"", "z.js": b""}) is record
     assert order == ["a.html", "z.js", "a.json"]

@@ -254,7 +254,7 @@ def test_units_stand_in_the_metadata(tmp_path: Path) -> None:
 
 
 def test_csv_says_the_same_where_pyarrow_is_missing(tmp_path: Path, without_pyarrow: None) -> None:
-    (tmp_path / PARQUET).write_bytes(b"of an earlier run")
+    (tmp_path / PARQUET).write_bytes(b"PAR1 attlog.units of an earlier run PAR1")
     assert write_results(tmp_path, [FAILED]).read_text() == ",".join(COLUMNS) + "\n"
     path = write_results(tmp_path, [flown_with_numbers('odd "name", #1.ulg'), FAILED])
     assert [p.name for p in tmp_path.iterdir()] == [CSV]

@@ -106,15 +106,18 @@ def test_a_folder_with_a_batch_is_neither_mixed_nor_lost(tmp_path: Path) -> None
     assert [r.log for r in records(tmp_path / "out")] == [str(second)]
 
 
-def test_a_log_that_fails_now_does_not_keep_its_old_report(tmp_path: Path) -> None:
+def test_a_log_that_fails_now_keeps_its_earlier_report_which_is_replaced_later(tmp_path: Path) -> None:
     log = cut(tmp_path / "a", "x.bin")
     run(tmp_path / "out", log)
     log.write_bytes(b"no log " * 100)
     outcome, _ = run(tmp_path / "out", log, resume=True)
     assert outcome.codes == {65}
-    assert not list((tmp_path / "out").glob("x*"))
+    assert len(list((tmp_path / "out").glob("x*"))) == 2
     _, told = run(tmp_path / "out", log, resume=True)
     assert told[0].again
+    cut(tmp_path / "a", "x.bin", 300_000)
+    outcome, _ = run(tmp_path / "out", log, resume=True)
+    assert outcome.codes == {0}
 
 
 @pytest.mark.slow

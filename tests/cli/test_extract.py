@@ -162,10 +162,11 @@ def test_without_pyarrow_parquet_is_73_and_says_what_is_needed(attlog, samples, 
 
 def test_a_folder_is_written_whole_or_not_at_all(samples, tmp_path, monkeypatch):
     log = flight.read(samples / "px4_steps.ulg")
-    tables = [extraction.Extract(name, {"t": np.arange(3.0)}, {}, "") for name in ("first", "second", "third")]
+    tables = [extraction.Extract(name, {"time_s": np.arange(3.0)}, {}, "") for name in ("first", "second", "third")]
     folder = tmp_path / "out"
     folder.mkdir()
-    (folder / "first.csv").write_text("old")
+    extraction.write(tables[:1], log, folder, "csv")
+    old = (folder / "first.csv").read_text()
     real, asked = extraction._csv, []
 
     def fails_at_the_third(table):
@@ -177,8 +178,8 @@ def test_a_folder_is_written_whole_or_not_at_all(samples, tmp_path, monkeypatch)
     monkeypatch.setattr(extraction, "_csv", fails_at_the_third)
     with pytest.raises(OutputError, match="no room"):
         extraction.write(tables, log, folder, "csv")
-    assert [path.name for path in folder.iterdir()] == ["first.csv"]
-    assert (folder / "first.csv").read_text() == "old"
+    assert sorted(path.name for path in folder.iterdir()) == ["first.csv", "first.csv.json"]
+    assert (folder / "first.csv").read_text() == old
     monkeypatch.setattr(extraction, "_csv", real)
     written = extraction.write(tables, log, folder, "csv")
     assert [path.name for path in written] == ["first.csv", "second.csv", "third.csv"]

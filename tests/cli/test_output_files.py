@@ -211,15 +211,19 @@ def test_with_all_streams_closed_the_files_are_written(tmp_path: Path) -> None:
 @pytest.mark.slow
 @LINUX
 def test_where_the_disk_takes_one_file_and_not_the_other_both_old_ones_stay(tmp_path: Path) -> None:
-    old = {tmp_path / f"{LOG.name}.{kind}": f"old {kind}" for kind in ("html", "json")}
+    head = '<!doctype html><html><head><meta http-equiv="Content-Security-Policy" content="default-src"><title>a'
+    old = {
+        tmp_path / f"{LOG.name}.html": f"{head} · attitude report</title>",
+        tmp_path / f"{LOG.name}.json": '{"schema":"attlog-result/7"}',
+    }
     for path, text in old.items():
         path.write_text(text)
     before = (
         "import attlog.core.files as o\nreal = o.write_atomic\n"
-        "def write(path, data):\n"
+        "def write(path, data, kind=None):\n"
         "    if path.suffix == '.json':\n"
         "        raise o._write_error(path, OSError(28, 'No space left on device'))\n"
-        "    real(path, data)\n"
+        "    real(path, data, kind)\n"
         "o.write_atomic = write\nfrom attlog.cli import main\nmain()\n"
     )
     done = attlog("analyze", LOG, "-o", tmp_path, "--estimators", "gyro", before=before, stdout=subprocess.PIPE)
@@ -318,14 +322,14 @@ def test_extracted_cells_and_headers_are_not_run(attlog, hostile, tmp_path):
     assert (first[2:], second[2:]) == (["1.0", "'=1+1"], ["-2.0", "-5"])
 
 
-def test_a_planted_link_is_replaced_and_not_followed(attlog, hostile, tmp_path):
+def test_a_planted_link_is_neither_replaced_nor_followed(attlog, hostile, tmp_path):
     folder, precious = tmp_path / "out", tmp_path / "precious"
     folder.mkdir()
     precious.write_text("mine")
     os.symlink(precious, folder / "MSG.csv")
-    assert attlog("extract", hostile, "MSG", "-o", folder).code == 0
+    assert attlog("extract", hostile, "MSG", "-o", folder).code == 73
     assert precious.read_text() == "mine"
-    assert not (folder / "MSG.csv").is_symlink()
+    assert (folder / "MSG.csv").is_symlink()
 
 
 @pytest.mark.parametrize(

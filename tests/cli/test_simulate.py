@@ -212,12 +212,13 @@ def test_seeds_are_ranges_and_lists():
 
 
 def test_logs_of_one_flight_are_written_all_or_none(attlog, tmp_path):
-    (tmp_path / "a.bin").write_text("old")
+    old = b"\xa3\x95 attlog 0.20.0 simulated this flight, seed 0"
+    (tmp_path / "a.bin").write_bytes(old)
     (tmp_path / "file").write_text("")
     outputs = ["-o", tmp_path / "a.bin", "-o", tmp_path / "file" / "b.tlog"]
     done = attlog("simulate", "static", "--set", "seconds=2", *outputs)
     assert (done.code, "file: cannot be written" in done.err) == (73, True), done.err
-    assert (tmp_path / "a.bin").read_text() == "old"
+    assert (tmp_path / "a.bin").read_bytes() == old
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.bin", "file"]
 
 

@@ -30,8 +30,11 @@ from attlog.core.files import (
     write_all_atomic,
     write_atomic,
 )
+from attlog.core.own_files import FileKind
 from attlog.flight.parameters import read_parameter_file as read_parameters
 
+# A kind that every file is of.
+ANY = FileKind("a file", check=lambda _: True)
 POSIX = pytest.mark.skipif(os.name != "posix", reason="rights as POSIX knows them")
 
 
@@ -44,21 +47,21 @@ def test_an_old_file_survives_a_failure_and_nothing_is_left(tmp_path: Path, monk
 
     monkeypatch.setattr(Path, "replace", full)
     with pytest.raises(OutputError, match="No space left"):
-        write_atomic(path, "new")
+        write_atomic(path, "new", ANY)
     assert path.read_text() == "old"
     assert list(tmp_path.iterdir()) == [path]
 
 
 def test_what_is_written_bit_by_bit_appears_when_it_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "new" / "file"
-    with open_atomic(path) as file:
+    with open_atomic(path, ANY) as file:
         file.write(b"first ")
         assert not path.exists()
         file.write(b"second")
     assert path.read_bytes() == b"first second"
 
     def fails_halfway() -> None:
-        with open_atomic(path) as file:
+        with open_atomic(path, ANY) as file:
             file.write(b"half")
             raise ZeroDivisionError
 
@@ -74,9 +77,9 @@ def test_files_that_belong_together_are_all_new_or_all_old(tmp_path: Path) -> No
     (tmp_path / "folder").mkdir()
     for missing in (tmp_path / "folder", one / "below"):
         with pytest.raises(OutputError):
-            write_all_atomic({one: "new", other: "new", missing: "new"})
+            write_all_atomic({one: "new", other: "new", missing: "new"}, ANY)
         assert (one.read_text(), other.read_text()) == ("old", "old")
-    write_all_atomic({one: "new", other: "new"})
+    write_all_atomic({one: "new", other: "new"}, ANY)
     assert (one.read_text(), other.read_text()) == ("new", "new")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.html", "a.json", "folder"]
 

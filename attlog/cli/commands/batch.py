@@ -292,10 +292,11 @@ def _write_table(found: LogTable, by: str | None, kind: str, output: Path | None
     from attlog.batch.across import table_text, table_values
     from attlog.compare.tables import table_latex, table_markdown
     from attlog.core.files import write_atomic
+    from attlog.core.own_files import TABLE
 
     if kind == "parquet":
         assert output is not None
-        write_atomic(output, _parquet(found, by))
+        write_atomic(output, _parquet(found, by), TABLE)
         return
     if not kind:
         out = console()
@@ -312,7 +313,7 @@ def _write_table(found: LogTable, by: str | None, kind: str, output: Path | None
     if output is None:
         say(text.splitlines(), console())
         return
-    write_atomic(output, text.encode("utf-8", "backslashreplace"))
+    write_atomic(output, text.encode("utf-8", "backslashreplace"), TABLE)
 
 
 def table_lines(found: LogTable, by: str | None, width: int) -> Iterator[TextLine]:

@@ -27,6 +27,7 @@ from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, t
 from attlog.cli.progress import StageHandler, progress
 from attlog.core.errors import PluginError, PluginTimeout, UsageError, error_message
 from attlog.core.files import file_name, write_atomic
+from attlog.core.own_files import COMPARISON, DIFFERENCE, require_replaceable
 
 if TYPE_CHECKING:
     from attlog.compare.comparison import Comparison
@@ -100,6 +101,8 @@ def compare_command(
     settings = for_comparison(options, found.options | ({} if own.window is None else {"window": own.window}))
     if not found.logs:
         raise UsageError("no log named: attlog compare LOG... mahony:kp=0.3 mahony:kp=0.6")
+    for suffix in ("html", "json", "csv"):  # before hours of work
+        require_replaceable(options.output / f"{own.name}.{suffix}", COMPARISON)
     codes: set[int] = set()
     logs = named_files(found.logs, codes)
     result = None
@@ -160,7 +163,7 @@ def _write_comparison(result: Comparison, folder: Path, name: str) -> Path:
 
     place = folder / f"{name}.html"
     data = {folder / f"{name}.json": result.to_json(), folder / f"{name}.csv": export.comparison_text(result, "csv")}
-    write_all_atomic({place: comparison_page.render_comparison(result)} | data)
+    write_all_atomic({place: comparison_page.render_comparison(result)} | data, COMPARISON)
     return place
 
 
@@ -300,7 +303,7 @@ def diff_command(
         words = diff_report.diff_lines if form is None else diff_report.diff_markdown
         lines = list(words(differences, alone, common.verbose > 0))
     if output is not None and (json or form is not None):
-        write_atomic(output, "\n".join(lines) + "\n")
+        write_atomic(output, "\n".join(lines) + "\n", DIFFERENCE)
     else:
         if output is not None:
             lines += ["", f"page: {_write_diff_page(differences, alone, (old, new), output)}"]
@@ -321,5 +324,5 @@ def _write_diff_page(
     same = sides[0].name == sides[1].name
     names = [f"{side.parent.name}/{side.name}" if same else side.name for side in sides]
     page = diff_report.diff_page(differences, alone, names[0], names[1], __version__, command_line())
-    write_all_atomic({folder / "diff.html": page, folder / "diff.json": whole})
+    write_all_atomic({folder / "diff.html": page, folder / "diff.json": whole}, DIFFERENCE)
     return folder / "diff.html"

@@ -257,14 +257,15 @@ def write_parameters(result: Result, path: Path, params: str | None) -> str | No
     UsageError where a flight log or the file of ``--params`` would be overwritten, OutputError if it cannot be written.
     """
     from attlog.core.files import write_atomic
+    from attlog.core.own_files import PARAMETERS
     from attlog.health.settings import param_file
     from attlog.result import agreed_settings
 
     text = param_file(result.log, agreed_settings(result.checks))
     if not text:
-        return f"nothing to set; {path} is of an earlier run" if path.exists() else None
+        return f"nothing to set; {path} is of an earlier run" if PARAMETERS.includes(path) else None
     refuse_file("-o", str(path), [] if params is None else [params])
-    write_atomic(path, text)
+    write_atomic(path, text, PARAMETERS.of(str(result.log["sha256"])))
     return f"parameters: {path}"
 
 

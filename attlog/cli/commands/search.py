@@ -13,6 +13,7 @@ from attlog.cli.logs import PreparedLogs, end_command, file_stem, parse_all
 from attlog.cli.options import CommonOptions, ComparisonOptions
 from attlog.cli.printing import TextLine, console, json_to_stdout, say, table, table_to_stdout, to_stderr, wrapped
 from attlog.cli.progress import progress
+from attlog.core.own_files import SWEEP, TUNING, FileKind, require_replaceable
 
 if TYPE_CHECKING:
     from attlog.compare.search import SettingsOnLog, Sweep
@@ -66,12 +67,15 @@ def sweep_command(
     grid, _ = parse_all(lambda: parse_grid(asked.axes, base.row.estimator), lambda: swept_questions(metrics))
     for sentence in () if base.is_flown else decimal_comma_hints(asked.axes):
         to_stderr(f"attlog: {sentence}")
+    stem = options.output / file_stem("sweep", asked.filter)
+    _require_replaceable(SWEEP, stem, "html", "json", "csv")
     with progress(common.quiet, common.verbose > 0):
         logs = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
         found = sweep(asked.filter, grid, _on_logs(logs, base, metric, [axis.name for axis in grid.axes]))
         about = logs.about()
         files = _write(
-            options.output / file_stem("sweep", found.filter),
+            SWEEP,
+            stem,
             html=sweep_report.sweep_page(found, about),
             json=_json_text(sweep_report.sweep_document(found, about)),
             csv=sweep_report.sweep_csv(found),
@@ -114,12 +118,18 @@ def _json_text(document: dict[str, Any]) -> str:
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
-def _write(stem: Path, **texts: str) -> list[Path]:
-    """Write files of one name together, ``texts`` by suffix."""
+def _require_replaceable(kind: FileKind, stem: Path, *suffixes: str) -> None:
+    """Raise OutputError before any log is read if a file of this name is not of this kind."""
+    for suffix in suffixes:
+        require_replaceable(stem.with_name(f"{stem.name}.{suffix}"), kind)
+
+
+def _write(kind: FileKind, stem: Path, **texts: str) -> list[Path]:
+    """Write files of one kind and name together, ``texts`` by suffix."""
     from attlog.core.files import write_all_atomic
 
-    files = {stem.with_name(f"{stem.name}.{suffix}"): text for suffix, text in texts.items()}
-    write_all_atomic(files)
+    files: dict[Path, str | bytes] = {stem.with_name(f"{stem.name}.{suffix}"): text for suffix, text in texts.items()}
+    write_all_atomic(files, kind)
     return list(files)
 
 
@@ -198,6 +208,8 @@ def tune_command(
     free, terms = parse_all(
         lambda: parse_free_parameters(asked.axes, base.row.estimator), lambda: parse_objective(goals)
     )
+    stem = options.output / file_stem("tune", asked.filter)
+    _require_replaceable(TUNING, stem, "html", "json")
     with progress(common.quiet, common.verbose > 0):
         prepared = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
         cases = list(prepared)
@@ -212,7 +224,8 @@ def tune_command(
         found = tune(asked.filter, free, terms, logs, others, first, GENERATIONS, seed)
         about = prepared.about()
         files = _write(
-            options.output / file_stem("tune", found.filter),
+            TUNING,
+            stem,
             html=tune_report.tune_page(found, about),
             json=_json_text(tune_report.tune_document(found, about)),
         )

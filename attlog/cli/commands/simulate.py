@@ -136,7 +136,11 @@ def simulate_command(
         return
     work = _files_of_seeds(flown.name, own.output or [], own.seeds, own.seed, own.kinds)
     logged = _parameters(own.params or [])
+    from attlog.core.own_files import SIMULATED_LOG, require_replaceable
     from attlog.simulate.fly import plan_flights
+
+    for path in (path for paths in work.values() for path in paths):
+        require_replaceable(path, SIMULATED_LOG)
 
     with progress(common.quiet, common.verbose > 0) as shown:
         if shown.stages:
@@ -266,6 +270,7 @@ def reproduce_command(
     from attlog.batch.sources import find
     from attlog.core.files import write_all_atomic
     from attlog.core.machine import cores
+    from attlog.core.own_files import PAPER, require_replaceable
     from attlog.reproduce import page
     from attlog.reproduce.paper import PAPERS_WITH_LOGS, PaperOptions, paper_json, reproduce, select_papers
 
@@ -282,13 +287,17 @@ def reproduce_command(
         raise errors[0]
     if found_logs and not PAPERS_WITH_LOGS & set(names):
         raise UsageError(f"--logs: only {', '.join(sorted(PAPERS_WITH_LOGS))} looks at logs, not {', '.join(names)}")
+    for place in (output / f"reproduce-{name}.{suffix}" for name in names for suffix in ("html", "json")):
+        require_replaceable(place, PAPER)
     options = PaperOptions(seeds, jobs or cores(), tuple(found_logs))
     for name in names:
         with progress(common.quiet, common.verbose > 0, lines=True) as shown:
             shown.before = f"{name}: "
             found = reproduce(name, options, command_line())
             place = output / f"reproduce-{name}.html"
-            write_all_atomic({place: page.render_paper(found), place.with_suffix(".json"): paper_json(found, indent=1)})
+            write_all_atomic(
+                {place: page.render_paper(found), place.with_suffix(".json"): paper_json(found, indent=1)}, PAPER
+            )
         if json:
             json_to_stdout(paper_json(found))
         if not common.quiet:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
 from attlog.core.files import write_atomic
+from attlog.core.own_files import SIMULATED_LOG, FileKind
 from attlog.formats.dataflash.layout import (
     FMT_FORMAT,
     FMT_TYPE,
@@ -50,7 +51,7 @@ _LETTER_OF_DTYPE = {LETTER_DTYPES[letter].str[1:]: letter for letter in "bBhHiIq
 _MESSAGE_NAME = re.compile(r"[A-Z][A-Z0-9_]{0,3}")
 
 
-def write_dataflash(path: Path | str, recording: Recording) -> None:
+def write_dataflash(path: Path | str, recording: Recording, kind: FileKind = SIMULATED_LOG) -> None:
     """Write a DataFlash log, which attlog and pymavlink read back with equal numbers.
 
     The clock column is ``TimeUS`` (uint64). Types choose the letters where the layout does not; where one layout has
@@ -89,7 +90,7 @@ def write_dataflash(path: Path | str, recording: Recording) -> None:
         blocks.append(rows)
         times.append(np.asarray(columns["TimeUS"]))
         lengths.append(np.full(len(rows), rows.shape[1]))
-    write_atomic(Path(path), head + merge_records(blocks, times, lengths))
+    write_atomic(Path(path), head + merge_records(blocks, times, lengths), kind)
 
 
 def _format(name: str, columns: Columns, layout: MessageLayout) -> MessageFormat:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
 from attlog.core.files import write_atomic
+from attlog.core.own_files import SIMULATED_LOG, FileKind
 from attlog.formats.mavlink.layout import (
     MAVLINK_2,
     STAMP_BYTES,
@@ -29,7 +30,7 @@ _MAV_PARAM_TYPE_INT32, _MAV_PARAM_TYPE_REAL32 = 6, 9
 _PX4_AUTOPILOT = 12
 
 
-def write_tlog(path: Path | str, recording: Recording) -> None:
+def write_tlog(path: Path | str, recording: Recording, kind: FileKind = SIMULATED_LOG) -> None:
     """Write a tlog, which attlog and pymavlink read back with equal columns.
 
     The instance is system * 256 + component. The clock column is ``_t_us``, the receiver's clock (Unix us), which
@@ -61,7 +62,7 @@ def write_tlog(path: Path | str, recording: Recording) -> None:
         rows, length = _packets(numbers[name], sender, columns, count)
         blocks.append(rows)
         lengths.append(length)
-    write_atomic(Path(path), merge_records(blocks, times, lengths))
+    write_atomic(Path(path), merge_records(blocks, times, lengths), kind)
 
 
 def _byte(value: str | int, name: str) -> int:

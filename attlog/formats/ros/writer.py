@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
 from attlog.core.files import open_atomic
+from attlog.core.own_files import SIMULATED_LOG, FileKind
 from attlog.formats.recording import Columns, Recording, require_only
 from attlog.formats.ros.bag import MISSING_PACKAGES
 from attlog.formats.ros.cdr import NUMBER_TYPES
@@ -40,7 +41,7 @@ RECORDER_DELAY_NS = 2_000_000
 CHUNK_BYTES = 1 << 20
 
 
-def write_mcap(path: Path, recording: Recording) -> None:
+def write_mcap(path: Path, recording: Recording, replaces: FileKind = SIMULATED_LOG) -> None:
     """Write an MCAP bag; messages are numbered in the order of their times.
 
     A message whose name begins with a slash is a pose with columns ``q`` (n, 4) and ``p`` (n, 3) in axes of its own,
@@ -53,7 +54,7 @@ def write_mcap(path: Path, recording: Recording) -> None:
     start_us = recording.checked(CLOCK_COLUMN)
     require_only("parameters", [p.name for p in recording.params], ())
     require_only("texts", [t.text for t in recording.texts], ())
-    with open_atomic(path) as file:
+    with open_atomic(path, replaces) as file:
         writer = Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.NONE)
         writer.start(profile="ros2", library="attlog")
         times: list[NDArray[np.int64]] = []

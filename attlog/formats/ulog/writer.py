@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
 from attlog.core.files import write_atomic
+from attlog.core.own_files import SIMULATED_LOG, FileKind
 from attlog.formats.recording import Columns, Key, Recording, merge_records, require_only
 from attlog.formats.table import ParamChange, Text
 from attlog.formats.ulog.layout import AIRFRAME_DEFAULT, BASIC_TYPES, FIRMWARE_DEFAULT, MAGIC
@@ -24,7 +25,7 @@ _MEMBER_NAME = re.compile(r"([A-Za-z_]\w*)(?:\[(\d+)\])?")
 SIZE_FIELD, KIND_FIELD, ID_FIELD = "(size)", "(kind)", "(id)"
 
 
-def write_ulog(path: Path | str, recording: Recording) -> None:
+def write_ulog(path: Path | str, recording: Recording, kind: FileKind = SIMULATED_LOG) -> None:
     """Write a ULog, which ULog readers read back with equal columns.
 
     The clock column is ``timestamp`` (uint64 us), the instance the multi id. Columns ``member[0].field`` become a
@@ -46,7 +47,7 @@ def write_ulog(path: Path | str, recording: Recording) -> None:
         _record("A", struct.pack("<BH", multi, identifier) + name.encode())
         for identifier, (name, multi) in enumerate(recording.messages)
     ]
-    write_atomic(Path(path), b"".join(head) + _data(recording, start))
+    write_atomic(Path(path), b"".join(head) + _data(recording, start), kind)
 
 
 def _record(kind: str, payload: bytes) -> bytes:

@@ -12,8 +12,10 @@ import os
 import re
 import shutil
 import signal
+import struct
 import subprocess
 import sys
+import zlib
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -23,8 +25,10 @@ from typing import Any
 
 import numpy as np
 
+from attlog import __version__
 from attlog.core.errors import OutputError
 from attlog.core.files import staging_folder
+from attlog.core.own_files import FIGURES
 from attlog.report.bundle import bundle
 from attlog.report.figures.catalogue import Album
 from attlog.result import Result
@@ -51,6 +55,8 @@ BROWSER_OPTIONS = (
 DRAWING_TIMEOUT_S = 180.0
 # Lowest resolution that journals accept. Lines are sharper in the SVG.
 PNG_DPI = 300
+# Signature and header chunk of a PNG, behind which its texts come.
+PNG_HEADER_BYTES = 8 + 25
 POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 ANSWER = re.compile(rb'<pre id="pictures">([A-Za-z0-9+/=]*)</pre>')
 
@@ -170,12 +176,23 @@ def write_figures(result: Result, start: Path) -> list[Path]:
     for figure in drawn.values():
         for i, trace in enumerate(figure["data"]):
             trace["uid"] = str(i)  # otherwise plotly assigns random ids, and no two files are equal
-    with staging_folder(start.parent) as stage:
+    log = str(result.log.get("sha256") or "")
+    with staging_folder(start.parent, FIGURES.of(log)) as stage:
         for name, picture in draw_pictures(drawn, stage.parent).items():
-            path = stage / f"{start.name}_{name}"
-            _write(path.with_name(path.name + ".svg"), picture.svg.encode("utf-8"))
-            _write(path.with_name(path.name + ".png"), picture.png)
+            path, signed = stage / f"{start.name}_{name}", sign_picture(picture, log)
+            _write(path.with_name(path.name + ".svg"), signed.svg.encode("utf-8"))
+            _write(path.with_name(path.name + ".png"), signed.png)
         return sorted(start.parent / path.name for path in stage.iterdir())
+
+
+def sign_picture(picture: Picture, log: str) -> Picture:
+    """Return a picture that names program and log (SHA-256), so that a later run knows its own files."""
+    text = f"attlog {__version__}, log sha256:{log}"
+    start, end = picture.svg.partition(">")[::2]
+    kind, content = b"tEXt", f"Software\0{text}".encode("latin-1")
+    chunk = struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+    after = PNG_HEADER_BYTES
+    return Picture(f"{start}><!-- {text} -->{end}", picture.png[:after] + chunk + picture.png[after:])
 
 
 def plain(value: Any) -> Any:
