@@ -341,7 +341,7 @@ def meaning(ref: Reference) -> str:
     return {
         "truth": "Truth: errors are errors.",
         "onboard": "The autopilot's own attitude: agreement, not truth.",
-        "none": "Nothing to compare with: only questions at rest can be answered.",
+        "none": "Nothing to compare with: accuracy and lag have no answer.",
     }[ref.kind]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -15,6 +16,7 @@ from attlog import formats
 from attlog.flight.parameters import read_parameter_file
 from attlog.formats import Recording
 from attlog.health.check import Setting
+from tests.conftest import ROOT
 from tests.health.made import MADE, OFFSET, REFUSED, SILENT, SOUND, asked
 
 
@@ -41,6 +43,20 @@ def test_it_names_vehicle_sensors_and_what_can_be_answered(attlog, samples, log,
     assert "What can be answered" in text.out
 
 
+@pytest.mark.parametrize("log", ["px4_steps.ulg", "copter_steps_stabilize.tlog"])
+def test_its_checks_are_those_of_health_and_its_headings_those_of_the_docs(attlog, samples, log):
+    def verdicts(command: str) -> list[tuple[str, ...]]:
+        checks = json.loads(attlog(command, samples / log, "--json").out)["checks"]
+        return [tuple(c.get(key) or "" for key in ("sensor", "question", "verdict", "value", "text")) for c in checks]
+
+    assert verdicts("info") == verdicts("health")
+    first = (ROOT / "docs" / "first.md").read_text(encoding="utf-8")
+    headings = re.findall(r"^- \*\*(.+?)\*\*", first.partition("attlog info")[2].partition("## 3.")[0], re.MULTILINE)
+    text = attlog("info", samples / log).out.splitlines()
+    assert len(headings) == 3
+    assert [line for line in text if line in headings] == headings
+
+
 def test_a_strangers_log_cannot_write_to_the_terminal(attlog, tmp_path):
     """Escape sequences in the firmware's name are shown as marks; a damaged place is told once."""
     path = tmp_path / "evil.ulg"
@@ -65,7 +81,7 @@ def test_it_lists_messages_with_the_rates_that_pymavlink_sees(attlog, samples):
     while (m := reader.recv_match(type="ATT")) is not None:
         times.append(m.TimeUS)
     rate = 1e6 * (len(times) - 1) / (times[-1] - times[0])
-    done = attlog("info", log)
+    done = attlog("info", log, "-v")
     (line,) = [line for line in done.out.splitlines() if line.startswith("  ATT ")]
     assert line.split()[1:5] == [str(len(times)), "records", f"{rate:.2f}", "Hz"]
 

@@ -83,8 +83,12 @@ def printable(report: dict[str, Any]) -> dict[str, Any]:
 
 
 def info_lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator[TextLine]:
-    """Lay out a report of ``inspect`` as text of at most ``width`` columns where words can be broken."""
-    from attlog.cli.tables import finding_lines
+    """Lay out a report of ``inspect`` as text of at most ``width`` columns where words can be broken.
+
+    What the log holds comes first, what is wrong with it last. Checks appear as in ``attlog health``.
+    """
+    from attlog.cli.tables import finding_lines, sensor_lines
+    from attlog.health.check import Check, Setting
     from attlog.health.findings import Finding
     from attlog.metrics.gyro_bias import CommonBias
     from attlog.words.findings import shown_findings
@@ -94,8 +98,15 @@ def info_lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator
     if report["headline"]:
         yield TextLine("")
         yield from wrapped("", report["headline"], width)
-    checks = [(c["question"].replace("_", " "), c["verdict"], c["text"]) for c in report["checks"]]
-    yield from _part("Checks", checks, width, [STYLES[c["verdict"]] for c in report["checks"]])
+    yield from _messages(report["messages"], width, verbose)
+    taken = [(f"gyro of {bias['imu']}", said_bias(CommonBias(**bias))) for bias in report["gyro_bias"] or []]
+    yield from _part("What analyze does to every filter alike", taken, width, [""] * len(taken))
+    if report["compared_with"]:
+        yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
+    yield TextLine("")
+    yield TextLine("Physics", "bold")
+    checks = [Check(**c | {"settings": [Setting(**s) for s in c["settings"]]}) for c in report["checks"]]
+    yield from sensor_lines(checks, width, bool(verbose))
     questions = report["answerable"]
     answers = [
         (
@@ -106,23 +117,31 @@ def info_lines(report: dict[str, Any], width: int, verbose: int = 0) -> Iterator
         for q in questions
     ]
     yield from _part("What can be answered", answers, width, ["" if q["can"] else "red" for q in questions])
-    taken = [(f"gyro of {bias['imu']}", said_bias(CommonBias(**bias))) for bias in report["gyro_bias"] or []]
-    yield from _part("What analyze does to every filter alike", taken, width, [""] * len(taken))
-    if report["compared_with"]:
-        yield from _part("Compared with", [("reference", "", report["compared_with"])], width, [""])
     yield TextLine("")
+    yield TextLine("What is wrong with this log", "bold")
     found = [Finding(**f) for f in report["findings"]]
     yield from finding_lines(shown_findings(found), width, bool(verbose))
-    messages = [
+
+
+def _messages(messages: Sequence[dict[str, Any]], width: int, verbose: int) -> Iterator[TextLine]:
+    """Yield the number of messages, with ``verbose`` each with its rate and numeric fields."""
+    from attlog.words.numbers import counted
+
+    rows = [
         (
             m["name"] + (f".{m['instance']}" if m["instance"] else ""),
             f"{m['records']:>7} records",
             "" if m["rate_hz"] is None else f"{m['rate_hz']:>8.2f} Hz",
-            f"{m['fields']:>3} fields" + (f": {', '.join(m['signals'])}" if verbose and m["signals"] else ""),
+            f"{m['fields']:>3} fields" + (f": {', '.join(m['signals'])}" if m["signals"] else ""),
         )
-        for m in report["messages"]
+        for m in messages
     ]
-    yield from _part("Messages", messages, width, [""] * len(messages))
+    if verbose:
+        yield from _part("Messages", rows, width, [""] * len(rows))
+    elif rows:
+        records = counted(sum(m["records"] for m in messages), "record")
+        yield TextLine("")
+        yield TextLine(f"{counted(len(rows), 'message')}, {records} (-v lists them)")
 
 
 def _head(log: dict[str, Any], width: int) -> Iterator[TextLine]:
