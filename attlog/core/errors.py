@@ -202,12 +202,11 @@ def call_guarded(what: str, make: Callable[[], T], otherwise: Callable[[str], U]
 
 
 def bug_sentence(what: str, error: Exception) -> str:
-    """Return a sentence with the missing part and the failed line."""
+    """Return a sentence with the missing part and the failed line, without the words of a library."""
     place, trace = "", error.__traceback__
     while trace is not None:
         name = trace.tb_frame.f_globals.get("__name__", "")
         if name.partition(".")[0] == "attlog":
             place = f" in {name}, line {trace.tb_lineno}"
         trace = trace.tb_next
-    reason = " ".join(str(error).split())[:200]
-    return f"{what} is left out because of a bug in attlog ({type(error).__name__}{place}: {reason}); please report it."
+    return f"{what} is left out because of a bug in attlog ({type(error).__name__}{place}); please report it."

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from attlog.formats import Messages
 __all__ = ["FlightLog", "flight_in", "read"]
 
 
+MAX_EMPTY = 5  # messages without a record, by name
 # Messages with inertial data, and with the onboard attitude; their records are counted.
 INERTIAL_MESSAGES = ("sensor_combined", "IMU", "GYR", "RISI", "RAW_IMU", "HIGHRES_IMU", "SCALED_IMU")
 ATTITUDE_MESSAGES = ("ATT", "vehicle_attitude")
@@ -99,6 +101,7 @@ def flight_in(
     if not 0 <= chosen < boots:
         raise UsageError(f"{messages.path}: there is no boot {boot}; the log holds boots 0 to {boots - 1}")
     part = messages.boot(chosen) if boots > 1 else messages
+    part, empty = _without_empty(part)
     check_flight_memory(part)
     given = {} if params is None else parameter_file.read_parameter_file(params)
     refused = parameter_limits.drop_impossible(part)
@@ -109,7 +112,7 @@ def flight_in(
     limit_attitudes(log)
     drop_stuck_attitudes(log)
     log.boot, log.boots = chosen, boots
-    log.problems += refused
+    log.problems += [*empty, *refused]
     log.parameters.given, log.parameters.filled = given, filled
     log.seconds = flight_seconds(log, part)
     if params is not None:
@@ -127,6 +130,18 @@ def flight_in(
     remarks = [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
     log.problems[:0] = [*damage_problems(messages), *dropout_problems(messages), *remarks]
     return log
+
+
+def _without_empty(messages: Messages) -> tuple[Messages, list[Problem]]:
+    """Return messages that hold a record, and a note on the others: nothing is wrong with them, nothing is in them."""
+    names = list(dict.fromkeys(table.name for table in messages.values() if not len(table)))
+    if not names:
+        return messages, []
+    shown = ", ".join(names[:MAX_EMPTY]) + (f" and {len(names) - MAX_EMPTY} more" if len(names) > MAX_EMPTY else "")
+    text = f"Without a record: {shown}."
+    part = copy(messages)
+    part.tables = {key: table for key, table in messages.items() if len(table)}
+    return part, [Problem("unreadable_message", "note", text, count=len(names))]
 
 
 def read_messages(messages: Messages, imu: int | None, mag: int | str | None, system: int | None) -> FlightLog:

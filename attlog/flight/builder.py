@@ -22,7 +22,7 @@ from attlog.flight import limits
 from attlog.flight.limits import Quantity
 from attlog.flight.model import Array, Attitude, Clipping, Firmware, FlightLog, Problem, Severity, Stream, TimeLine
 from attlog.flight.timestamps import isolated_timestamps, read_stamps
-from attlog.formats.table import Messages, Table
+from attlog.formats.table import FieldError, Messages, Table
 
 T = TypeVar("T")
 U = TypeVar("U")
@@ -111,7 +111,8 @@ class LogBuilder:
             try:
                 return read()
             except (KeyError, IndexError, TypeError, ValueError, OverflowError) as error:
-                reason = str(error.args[0]) if error.args else type(error).__name__
+                # A library's own words explain nothing to who reads the page.
+                reason = str(error.args[0]) if isinstance(error, FieldError) else "its fields are not as expected"
                 self.problem("unreadable_message", "warning", f"{what} cannot be used: {reason.rstrip('.')[:200]}.")
                 return otherwise
 
@@ -341,7 +342,7 @@ class LogBuilder:
         messages, each assigned to the largest of the three steps around it. ValueError for another shape.
         """
         if np.shape(q)[1:] != (4,):
-            raise ValueError(f"{source} does not hold four numbers of a quaternion")
+            raise FieldError(f"{source} does not hold four numbers of a quaternion")
         norm = np.sqrt(np.sum(np.asarray(q, np.float64) ** 2, axis=1))
         unset = norm == 0
         if unset.all():

@@ -14,6 +14,7 @@ from attlog.flight.builder import LogBuilder
 from attlog.flight.frozen import turned_deg
 from attlog.flight.imu import as_sentence
 from attlog.flight.model import Array, FlightLog, Imu, Mag, Severity, Stream
+from attlog.formats.table import FieldError
 
 # Factor between a record's norm and the median of its neighbours above which (or below its inverse) it is a spike.
 SPIKE_FACTOR = 3.0
@@ -40,7 +41,7 @@ def build_mag(
     None if no record is left. ValueError for another shape.
     """
     if field_t.shape[1:] != (3,):
-        raise ValueError(f"{source} does not hold three axes")
+        raise FieldError(f"{source} does not hold three axes")
     stream = builder.stream(t_us, field_t, "T", source, frame="FRD", t_sample_us=t_sample_us, allow_nan=True)
     if stream is None:
         return None

@@ -11,6 +11,7 @@ from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Gnss, Reception
+from attlog.formats.table import FieldError
 
 # Least fix type with a position.
 MIN_FIX_TYPE = 2
@@ -44,7 +45,7 @@ def build_gnss(
     number per record, as after damage of its definition.
     """
     if not all(len(t_us) == len(x) and x.ndim == 1 for x in (fix, *accuracy, yaw, utc_us) if x is not None):
-        raise ValueError(f"{source} does not hold one value per record")
+        raise FieldError(f"{source} does not hold one value per record")
     own = builder.quiet()
     on_earth = finite_within(place[:, :1], limits.LATITUDE.high) & finite_within(place[:, 1:2], limits.LONGITUDE.high)
     index = own.select_records(t_us, source, on_earth, wrong=NOT_ON_EARTH, fastest_hz=limits.AIDING_HZ)

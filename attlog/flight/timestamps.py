@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core.limits import LAST_TIME_US
 from attlog.core.timestamps import Stamps
-from attlog.formats.table import Messages, Table
+from attlog.formats.table import FieldError, Messages, Table
 
 
 def read_stamps(table: Table, column: str, us: int = 1) -> Stamps:
@@ -20,7 +20,7 @@ def read_stamps(table: Table, column: str, us: int = 1) -> Stamps:
     """
     logged = table[column]
     if logged.ndim != 1 or logged.dtype.kind not in "iuf":
-        raise ValueError(f"{table.name}.{column} is no time")
+        raise FieldError(f"{table.name}.{column} is no time")
     if logged.dtype.kind == "f":  # casting NaN to an integer depends on the processor
         logged = np.where((logged >= 0) & (logged <= LAST_TIME_US), logged, -1)
     stamps: Stamps = logged.astype(np.int64)

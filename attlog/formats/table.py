@@ -183,6 +183,10 @@ class Field:
     scale: float = 1.0
 
 
+class FieldError(KeyError, ValueError):
+    """A field that is missing or not of the kind that its message has; the text is for the user."""
+
+
 class Table:
     """All records of one message and instance, columns on demand.
 
@@ -240,14 +244,14 @@ class Table:
                 whole = self[element[0]]
                 return whole if whole.ndim == 1 else whole[:, element[1]]
             if column not in self.fields:
-                raise KeyError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
+                raise FieldError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
             try:
                 stored = self._decode(column, self.offsets)
                 self._columns[column] = stored[:, 0] if stored.shape[1:] == (1,) else stored
             except Exception as error:
                 self._caught(error, column)
                 self._fields = {name: field for name, field in self.fields.items() if name != column}
-                raise KeyError(f"{self.name}: {column} cannot be decoded") from None
+                raise FieldError(f"{self.name}: {column} cannot be decoded") from None
         return self._columns[column]
 
     def _caught(self, error: Exception, what: str) -> None:

@@ -11,10 +11,10 @@ from unittest import mock
 
 import pytest
 
-from attlog import pipeline, segments
+from attlog import formats, pipeline, segments
 from attlog.core import errors
 from attlog.core.errors import LogUnreadable, UsageError
-from attlog.flight import read
+from attlog.flight import flight_in, read
 from attlog.formats import Table
 from attlog.health import registry
 from attlog.metrics import drift
@@ -77,6 +77,34 @@ def test_a_message_that_breaks_its_reader_is_one_problem_and_the_rest_is_there(
     assert all("ZeroDivisionError" in p.text and "please report it" in p.text for p in failed)
     assert log.imu is not None
     assert not attrgetter(field)(log)
+
+
+@pytest.mark.parametrize(
+    ("log", "topic"),
+    [("px4_hover.ulg", "battery_status"), ("px4_hover.ulg", "vehicle_magnetometer"), ("copter_yaw_turns.bin", "BARO")],
+)
+def test_a_message_without_a_record_is_a_note(log: str, topic: str) -> None:
+    messages = formats.open(SAMPLES / log)
+    for (name, _), table in messages.items():
+        if name == topic:
+            table.offsets = table.offsets[:0]
+    found = flight_in(messages).problems
+    assert [(p.severity, p.text) for p in found if topic in p.text] == [("note", f"Without a record: {topic}.")]
+    assert not [p for p in found if "cannot be used" in p.text or p.code == "part_failed"]
+
+
+@pytest.mark.usefixtures("quiet")
+@pytest.mark.parametrize("error", [ValueError("cannot reshape array of size 0"), TypeError("x() takes 2")])
+def test_no_words_of_a_library_reach_the_user(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    def breaks(*_: object) -> Any:
+        raise error
+
+    column = Table.__getitem__
+    wanted = "battery_status"
+    monkeypatch.setattr(Table, "__getitem__", lambda self, n: breaks() if self.name == wanted else column(self, n))
+    texts = [p.text for p in read(LOG).problems if "cannot be used" in p.text]
+    assert "The battery cannot be used: its fields are not as expected." in texts
+    assert not [text for text in texts if str(error) in text]
 
 
 @pytest.fixture(scope="module")
