@@ -171,11 +171,24 @@ NO_TEST_RATIOS = {
     "ArduPilot": "No XKF4 or NKF4 in flight: ATTITUDE of LOG_BITMASK logs test ratios.",
     "": "The log holds no test ratios of an EKF.",
 }
+# Messages with test ratios in telemetry.
+SENT_TEST_RATIOS = {"PX4": "ESTIMATOR_STATUS", "ArduPilot": "EKF_STATUS_REPORT (SRn_EXTRA3 sets its rate)"}
+# Parameters that every ArduPilot with an EKF has.
+EKF_PARAMETERS = ("AHRS_EKF_", "EKF_", "EK2_", "EK3_")
 
 
 def advise_test_ratios(log: FlightLog) -> str:
-    """Return the advice on logging test ratios."""
-    return NO_TEST_RATIOS.get(log.firmware.name, NO_TEST_RATIOS[""])
+    """Return the advice on logging test ratios, or why there are none."""
+    name = log.firmware.name
+    if log.format in ("tlog", "mavlink") and name in SENT_TEST_RATIOS:
+        return f"No {SENT_TEST_RATIOS[name]} in flight."
+    if (
+        name == "ArduPilot"
+        and log.parameters.lines
+        and not any(n.startswith(EKF_PARAMETERS) for n in log.parameters.lines)
+    ):
+        return "This firmware has no EKF: there are no test ratios."
+    return NO_TEST_RATIOS.get(name, NO_TEST_RATIOS[""])
 
 
 # --- requirements on GNSS ----------------------------------------------------------------------------------------

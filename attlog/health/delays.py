@@ -24,6 +24,7 @@ from attlog.flight.model import FIX_3D, Array, Gnss, Imu
 from attlog.health.check import Check, HealthCase, Limits, Setting, graded
 from attlog.health.flown import driven_spans
 from attlog.health.regression import RobustFit, interval_text, robust_fit
+from attlog.health.sources import names_text
 from attlog.reference import alignment
 from attlog.reference.model import Reference
 
@@ -382,7 +383,7 @@ def _gnss_delay(case: HealthCase, receiver: Gnss, path: AttitudePath | None, flo
     check.n, check.seconds = found.n, round(found.seconds, 1)
     evidence = [f"By {path.name} the velocities are {own:.0f} ms late in {found.seconds:.0f} s of flight."]
     if len(single) > 1:
-        evidence.append(f"Single flights show {' and '.join(f'{x:.0f}' for x in single)} ms.")
+        evidence.append(f"Single flights show {names_text([f'{x:.0f}' for x in single])} ms.")
     if smoothed:
         evidence.append(f"The likelihood of the smoother finds {' and '.join(f'{x:.0f} ms' for x in smoothed)}.")
     check.evidence = [*evidence, *check.evidence]
@@ -425,7 +426,7 @@ def gnss_reason_unsure(found: DelayFit, smoothed: list[float]) -> str:
         off = f"{abs(found.turn_deg):.0f} deg off GNSS velocities"
         return f"The attitude's heading is {off}: no delay can be determined."
     if any(abs(1e3 * found.delay - late) > GNSS_APART_MS for late in smoothed):
-        shown = " and ".join(f"{x:.0f}" for x in (1e3 * found.delay, *smoothed))
+        shown = names_text([f"{x:.0f}" for x in (1e3 * found.delay, *smoothed)])
         return f"Estimates of the GNSS delay differ: {shown} ms."
     one, two = found.halves
     if not abs(one - two) <= max(3.0 * math.sqrt(8.0) * found.sigma, 1e-3 * GNSS_APART_MS):

@@ -247,9 +247,11 @@ def _unchecked(checks: list[Check]) -> Signs:
     if not missing:
         return []
     names = dict.fromkeys(check.question.replace("_", " ") for check in missing)
-    text = f"Not checked: {', '.join(names)}."
-    evidence = dict.fromkeys(f"{check.question.replace('_', ' ')}: {check.text}" for check in missing)
-    return [Finding("not_checked", "info", text, evidence=[*evidence])]
+    reasons: dict[str, dict[str, None]] = {}
+    for check in missing:
+        reasons.setdefault(check.text, {})[check.question.replace("_", " ")] = None
+    evidence = [f"{', '.join(questions)}: {reason}" for reason, questions in reasons.items()]
+    return [Finding("not_checked", "info", f"Not checked: {', '.join(names)}.", evidence=evidence)]
 
 
 def _open(unanswered: list[OpenQuestion]) -> Signs:
@@ -311,7 +313,7 @@ MESSAGE_KINDS = (
 # Action by kind of event, and by what the event is about.
 EVENT_ACTIONS = {
     "radio_lost": "Check antennas and range of the radio, and its receiver's failsafe.",
-    "battery": "Charge or change the battery, and land earlier.",
+    "battery": "Charge or change the battery, and return earlier.",
     "arming_refused": "Mend what the autopilot names, then arm again.",
     "parameter_changed": "Set parameters on the ground, and find what changed them in flight.",
     "device_error": "Check wiring, power and baud rate of this device.",
@@ -339,7 +341,6 @@ USUAL_REMEDIES = {
     "mag_dead": "compass_wiring",
     "imu_all_zero": "bus",
     "accelerometer_dead": "bus",
-    "clipping": "vibration",
 }
 ATTITUDE_ACTION = "Keep the vehicle still as it starts, and compare its horizon with the real one before flying."
 ESTIMATOR_ACTION = "Look at the EKF's test ratios: the first above 1 names the sensor to check."
@@ -350,6 +351,7 @@ USUAL_ACTIONS = {
     ("realigned", ""): "Arm away from steel, reinforced concrete and cars, and check the compass calibration.",
     ("imu_switched", ""): EVENT_ACTIONS["sensor_switch"],
     ("damage", ""): "Copy the log again; if it stays damaged, check the memory card.",
+    ("damage", "telemetry"): "Take the vehicle's own log: a radio link loses packets.",
 }
 STEADY_GNSS_CAUSE = "A wrong attitude, vibration or a wrong compass; GNSS itself is steady there."
 # Maximum number of quoted messages in a finding.
@@ -360,6 +362,8 @@ MAX_EFFECTS, FIRST_CAUSE = 2, "first_cause"
 LASTING_EFFECTS = ("clipping", "aid_rejected")
 # Maximum time between events of one crash, as in the headline.
 ONE_CRASH_S = 5.0
+# Maximum time from the begin of clipping to the crash that may be its cause.
+BY_CRASH_S = 2.0
 # Maximum number of later crashes listed.
 MAX_LATER_CRASHES = 3
 # Maximum time from arming to an overturn at take-off.
@@ -369,6 +373,7 @@ FLIPPED_ADVICE = "Check motor order, spin and propellers, and how the autopilot 
 # any other.
 LOST_ADVICE = "Compare attitude, set-points and motor outputs in the 5 s before it; inspect motors and propellers."
 UNLOGGED_ADVICE = "Log the motor outputs, without which no cause is found; inspect motors, propellers and ESCs."
+OUTPUT_MESSAGES = {"RCOU", "MOT", "actuator_outputs", "actuator_motors", "SERVO_OUTPUT_RAW"}
 STEERED_ADVICE = "Compare attitude, set-points and control outputs in the 5 s before it; inspect the vehicle."
 
 
@@ -398,7 +403,9 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             action = ACTIONS_BY_ABOUT.get((event.kind, event.about), EVENT_ACTIONS.get(event.kind, ""))
             sign = replace(sign, about=about, action=action)
             if event.kind == "hard_landing" and event.cause is None:
-                sign = replace(sign, action=landing_advice(log, event.t))
+                sign = replace(sign, action=landing_advice(log, event.t, events))
+            if event.kind == "clipping" and not any(0.0 <= e.t - event.t <= BY_CRASH_S for e in events if e.is_crash):
+                sign = replace(sign, action=log.remedy("vibration"))
             if about == "vibration":
                 sign = replace(sign, cause=CAUSES["vibration_level"], action=log.remedy("vibration"))
             pairs.append((event, sign))
@@ -410,13 +417,18 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
 # Modes that land by themselves, and the parameters of their final speed of descent with their unit.
 LANDING_MODES = re.compile(r"land|rtl|rth|return", re.I)
 LANDING_SPEEDS = {"LAND_SPEED": "cm/s", "LAND_SPD_MS": "m/s", "MPC_LAND_SPEED": "m/s"}
+# Time from stopped motors to the impact of a fall from some metres.
+STOPPED_S = 2.0
 # Time before the impact at which the mode counts: firmwares change it at touch-down.
 BEFORE_LANDING_S = 1.0
 
 
-def landing_advice(log: FlightLog, t: float) -> str:
-    """Return what to do about a hard landing at ``t`` s: by the speed that its mode sets, or the pilot."""
+def landing_advice(log: FlightLog, t: float, events: Sequence[Event]) -> str:
+    """Return what to do about a hard landing at ``t`` s: by motors stopped before, its mode's speed, or the pilot."""
     inspect = "Inspect the frame, its legs and propellers"
+    stopped = [e for e in events if (e.kind == "disarmed" or e.about == "kill switch") and 0.0 < t - e.t <= STOPPED_S]
+    if stopped:
+        return f"{inspect}; stop the motors on the ground, not {t - stopped[-1].t:.1f} s before as here."
     mode = log.state.mode
     if mode is None or not LANDING_MODES.search(str(mode.at(t - BEFORE_LANDING_S))):
         return f"{inspect}, and sink slower near the ground."
@@ -481,7 +493,8 @@ def _crash_action(events: Sequence[Event], crash: Event, log: FlightLog) -> str:
         return STEERED_ADVICE
     if crash.kind == "overturn" and _was_on_ground(events, crash.t):
         return FLIPPED_ADVICE
-    return UNLOGGED_ADVICE if log.power.outputs is None and log.power.motors is None else LOST_ADVICE
+    logged = log.power.outputs is not None or log.messages is None or OUTPUT_MESSAGES & {*log.messages.names()}
+    return LOST_ADVICE if logged else UNLOGGED_ADVICE
 
 
 def wreck_spans(events: Sequence[Event]) -> list[tuple[float, float]]:
@@ -890,7 +903,7 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
         lead = min(same, key=_lead_rank)
         others = [sign for sign in same if sign is not lead]
         texts = [*lead.evidence, *(text for sign in others for text in (sign.text, *sign.evidence))]
-        evidence = [text for text in dict.fromkeys(texts) if text != lead.text]
+        evidence = [text for text in dict.fromkeys(texts) if text.rstrip(".") not in lead.text]
         count = sum(sign.count for sign in same if sign.text == lead.text)
         cause = next((sign.cause for sign in (lead, *others) if sign.cause), "")
         action = next((sign.action for sign in (lead, *others) if sign.action), "")
@@ -938,7 +951,8 @@ def usual_action(finding: Finding, log: FlightLog) -> str:
         if name in USUAL_REMEDIES:
             return log.remedy(USUAL_REMEDIES[name])
     kind = finding.kind
-    return USUAL_ACTIONS.get((kind, finding.about), USUAL_ACTIONS.get((kind, ""), ""))
+    about = log.settings.kind if kind == "damage" else finding.about
+    return USUAL_ACTIONS.get((kind, about), USUAL_ACTIONS.get((kind, ""), ""))
 
 
 def settings_advice(checks: Sequence[Check], log: FlightLog) -> dict[str, tuple[str, str]]:

@@ -71,6 +71,10 @@ def is_lithium_ion(log: FlightLog) -> bool:
     return value is not None and value < MIN_POLYMER_EMPTY_V
 
 
+# Parameters of the current sensor's offset of ArduPilot and PX4.
+CURRENT_OFFSETS = ("BATT_AMP_OFFSET", "BAT_V_OFFS_CURR")
+
+
 def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     """Check the charge at lift-off and the resistance."""
     measured, flights = battery_volts(log), segments.spans("airborne")
@@ -80,7 +84,8 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     if len(amperes) and np.median(amperes) <= NEGATIVE_A:
         text = f"The battery's current reads {np.median(amperes):.1f} A: the current sensor's offset or sign is wrong."
         check = _check("battery", True, text, float(np.median(amperes)), "A")
-        check.action = "Calibrate the current sensor with the motors off (BATT_AMP_OFFSET, BAT_V_OFFS_CURR)."
+        names = [name for name in CURRENT_OFFSETS if log.param(name) is not None]
+        check.action = f"Calibrate the current sensor with the motors off{f' ({names[0]})' if names else ''}."
         return [check]
     if not flights:
         return []

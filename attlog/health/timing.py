@@ -31,6 +31,7 @@ PAUSE_S, LONG_PAUSE_S, FLIGHT_MARGIN_S = 2.0, 5.0, 1.0
 # Minimum pause where arming is not logged and LOG_DISARMED 0 stops the logger.
 UNLOGGED_PAUSE_S = 1.0
 LINK_CAUSE = "The radio link lost packets."
+LINK_JITTER_CAUSE = "The radio link delayed or lost packets, or the autopilot sent them unevenly."
 # Maximum delay of a pause after disarming, and maximum armed share within it.
 ARMED_MARGIN_S, ARMED_SHARE = 1.0, 0.1
 # Limits: number and share of time of gaps for verdict ok, share for a fault.
@@ -54,7 +55,12 @@ def timing_checks(case: HealthCase) -> list[Check]:
     found = [rate_check(source, imu.gyro.rate), gap_check(t, breaks, log, case.segments)]
     # Decimated IMU data is already reported.
     thinned = any(p.code == "imu_decimated" and p.source == source for p in log.problems)
-    return found if thinned else [*found, jitter_check(np.delete(np.diff(t), breaks))]
+    if thinned:
+        return found
+    jitter = jitter_check(np.delete(np.diff(t), breaks))
+    if jitter.is_trouble and log.settings.kind == "telemetry":
+        jitter.cause = LINK_JITTER_CAUSE
+    return [*found, jitter]
 
 
 def rate_check(source: str, rate: float) -> Check:

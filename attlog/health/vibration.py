@@ -126,7 +126,9 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
     sensor = f"IMU.{one.unit}"
     t, level = levels_in_flight(one, within)
     if len(t) < MIN_FLIGHT_S:
-        why = f"{one.source} holds {len(t)} s of sound flight, and {MIN_FLIGHT_S} are needed for percentiles."
+        why = f"{one.source} holds {len(t)} s of flight; {MIN_FLIGHT_S} are needed for percentiles."
+        if not log.kind.flies:
+            why = "Vibration is judged in flight only."
         return unknown("vibration_level", why, threshold, sensor=sensor, source=limits.source)
     half, most, judged = (float(np.quantile(level, q)) for q in (0.5, 0.8, limits.share))
     worst = int(np.argmax(level))

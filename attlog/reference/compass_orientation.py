@@ -266,8 +266,8 @@ def _vertices(drifts: Array, rss: Array, k: NDArray[np.int64]) -> tuple[Array, A
 
 # Judgement.
 
-NEEDED = "Fly 30 s with turns by 90 deg and tilts of 5 deg."
-TOO_LITTLE = f"Too little of the flight shows the mounting. {NEEDED}"
+NEEDED = "Move for 30 s with turns by 90 deg and tilts of 5 deg."
+TOO_LITTLE = f"Too little motion shows the mounting. {NEEDED}"
 
 
 def judge(windows: Sequence[Window], orders: Array, earth: MagneticField) -> Orientation:

@@ -42,6 +42,8 @@ ENDED_S = 2.0
 AT_ONCE_S = 10.0
 # First word of a failsafe without a name, and what the kill switch is about.
 UNNAMED, KILL = "Failsafe", "kill switch"
+# Name of a low battery without a failsafe, and PX4's parameter that is 0 where a low battery only warns.
+LOW_BATTERY, BATTERY_ACTION = "Low battery", "COM_LOW_BAT_ACT"
 # Maximum time between a failsafe's text and its mode change.
 SET_S = 1.0
 # Name of a failsafe by its text. Rover up to 2.50 reports bits: 1 throttle, 2 ground station (APMrover2, defines.h).
@@ -88,6 +90,8 @@ def failsafe_events(log: FlightLog, segments: Segments) -> tuple[list[Event], li
         kind = "battery" if battery else "failsafe"
         together = [x for x in said if abs(x[0] - t) <= CAUSE_S]
         name = next((name for x in together if (name := _failsafe_name(x, battery)) != "Failsafe"), "Failsafe")
+        if battery and log.param(BATTERY_ACTION) == 0:
+            name = LOW_BATTERY
         if any(e.kind == kind and _is_repeated(name, t, e) for e in found if e.t <= t):
             continue
         reasons = drained or ([] if battery else _failsafe_reasons(log, t, said))
@@ -142,7 +146,7 @@ def _low_battery_events(texts: Sequence[Text], found: Sequence[Event], quoted: l
         before = [e for e in (*found, *events) if e.kind == "battery" and abs((e.t_end or e.t) - text[0]) <= AGAIN_S]
         if not before:
             evidence, words = [quote_text(text)], clean_text(text[2])
-            events.append(_failsafe_event("battery", text[0], "Low battery", evidence, words))
+            events.append(_failsafe_event("battery", text[0], LOW_BATTERY, evidence, words))
         elif before[-1] in events:
             # each text is more urgent than the one before
             events[-1] = replace(events[-1], t_end=text[0], quote=clean_text(text[2]))

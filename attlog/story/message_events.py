@@ -77,6 +77,12 @@ def armed_spans(log: FlightLog, segments: Segments) -> list[Span]:
     return [(a, b) for a, b, on in zip(begins, [*begins[1:], log.seconds], line.value, strict=True) if on and b > a]
 
 
+def motors_never_ran(segments: Segments) -> bool:
+    """Return whether the drive is logged and stayed at rest: the vehicle never armed then, or to no effect."""
+    air = segments.air
+    return air is not None and air.power_source not in ("", "arming") and not bool(np.any(air.driven))
+
+
 def _by_cause(texts: Iterable[Text], cause: Callable[[Text], str] | None = None) -> list[list[Text]]:
     """Group texts that are equal without their measured values, or of one ``cause``."""
     groups: dict[str, list[Text]] = {}
@@ -114,7 +120,8 @@ def _refusals(texts: Iterable[Text]) -> list[list[Text]]:
 def _refused_event(texts: Sequence[Text], log: FlightLog, segments: Segments) -> Event:
     """Return the refusals of arming for one reason: a warning where the vehicle is known not to arm afterwards."""
     t, reason = texts[0][0], _reason(texts[0])
-    armed_later = any(end > t for _, end in armed_spans(log, segments)) or "armed" in segments.unknown
+    unknown = "armed" in segments.unknown and not motors_never_ran(segments)
+    armed_later = unknown or any(end > t for _, end in armed_spans(log, segments))
     text = f"Arming was refused {format_time(t)}: “{reason}”{_counted(len(texts))}."
     weight: EventSeverity = "note" if armed_later else "warning"
     return Event("arming_refused", t, weight, text, _end(texts), evidence=[quote_text(texts[0])], quote=reason)

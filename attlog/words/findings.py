@@ -102,6 +102,10 @@ def _first_sentence(finding: ShownFinding) -> ShownFinding:
     return replace(finding, after=ends[0], why=why) if finding.when else replace(finding, before=ends[0], why=why)
 
 
+# Name of an ArduPilot record at the end of a sentence.
+RECORD_NAME = re.compile(r"\((ERR|EV) [\d/]+\)\.?$")
+
+
 def no_problem_text(shown: list[ShownFinding], hidden: int = 0) -> str:
     """Return the sentence for an empty list; ``hidden``: number of notes not listed."""
     if shown:
@@ -138,7 +142,10 @@ def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
         if found:
             after = text[found.end() :]
             return text[: found.start()], written, f"{after.rstrip('.')} ({times})." if times else after
-    return f"{text.rstrip('.')} ({times + ', ' if times else ''}{'from' if times else 'at'} ", moment(t), ")."
+    word = f"{times + ', ' if times else ''}{'from' if times else 'at'} "
+    if RECORD_NAME.search(text):  # one pair of brackets
+        return f"{text.rstrip('.)')}, {word}", moment(t), ")."
+    return f"{text.rstrip('.')} ({word}", moment(t), ")."
 
 
 # Checks of sensors and estimator for every output.

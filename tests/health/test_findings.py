@@ -21,6 +21,7 @@ from attlog.health.gravity import MEAN_GRAVITY
 from attlog.health.registry import CAUSES, CHECKS
 from attlog.story.flight_events import Cause, Event
 from tests.conftest import ROOT, SAMPLES
+from tests.flight.fake import messages
 from tests.health.made import OFFSET, REFUSED, SILENT, SOUND
 from tests.health.test_health import good
 
@@ -123,7 +124,7 @@ def test_crashes_come_from_events_with_the_others_as_evidence(log: FlightLog) ->
     ]
     (one,) = findings(log, [check("crash")], events=events)
     assert (one.text, one.t, one.action) == ("Turned over at 5.6 s. Hit the ground.", 5.6, rules.LOST_ADVICE)
-    assert one.evidence == ["ATT", "Hit the ground."]
+    assert one.evidence == ["ATT"]  # the rest is in the sentence
 
 
 def test_every_crash_is_told_and_how_it_lay_in_the_end(log: FlightLog) -> None:
@@ -363,7 +364,7 @@ def test_a_copter_that_flips_before_any_lift_off_has_motors_or_mount_to_check(lo
 
 def test_a_crash_has_an_action_by_vehicle_and_log_unless_its_cause_has_one(log: FlightLog) -> None:
     assert crash_signs([ARMED, LIFT, OVER], log)[0].action == rules.LOST_ADVICE
-    log.power.outputs = log.power.motors = None
+    log.power.outputs, log.messages = None, messages("dataflash", {})
     assert crash_signs([ARMED, LIFT, OVER], log)[0].action == rules.UNLOGGED_ADVICE
     failed = Event("motor_failed", 5.0, "serious", "Motor 2 gave no thrust from 5.0 s.")
     caused = replace(OVER, cause=Cause("motor_failed", 5.0, failed.text, ""))
@@ -382,8 +383,10 @@ def test_a_log_that_begins_long_after_arming_may_begin_in_the_air_and_a_blow_is_
 def test_a_hard_landing_is_answered_by_the_speed_of_its_landing_mode_or_by_the_pilot(log: FlightLog) -> None:
     log.state.mode = TimeLine(np.array([0.0, 10.0, 20.0]), ["LOITER", "LAND", "LOITER"], "MODE")
     log.parameters.lines["LAND_SPEED"] = TimeLine(np.array([0.0]), [50.0], "PARM")
-    assert "LAND_SPEED (50 cm/s)" in rules.landing_advice(log, 20.2)
-    assert "sink slower" in rules.landing_advice(log, 9.0)
+    assert "LAND_SPEED (50 cm/s)" in rules.landing_advice(log, 20.2, [])
+    assert "sink slower" in rules.landing_advice(log, 9.0, [])
+    killed = Event("failsafe", 8.8, "warning", "Kill switch at 8.8 s.", about="kill switch")
+    assert "not 0.2 s before" in rules.landing_advice(log, 9.0, [killed])
 
 
 def test_every_serious_finding_of_a_lost_flight_has_an_action(log: FlightLog) -> None:

@@ -231,6 +231,15 @@ def test_a_loop_of_a_log_with_a_wrong_clock_is_judged_by_universal_time() -> Non
     assert "40.0 ms, as they should" in found["main_loop"].text
 
 
+def test_a_loop_that_keeps_the_time_of_a_slow_clock_has_no_load_to_reduce() -> None:
+    log = receiver(1.0833)
+    log.firmware = Firmware("ArduPilot", "4.0.0")
+    t = np.arange(0.0, SECONDS, 0.02)
+    log.imus[0].gyro.t, log.imus[0].gyro.x = t, turns(t)[1]
+    found = checked(log)
+    assert (found["main_loop"].verdict, found["log_clock"].verdict) == ("ok", "fault")
+
+
 def test_intervals_of_two_kinds_show_no_main_loop() -> None:
     log = made_log(compasses=0)
     log.firmware = Firmware("ArduPilot", "4.0.0")

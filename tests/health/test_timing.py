@@ -44,8 +44,8 @@ def test_without_arming_a_logger_that_stops_while_disarmed_paused(log_disarmed: 
 def test_a_logger_that_keeps_every_tenth_sample_is_not_called_uneven_too() -> None:
     log = deepcopy(good("px4_steps.ulg"))
     assert "jitter" in [c.question for c in timing_checks(HealthCase(log, Segments()))]
-    thinned = f"{log.imus[0].gyro.source}: the logger kept one sample per 100 ms."
-    log.problems.append(Problem("imu_decimated", "note", thinned))
+    source = log.imus[0].gyro.source
+    log.problems.append(Problem("imu_decimated", "note", "One sample per 100 ms.", source=source))
     assert "jitter" not in [c.question for c in timing_checks(HealthCase(log, Segments()))]
 
 

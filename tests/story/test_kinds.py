@@ -74,7 +74,7 @@ CASES = {
     "copter_4.5.7_gps_delay.BIN": Case(never=(r"GPS_DELAY_MS \d+ ->",)),
     "copter_sitl_false_accelerometer_offset.BIN": Case(never=(r"INS_ACCOFFS_Y \S+ ->",)),
     "copter_3.3dev_no_thrust_left.BIN": Case(said=(r"thrust",), events=(("impact|hard_landing", 147.0, 151.0),)),
-    "copter_4.6dev_would_not_arm.BIN": Case(said=(r"Gyros not calibrated",)),
+    "copter_4.6dev_would_not_arm.BIN": Case(headline=(r"Gyros not calibrated",)),
     "rover_px4_1.16_encoder_errors.ulg": Case(
         said=(r"Error reading encoders", r"2,?054|2,?053 more"), never=(r"Nothing to fix", r"stood still")
     ),

@@ -40,12 +40,16 @@ OVERCURRENT_FLAGS = 8 | 16
 
 
 def motor_outputs(builder: DataflashBuilder) -> MotorOutputs | None:
-    """Return a multirotor's motor outputs between floor and ceiling of flight, from RCOU; None without records."""
-    table = builder.sampled("RCOU")
-    prefix = None if table is None else next((p for p in ("C", "Ch", "Chan") if f"{p}1" in table), None)
-    return (
-        None if table is None or prefix is None else outputs_of(builder, builder.values, table, f"{prefix}{{}}", "RCOU")
-    )
+    """Return a multirotor's motor outputs between floor and ceiling of flight; None without records.
+
+    From RCOU, up to Copter 3.1 from MOT, which counts motors and not outputs.
+    """
+    for name, prefixes in (("RCOU", ("C", "Ch", "Chan")), ("MOT", ("Mot",))):
+        table = builder.sampled(name)
+        prefix = None if table is None else next((p for p in prefixes if f"{p}1" in table), None)
+        if table is not None and prefix is not None:
+            return outputs_of(builder, builder.values, table, f"{prefix}{{}}", name)
+    return None
 
 
 def outputs_of(

@@ -481,7 +481,7 @@ def _check_aids(builder: DataflashBuilder, core: int) -> None:
         bits = np.nan_to_num(status).astype(np.int64)
         relative = ((bits >> RELATIVE_BIT) & 1 > 0) & ((bits >> ABSOLUTE_BIT) & 1 == 0)
         if float(np.mean(relative)) > MIN_AID_SHARE:
-            raise UsageError("EKF3 cannot be run again: it flew on optical flow or external navigation.")
+            raise UsageError("EKF3 cannot be run again: it used optical flow or external navigation.")
     source = int(builder.values.get("EK3_SRC1_YAW", 1))
     if source not in MODELLED_YAW_SOURCES:
         name = {2: "the heading of two GNSS antennas", 3: "two antennas and compass", 6: "external navigation"}

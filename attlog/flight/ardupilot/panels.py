@@ -44,7 +44,11 @@ ROWS: PanelRows = {
         Row("air set-point", "TECS.spdem"),
         Row("air set-point", "TECS.sp_dem"),
     ),
-    "outputs": (*(Row("output {}", f"RCOU.{name}{{}}") for name in CHANNELS), Row("output {}", "RCO2.C{}")),
+    "outputs": (
+        *(Row("output {}", f"RCOU.{name}{{}}") for name in CHANNELS),
+        Row("output {}", "RCO2.C{}"),
+        Row("motor {}", "MOT.Mot{}"),
+    ),
     "esc_current": (Row("ESC", "ESC.Curr"),),
     "stick_pulses": tuple(
         Row(stick, f"RCIN.{name}#") for name in CHANNELS for stick in ("roll", "pitch", "throttle", "yaw")

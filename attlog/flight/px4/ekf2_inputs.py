@@ -383,7 +383,7 @@ def read_inputs(messages: Messages, params: Mapping[str, float]) -> Ekf2Inputs:
     flags = flown(lambda lane: control_flags(messages, lane))
     for name, aid in UNSUPPORTED_AIDS.items():
         if name in flags and len(flags["t"]) and float(np.mean(flags[name])) > MIN_AID_SHARE:
-            raise UsageError(f"EKF2 cannot be run again: it flew on {aid}, which the re-run does not model.")
+            raise UsageError(f"EKF2 cannot be run again: it used {aid}, which the re-run does not model.")
     baro = messages.first("vehicle_air_data")
     baro_columns = _columns(baro, {"alt": "baro_alt_meter", "t_sample": "timestamp_sample"})
     if len(baro_columns["t"]):

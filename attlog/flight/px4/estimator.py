@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.flight import limits
+from attlog.flight.advice import GENERAL_REMEDIES
 from attlog.flight.builder import columns
 from attlog.flight.imu import longest_held
 from attlog.flight.model import Array, Attitude, InnovationTest, Problem, Stream, TimeLine
@@ -277,6 +278,7 @@ FUSION_FAULTS = (
 # fault_status_u), and there are no bits for velocity and position.
 STABLE_FAULT_BITS, MOVED_FAULTS_RELEASE = 9, 0x010F0000
 FORCE_FAULTS = {10: "bad vertical acceleration", 11: "a clipping accelerometer"}
+FORCE_FAULT_CAUSE = "Vibration that the accelerometer clips or rectifies, or a sensor that is stuck."
 
 
 def innovation_tests(builder: TopicBuilder) -> list[InnovationTest]:
@@ -330,16 +332,19 @@ def report_faults(builder: TopicBuilder) -> None:
     failed = [name for k, name in enumerate(known) if bits >> k & 1]
     forces = [name for k, name in FORCE_FAULTS.items() if moved and bits >> k & 1]
     if failed:
-        _add_fault(builder, t, flags, 2 ** len(known) - 1, f"The EKF failed numerically: {', '.join(failed)}.")
+        text = f"The EKF failed numerically: {', '.join(failed)}."
+        _add_fault(builder, t, flags, 2 ** len(known) - 1, text, "Sensors contradict each other or are stuck.")
     if forces:
-        _add_fault(builder, t, flags, sum(1 << k for k in FORCE_FAULTS), f"The EKF found {' and '.join(forces)}.")
+        text, mask = f"The EKF found {' and '.join(forces)}.", sum(1 << k for k in FORCE_FAULTS)
+        _add_fault(builder, t, flags, mask, text, FORCE_FAULT_CAUSE, GENERAL_REMEDIES["vibration"])
 
 
-def _add_fault(builder: TopicBuilder, t: Array, flags: NDArray[np.int64], mask: int, text: str) -> None:
+def _add_fault(
+    builder: TopicBuilder, t: Array, flags: NDArray[np.int64], mask: int, text: str, cause: str, remedy: str = ""
+) -> None:
     """Add a problem at the first time at which a bit of the mask is set."""
     first = float(t[np.argmax(flags & mask != 0)])
-    cause = "Sensors contradict each other or are stuck."
-    builder.problems.append(Problem("ekf_fault", "warning", text, t=first, cause=cause))
+    builder.problems.append(Problem("ekf_fault", "warning", text, t=first, cause=cause, remedy=remedy))
 
 
 def _has_moved_faults(builder: TopicBuilder) -> bool:

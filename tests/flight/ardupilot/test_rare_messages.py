@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from attlog.flight.ardupilot import estimator, imu, sensors, vehicle
+from attlog.flight.ardupilot import drive, estimator, imu, sensors, vehicle
 from attlog.flight.ardupilot.imu import DataflashBuilder
 from attlog.flight.model import Attitude, Problem
 from tests.flight import fake
@@ -61,6 +61,14 @@ def test_an_accuracy_is_that_of_the_nearest_record_of_its_unit_within_half_a_sec
     np.testing.assert_array_equal(found, [1.0, 1.0, 2.0, 2.0, np.nan, np.nan, 3.0, 3.0, np.nan])
     np.testing.assert_array_equal(sensors.nearest_accuracy(builder, 1, asked[:1], "HAcc"), [7.0])
     assert np.isnan(sensors.nearest_accuracy(builder, 1, asked, "VAcc")).all()
+
+
+def test_copter_3_1_logs_its_motors_by_number() -> None:
+    builder = made(("MOT", 0, {f"Mot{n}": np.full(N, 1000.0 + 100.0 * n) for n in range(1, 5)}))
+    builder.log.vehicle, builder.values = "quadrotor", {"RC3_MIN": 1000.0, "RC3_MAX": 2000.0, "THR_MIN": 0.0}
+    found = drive.motor_outputs(builder)
+    assert found is not None
+    np.testing.assert_allclose(found.x[0], [0.1, 0.2, 0.3, 0.4])
 
 
 def test_motors_are_the_outputs_with_their_function_between_their_limits() -> None:
