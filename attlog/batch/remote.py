@@ -28,7 +28,10 @@ def without_secrets(place: str) -> str:
     """Return a path unchanged, and a URL without user, password and signature."""
     if not is_url(place):
         return place
-    parts = urlsplit(place)
+    try:
+        parts = urlsplit(place)
+    except ValueError:  # as of http://[::1
+        raise UsageError(f"{place.partition('://')[0]}://…: not a URL that can be read") from None
     host = parts.netloc.rpartition("@")[2] if parts.scheme.lower() in _WITH_USERS else parts.netloc
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     kept = [pair for pair in pairs if not _SECRET.fullmatch(pair[0])]

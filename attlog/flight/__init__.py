@@ -31,6 +31,8 @@ ATTITUDE_MESSAGES = ("ATT", "vehicle_attitude")
 SERIOUS_DAMAGE_SHARE, SERIOUS_DROPOUTS_MS = 0.001, 100
 # Below this size damage at the end of a file is a record cut while it was written.
 MAX_CUT_BYTES = 4096
+# Below this time in s a cut is a warning: what happened may be behind it.
+MAX_SHORT_S = 10.0
 # Bytes per inertial sample of the flight (with attitudes and truth), and of its analysis or ``info``. Measured on logs
 # of 2 to 18 million samples (``docs/formats.md``).
 FLIGHT_BYTES, ANALYSIS_BYTES = 170, 550
@@ -128,7 +130,7 @@ def flight_in(
         log.problems.insert(0, Problem("several_boots", "note", f"{text}. --boot chooses another.", count=boots))
     # Remarks come last, because columns are read late.
     remarks = [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
-    log.problems[:0] = [*damage_problems(messages), *dropout_problems(messages), *remarks]
+    log.problems[:0] = [*damage_problems(messages, log.seconds), *dropout_problems(messages), *remarks]
     return log
 
 
@@ -201,14 +203,16 @@ def flight_seconds(log: FlightLog, messages: Messages) -> float:
     return float(t[-1] - t[0]) if len(t) else logged_seconds(messages)
 
 
-def damage_problems(messages: Messages) -> list[Problem]:
-    """Return the problem that reports damage of the file, if any."""
+def damage_problems(messages: Messages, seconds: float) -> list[Problem]:
+    """Return the problem that reports damage of the file with a flight of ``seconds``, if any."""
     if not messages.damage:
         return []
     first, places, lost = messages.damage[0], messages.damage_places, messages.damage_bytes
     if places == 1 and 0 < first.length < MAX_CUT_BYTES and first.offset + first.length >= messages.size - 1:
-        text = f"The last record is cut: {first.length} bytes at byte {first.offset}, as after a power cut."
-        return [Problem("cut_at_end", "note", text, offset=first.offset)]
+        text = f"The last record is cut at byte {first.offset:,}, as after a power cut."
+        if seconds < MAX_SHORT_S:
+            text = f"The file is cut after {messages.size:,} bytes and {seconds:.1f} s, inside its last record."
+        return [Problem("cut_at_end", "warning" if seconds < MAX_SHORT_S else "note", text, offset=first.offset)]
     where = f"{first.lost} at byte {first.offset}"
     if places > 1:
         text = f"The file is damaged in {places} places, {lost} bytes are not usable; the first is {where}."

@@ -16,7 +16,7 @@ from attlog.core.timestamps import Stamps, plausible_records
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, finite_within
 from attlog.flight.model import Array, Imu, Problem, Stream, logged_rate
-from attlog.flight.timestamps import valid_stamp
+from attlog.flight.timestamps import describe_early_end, valid_stamp
 
 # Fewest samples of a replay.
 REPLAY_MIN_SAMPLES = 20
@@ -263,7 +263,7 @@ def _is_replayable(builder: LogBuilder, unit: ImuCandidate) -> bool:
     if records < REPLAY_MIN_SAMPLES:
         code = "imu_too_short"
         text = f"{unit.source} is too short: {records} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
-        text += _reason_left_out(builder, records)
+        text += _reason_left_out(builder, records) or describe_early_end(builder.messages)
     elif unit.refused > MAX_REFUSED_SHARE:
         code = "imu_mostly_refused"
         text = f"{unit.source}: {100 * unit.refused:.0f} % of its records hold values that no sensor can give or false "

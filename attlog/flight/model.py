@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from attlog.core.errors import call_guarded
 from attlog.flight.advice import LoggingNeed, VehicleSettings, advise_rest, logging_advice, remedy
 from attlog.flight.drive import Esc, MotorOutputs
+from attlog.flight.timestamps import describe_early_end
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
 
 if TYPE_CHECKING:
@@ -579,6 +580,8 @@ class FlightLog:
         """
         if what == "rest" and self.begins_disarmed:
             return advise_rest("The log begins before arming already")
+        if what in ("imu", "mag", "attitude") and (ends := describe_early_end(self.messages)):
+            return ends
         return logging_advice(self.settings, what, rate)
 
     def remedy(self, fault: str) -> str:

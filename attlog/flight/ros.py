@@ -6,6 +6,7 @@ REP 145), stamped by their headers.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
@@ -21,6 +22,7 @@ from attlog.flight.gnss import build_gnss
 from attlog.flight.imu import ImuCandidate, add_imus, best_per_unit, validate_candidate
 from attlog.flight.model import FIX_3D, Array, Attitude, Firmware, FlightLog, Gnss, Mag, TimeLine
 from attlog.flight.px4 import reader as px4
+from attlog.flight.timestamps import read_stamps
 from attlog.formats.table import Messages, Table
 
 # Factors from forward-left-up to forward-right-down.
@@ -215,7 +217,8 @@ def _ahead_us(messages: Messages) -> int:
     for name in INERTIAL:
         table = messages.tables.get((name, 0))
         if table is not None and len(table) and "timestamp" in table:
-            return int(np.median(table["timestamp"].astype(np.int64) - table["log_time_ns"] // 1000))
+            with suppress(ValueError):  # a stranger's definition, reported by the topic's reader
+                return int(np.median(read_stamps(table, "timestamp") - table["log_time_ns"] // 1000))
     return 0
 
 

@@ -129,7 +129,13 @@ def record_clock(messages: Messages, system: int | None = None) -> Callable[[Tab
 # --- power-ups ---------------------------------------------------------------------------------------------------
 
 # Columns of boot clocks, and their units in us.
-BOOT_CLOCK_COLUMNS = (("TimeUS", 1.0), ("timestamp", 1.0), ("time_boot_ms", 1e3), ("TimeMS", 1e3))
+BOOT_CLOCK_COLUMNS = (
+    ("TimeUS", 1.0),
+    ("timestamp", 1.0),
+    ("time_boot_ms", 1e3),
+    ("TimeMS", 1e3),
+    ("log_time_ns", 1e-3),
+)
 # A table that spans more than a week has a false stamp.
 MAX_TABLE_S = 7 * 86_400.0
 MAX_LISTED_BOOTS = 4
@@ -151,6 +157,17 @@ def logged_seconds(messages: Messages) -> float:
     middle = sorted(a for a, _ in spans)[len(spans) // 2]
     near = [(a, b) for a, b in spans if abs(a - middle) < MAX_TABLE_S]
     return max(b for _, b in near) - min(a for a, _ in near)
+
+
+# Below this time a log shows nothing about its logging settings; files up to this size are looked at.
+MIN_JUDGED_S, MAX_SHORT_BYTES = 2.0, 4 << 20
+
+
+def describe_early_end(messages: Messages | None) -> str:
+    """Return the sentence on a file too short to judge its logging settings, empty for others."""
+    if messages is None or messages.size > MAX_SHORT_BYTES or (seconds := logged_seconds(messages)) >= MIN_JUDGED_S:
+        return ""
+    return f"The file ends after {messages.size:,} bytes with {seconds:.1f} s of data: copy it again, or log longer."
 
 
 def describe_other_boots(messages: Messages, chosen: int) -> str:

@@ -147,12 +147,16 @@ def open(path: Path | str, system: int | None = None, *, key: Path | str | None 
 
 def recognise(path: Path | str) -> str:
     """Return a file's format as in ``Messages.format``; LogUnreadable and NotALog as for :func:`open`."""
+    from attlog.formats.file_bytes import ERASED
+
     path = Path(path)
     head = _head(path)
     if not head:
         raise NotALog(f"{path}: the file is empty")
     if name := _format_of(head):
         return name
+    if not head.strip(ERASED):
+        raise NotALog(f"{path}: the file holds only erased bytes (zeros or 0xff); copy it from the card again")
     for begin, what in WRAPPERS:
         if head.startswith(begin):
             raise NotALog(f"{path}: {what}")

@@ -7,6 +7,7 @@ import mmap
 import os
 import zlib
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -22,6 +23,9 @@ from attlog.formats.table import Damage
 Kinds = NDArray[np.unsignedinteger[Any]]
 
 GZIP_MAGIC = b"\x1f\x8b"
+# Bytes of a card that were erased or never written, and how many of them stay before the content: the receiver time of
+# a telemetry packet begins with zeros.
+ERASED, KEPT_ERASED_BYTES = b"\0\xff", 16
 _GZIP_WBITS = 16 + zlib.MAX_WBITS  # zlib's code for "with a gzip header and its checksum"
 _PACKED_BLOCK, _UNPACKED_BLOCK = 1 << 16, 1 << 20  # bytes read and returned at a time
 _SALVAGE_STEP = 64  # bytes unpacked at a time before a broken place
@@ -154,14 +158,16 @@ def first_bytes(path: Path, count: int) -> bytes:
 
 
 def first_bytes_of(file: BinaryIO, count: int) -> bytes:
-    """Return the first bytes of an open file that can be rewound, unpacked."""
-    head = file.read(count)
-    if not head.startswith(GZIP_MAGIC):
-        return head
+    """Return the first bytes of an open file that can be rewound, unpacked and without leading ERASED bytes."""
+    packed = file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
     file.seek(0)
-    head = b""
-    for block in GzipContent(file).blocks():
+    blocks = GzipContent(file).blocks() if packed else iter(partial(file.read, count), b"")
+    head, before = b"", 0
+    for block in blocks:
         head += block
+        if before < UNPACKED_ANYWAY_BYTES:
+            erased = len(head) - len(head.lstrip(ERASED)) - KEPT_ERASED_BYTES
+            head, before = head[max(erased, 0) :], before + max(erased, 0)
         if len(head) >= count:
             break
     return head[:count]

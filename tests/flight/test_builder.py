@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import re
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from attlog import flight
+from attlog.core.errors import LogUnusable
 from attlog.core.limits import MAX_ATTITUDES
 from attlog.flight import compass
 from attlog.flight.builder import LogBuilder
 from attlog.flight.imu import ImuCandidate, best_per_unit, longest_held, resample_vectors, validate_candidate
 from attlog.flight.model import FlightLog
 from attlog.flight.px4 import reader
+from tests.conftest import SAMPLES
 from tests.flight.fake import gravity, level, messages, micros
 
 
@@ -183,6 +186,33 @@ def test_where_the_fast_message_is_useless_the_reason_is_told_and_not_a_setting(
         told = next(p.text for p in log.problems if p.severity == "error")
         assert re.search(why, told)
         assert "SDLOG" not in told
+
+
+@pytest.mark.parametrize("name", ["px4_hover.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog"])
+@pytest.mark.parametrize("size", [300, 3000, 20_000, 40_000])
+def test_the_beginning_of_a_log_shows_no_setting_to_change(name: str, size: int, tmp_path: Path) -> None:
+    path = tmp_path / name
+    path.write_bytes((SAMPLES / name).read_bytes()[:size])
+    log = flight.read(path)
+    told = [p for p in log.problems if p.severity != "note"]
+    if log.seconds < 2.0:
+        assert not any(re.search("SDLOG|LOG_BITMASK|SD card|logger_topics|onnect", p.text) for p in told)
+        assert any(f"after {size:,} bytes" in p.text for p in told)
+
+
+def test_a_log_cut_within_its_definitions_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "cut.bin"
+    path.write_bytes((SAMPLES / "copter_yaw_turns.bin").read_bytes()[:200])
+    with pytest.raises(LogUnusable, match="ends after 200 bytes, before any data"):
+        flight.read(path)
+
+
+@pytest.mark.parametrize(("by", "says"), [({}, "Another program"), ({"sys_name": "Rig"}, "Rig")])
+def test_a_ulog_of_no_autopilot_is_not_told_a_setting_of_px4(by: dict[str, str], says: str) -> None:
+    tables = {("strain", 0): {"timestamp": micros(900, 100.0), "value": np.zeros(900, np.float32)}}
+    log = reader.read(messages("ulog", tables, {"GAIN": 1.0}, info=by))
+    assert [p.text for p in log.problems if p.code == "no_imu" and f"{says} wrote it" in p.text]
+    assert not any("SDLOG" in p.text or "compass" in p.text for p in log.problems)
 
 
 def test_a_log_that_is_mostly_damaged_is_not_told_what_to_log() -> None:

@@ -132,12 +132,12 @@ def test_of_each_unit_the_best_usable_message_counts_that_covers_its_time() -> N
         assert found.rank == rank
 
 
-def damaged(lost: int, size: int = 1_000_000, places: int = 2, at: int = 500) -> list[Any]:
+def damaged(lost: int, size: int = 1_000_000, places: int = 2, at: int = 500, seconds: float = 60.0) -> list[Any]:
     messages = fake.messages("ulog", {})
     messages.size = size
     for _ in range(places):
         messages.losses.add(at, lost // places, "bytes that are no record", "later")
-    return flight.damage_problems(messages)
+    return flight.damage_problems(messages, seconds)
 
 
 def test_damage_is_a_warning_from_a_thousandth_of_the_file_on() -> None:
@@ -146,7 +146,9 @@ def test_damage_is_a_warning_from_a_thousandth_of_the_file_on() -> None:
         assert (found.code, found.severity, found.count) == ("damage", severity, 2)
         assert f"{lost} bytes are not usable" in found.text
     (cut,) = damaged(4000, places=1, at=996_000)
-    assert cut.code == "cut_at_end"
+    assert (cut.code, cut.severity) == ("cut_at_end", "note")
+    (early,) = damaged(4000, places=1, at=996_000, seconds=0.2)
+    assert (early.severity, "cut after 1,000,000 bytes and 0.2 s" in early.text) == ("warning", True)
     (long,) = damaged(4100, places=1, at=995_900)
     assert long.code == "damage"
 

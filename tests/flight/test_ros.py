@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from attlog import flight as flights
+from attlog import formats
 from attlog.flight.model import FlightLog
+from attlog.formats.table import Field, Table
 from tests.formats.ros.bags import FIELD, IMU, START_NS, combined, header, write_mcap, xyz
 
 HALF = float(np.sqrt(0.5))
@@ -18,6 +20,34 @@ NORTH = [0.0, 0.0, HALF, HALF]
 FIX, TWIST, POSE = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped", "geometry_msgs/msg/PoseStamped"
 GYRO_FLU, FIELD_FLU = np.array([0.1, 0.2, 0.3]), np.array([20e-6, 3e-6, -45e-6])
 Messages = list[tuple[str, str, int, dict[str, Any]]]
+
+
+def test_a_bag_without_imu_has_the_time_of_its_other_messages(tmp_path: Path) -> None:
+    write_mcap(tmp_path / "a.mcap", gnss(100))
+    assert flights.read(tmp_path / "a.mcap").seconds == pytest.approx(19.8, abs=0.3)
+
+
+def test_a_time_that_is_no_number_costs_only_its_topic(tmp_path: Path) -> None:
+    messages = formats.open(_bag(tmp_path))
+    table = messages["sensor_combined", 0]
+    wide = {"timestamp": Field("timestamp", np.dtype(("u8", (4,))))}
+    stored = table["timestamp"]
+    decode = table._decode
+    messages.tables["sensor_combined", 0] = Table(
+        table.name,
+        0,
+        table.fields | wide,
+        table.offsets,
+        lambda c, at: np.repeat(stored[at, None], 4, axis=1) if c == "timestamp" else decode(c, at),
+    )
+    log = flights.flight_in(messages)
+    assert log.imu is None
+    assert any("is no time" in p.text for p in log.problems)
+
+
+def _bag(folder: Path) -> Path:
+    write_mcap(folder / "b.mcap", combined(60))
+    return folder / "b.mcap"
 
 
 def imus(topic: str, n: int, attitude: bool, late_ns: int = 0) -> Messages:

@@ -92,6 +92,30 @@ def test_what_is_no_log_is_refused_in_one_line(name: str, content: bytes, tmp_pa
     assert caught.value.exit_code == 65
 
 
+@pytest.mark.parametrize("name", ["px4_steps.ulg", "copter_yaw_turns.bin", "copter_steps_stabilize.tlog"])
+@pytest.mark.parametrize("before", [b"\0" * 52_962, b"\xff" * 500_000], ids=["zeros", "erased"])
+@pytest.mark.parametrize("packed", [False, True], ids=["plain", "gzip"])
+def test_a_log_behind_erased_bytes_is_read_whole(name: str, before: bytes, packed: bool, tmp_path: Path) -> None:
+    whole = SAMPLES / name
+    path = tmp_path / f"behind-{name}"
+    path.write_bytes(gzip.compress(before + whole.read_bytes(), 1) if packed else before + whole.read_bytes())
+    log, known = formats.open(path), formats.open(whole)
+    assert {key: len(table) for key, table in log.items()} == {key: len(table) for key, table in known.items()}
+    lost = log.damage[0]
+    assert (lost.offset, lost.length) == (0, pytest.approx(len(before), abs=8))
+
+
+def test_telemetry_behind_foreign_bytes_is_recognised_by_its_checksums(tmp_path: Path) -> None:
+    foreign = np.random.default_rng(3).integers(0, 256, 20_000, np.uint8).tobytes()
+    path = tmp_path / "late.tlog"
+    path.write_bytes(foreign + (SAMPLES / "copter_steps_stabilize.tlog").read_bytes()[:100_000])
+    assert len(formats.open(path).names()) > 20
+    stuffed = b"\xfe\x09" + bytes(15)
+    (tmp_path / "stuffed").write_bytes(foreign + 40 * stuffed)
+    with pytest.raises(NotALog):
+        formats.recognise(tmp_path / "stuffed")
+
+
 @pytest.mark.parametrize(
     ("content", "says"),
     [

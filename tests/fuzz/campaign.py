@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import functools
 import io
+import itertools
 import json
 import math
 import os
@@ -22,6 +23,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest import mock
+
+import numpy as np
 
 from attlog.core.limits import LAST_TIME_US
 from attlog.flight import limits
@@ -132,9 +135,16 @@ def _refused(word: str) -> float:
 # Each trial takes a log, a kind of damage (bytes or columns), a seed and a command, and
 # runs attlog in a child process of its own with limits of time and memory. Seeds are
 # printed; a failing input is kept (bytes as a file; columns as log and seed) with what
-# attlog said. Logs: those of ATTLOG_CORPUS, else the samples.
+# attlog said. Logs: those of ATTLOG_CORPUS, else the samples, and ROS 2 bags of a sample.
+# ``--short 100 --commands read``: their first kilobytes through all readers, 50 a second, many to a process.
 
-SUFFIXES = (".ulg", ".bin", ".tlog", ".log", ".mavlink")
+SUFFIXES = (".ulg", ".bin", ".tlog", ".log", ".mavlink", ".mcap", ".db3")
+BAG_SAMPLE = "px4_hover.ulg"
+BAG_TOPICS = (
+    *("sensor_combined", "vehicle_attitude", "vehicle_magnetometer", "vehicle_local_position"),
+    *("vehicle_land_detected", "vehicle_status", "actuator_motors", "sensor_gps", "vehicle_gps_position"),
+)
+"""What PX4's bridge publishes, of a sample."""
 COMMANDS = ("analyze", "analyze", "analyze", "analyze", "default", "report", "info", "extract")
 KINDS = ("bytes", "columns", "sensors")
 """Broken bytes, broken columns of a sound file, whole sensors that fail as they do on vehicles."""
@@ -144,6 +154,7 @@ CODES = {
     "report": {0, 65, 66},
     "info": {0, 65, 66},
     "extract": {0, 2, 65, 66},
+    "read": {0, 2, 65, 66},
 }
 """What each command may end with: done, nothing to analyse, no file to read; 2 where nothing is to extract."""
 SECONDS, SECONDS_PER_MB = 20.0, 6.0
@@ -188,6 +199,60 @@ def logs(largest: int) -> list[Path]:
     return [p for p in found if p.suffix.lower() in SUFFIXES and 0 < p.stat().st_size <= largest]
 
 
+def bags(folder: Path, seconds: float) -> list[Path]:
+    """Write a part of a sample as bags: plain, without checksums, in packed chunks, as SQLite."""
+    from mcap.reader import make_reader
+    from mcap.writer import CompressionType, Writer
+    from rosbags.rosbag2 import StoragePlugin
+    from rosbags.rosbag2 import Writer as BagWriter
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+    from attlog import formats
+
+    messages = formats.open(SAMPLES / BAG_SAMPLE)
+    begin = int(messages["sensor_combined", 0]["timestamp"][0]) + int(1e6 * max(0.0, 30.0 - seconds))
+    taken = {}
+    for name in BAG_TOPICS:
+        table = messages.first(name)
+        if table is not None:
+            rows = table.rows(np.abs(table["timestamp"].astype(np.int64) - begin - 5e5 * seconds) < 5e5 * seconds)
+            numbers = [c for c in rows.fields if "[" not in c and "." not in c and not c.startswith("_")]
+            taken[name, 0] = {c: rows[c] for c in numbers if rows[c].dtype.kind in "buif"}
+    plain = folder / "plain.mcap"
+    formats.write(plain, formats.Recording({key: own for key, own in taken.items() if len(own["timestamp"])}))
+    with plain.open("rb") as file:
+        stored = list(make_reader(file).iter_messages())
+    for name, packed in (("unchecked", "NONE"), ("zstd", "ZSTD"), ("lz4", "LZ4")):
+        with (folder / f"{name}.mcap").open("wb") as file:
+            writer = Writer(file, 1 << 15, CompressionType[packed], enable_crcs=False)
+            writer.start(profile="ros2", library="attlog")
+            schemas = {s.id: writer.register_schema(s.name, s.encoding, s.data) for s, _, _ in stored if s}
+            channels = {c.id: writer.register_channel(c.topic, "cdr", schemas[c.schema_id]) for _, c, _ in stored}
+            for _, channel, m in stored:
+                writer.add_message(channels[channel.id], m.log_time, m.data, m.publish_time, m.sequence)
+            writer.finish()
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for name, definition in {s.name: s.data.decode() for s, _, _ in stored if s}.items():
+        store.register(get_types_from_msg(definition, name))
+    with BagWriter(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as bag:
+        named = {c.topic: (c, s) for s, c, _ in stored if s}
+        topics = {topic: bag.add_connection(topic, s.name, typestore=store) for topic, (_, s) in named.items()}
+        for _, channel, m in stored:
+            bag.write(topics[channel.topic], m.log_time, m.data)
+    return [*sorted(folder.glob("*.mcap")), *sorted((folder / "bag").glob("*.db3"))]
+
+
+def shortened(paths: Sequence[Path], size: int, folder: Path) -> list[Path]:
+    """Write the beginnings of logs, each under a name of its own."""
+    found = []
+    for k, path in enumerate(paths):
+        cut = folder / f"{k}-{path.name}"
+        with path.open("rb") as file:
+            cut.write_bytes(file.read(size))
+        found.append(cut)
+    return found
+
+
 def trials(paths: Sequence[Path], seed: int, commands: Sequence[str] = COMMANDS) -> Iterator[Trial]:
     """Endless: logs by suffix in turn, so that no format is left out because it has few logs."""
     rng = random.Random(seed)
@@ -208,10 +273,7 @@ def with_flight(paths: Sequence[Path], folder: Path) -> list[Path]:
 
 def run(trial: Trial, folder: Path) -> Outcome:
     """The trial in a child process, with limits."""
-    path = trial.log
-    if trial.kind == "bytes":
-        path = folder / f"broken{trial.log.suffix}"
-        path.write_bytes(mutated(trial.log.read_bytes(), trial.seed))
+    path = _broken_file(trial, folder)
     megabytes = path.stat().st_size / 1e6
     allowed = SECONDS + SECONDS_PER_MB * megabytes
     told = folder / "told.txt"
@@ -234,6 +296,67 @@ def run(trial: Trial, folder: Path) -> Outcome:
     if peak > MEGABYTES + MULTIPLE * megabytes:
         faults.append(f"FAULT {peak:.0f} MB of memory for {megabytes:.1f} MB")
     return Outcome(code, faults, spent, peak)
+
+
+READ_TOGETHER = 100
+"""Trials of readers in one process: a fork takes longer than a short log."""
+
+
+def run_reads(todo: Sequence[Trial], folder: Path) -> Iterator[tuple[Trial, Outcome]]:
+    """Trials of readers, many in one process; what ends the process is the fault of the trial under way."""
+    rest = list(todo)
+    while rest:
+        told = folder / "reads.txt"
+        told.write_text("")
+        child = os.fork()
+        if child == 0:
+            _read_child(rest, folder, told)
+        _, status, usage = _waited(child, 4.0 * SECONDS * len(rest))
+        outcomes = [json.loads(line) for line in told.read_text("utf-8").splitlines()]
+        for trial, (code, faults, seconds, megabytes) in zip(rest, outcomes, strict=False):
+            yield trial, Outcome(code, faults, seconds, megabytes)
+        rest = rest[len(outcomes) :]
+        if rest:
+            code = os.waitstatus_to_exitcode(status)
+            yield rest.pop(0), Outcome(code, [f"FAULT the process ended with {code}"], usage.ru_utime, 0.0)
+
+
+def _read_child(todo: Sequence[Trial], folder: Path, told: Path) -> None:
+    """Run trials of readers one by one, a line of JSON each; never returns."""
+    try:
+        with told.open("a", encoding="utf-8") as lines, open(os.devnull, "w", encoding="utf-8") as silence:
+            for trial in todo:
+                path = _broken_file(trial, folder)
+                allowed = SECONDS + SECONDS_PER_MB * path.stat().st_size / 1e6
+                begin, held = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+                resource.setrlimit(resource.RLIMIT_CPU, (int(begin + allowed) + 1, resource.RLIM_INFINITY))
+                code, faults = BUG, []
+                with contextlib.redirect_stdout(silence), contextlib.redirect_stderr(silence):
+                    try:
+                        code = _attempt(trial, path, folder, silence)
+                    except BaseException:
+                        faults = ["FAULT " + " | ".join(traceback.format_exc().strip().splitlines()[-6:])[-900:]]
+                spent = time.process_time() - begin
+                grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - held
+                if not faults and code not in CODES[trial.command]:
+                    faults.append(f"FAULT exit code {code}")
+                if spent > allowed:
+                    faults.append(f"FAULT {spent:.0f} s of CPU")
+                if grown > MEGABYTES + MULTIPLE * path.stat().st_size / 1e6:
+                    faults.append(f"FAULT {grown:.0f} MB of memory")
+                lines.write(json.dumps([code, faults, spent, grown]) + "\n")
+                lines.flush()
+    finally:
+        os._exit(0)
+
+
+def _broken_file(trial: Trial, folder: Path) -> Path:
+    """Write the broken bytes of a trial, or return its log."""
+    if trial.kind != "bytes":
+        return trial.log
+    path = folder / f"broken{trial.log.suffix}"
+    path.write_bytes(mutated(trial.log.read_bytes(), trial.seed))
+    return path
 
 
 def _waited(child: int, seconds: float) -> tuple[int, int, resource.struct_rusage]:
@@ -290,6 +413,8 @@ def _commanded(command: str, path: Path, output: Path) -> tuple[int, list[str]]:
         except errors.AttlogError as error:
             print(error)
             return error.exit_code, []
+    if command == "read":
+        return _read_all(path), []
     words = {
         "report": ["analyze", str(path), "-o", str(output), "--estimators", "gyro,mahony"],
         "info": ["info", "--json", str(path)],
@@ -306,12 +431,35 @@ def _commanded(command: str, path: Path, output: Path) -> tuple[int, list[str]]:
     return code, [p.read_text("utf-8") for p in sorted(output.glob("*.json")) if command == "report"]
 
 
+def _read_all(path: Path) -> int:
+    """Decode every column of a log, then its flight and all signals."""
+    from attlog import flight, formats
+    from attlog.core import errors
+    from attlog.flight.signals import Signals
+
+    try:
+        messages = formats.open(path)
+        for table in messages.values():
+            for name in list(table.fields):
+                with contextlib.suppress(KeyError, ValueError):
+                    table[name]
+        messages.forget()
+        log = flight.flight_in(messages)
+        signals = Signals(log)
+        for signal in signals.all:
+            signals.read(signal.name)
+    except errors.AttlogError as error:
+        print(error)
+        return error.exit_code
+    return 0
+
+
 def keep(trial: Trial, outcome: Outcome, folder: Path, kept: Path) -> None:
     """A failing input for later: the bytes, or what makes them."""
     kept.mkdir(parents=True, exist_ok=True)
     name = f"{trial.command}-{trial.kind}-{trial.seed}"
     if trial.kind == "bytes":
-        (kept / f"{name}{trial.log.suffix}").write_bytes((folder / f"broken{trial.log.suffix}").read_bytes())
+        (kept / f"{name}{trial.log.suffix}").write_bytes(_broken_file(trial, folder).read_bytes())
     said = (folder / "told.txt").read_text("utf-8", "replace") if (folder / "told.txt").is_file() else ""
     head = {"log": str(trial.log), "kind": trial.kind, "seed": trial.seed, "command": trial.command}
     (kept / f"{name}.txt").write_text(json.dumps(head) + "\n" + "\n".join(outcome.faults) + "\n" + said)
@@ -327,10 +475,16 @@ def warm() -> None:
 
 def main() -> int:
     """The campaign; 1 where anything failed."""
+    with contextlib.ExitStack() as stack:
+        return _campaign(stack)
+
+
+def _campaign(stack: contextlib.ExitStack) -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--seed", type=int, default=int(time.time()))
     parser.add_argument("--largest", type=float, default=4.0, help="MB of a log")
+    parser.add_argument("--short", type=float, default=0.0, help="kB of each log that are taken, 0 for all")
     parser.add_argument("--commands", default=",".join(COMMANDS))
     parser.add_argument("--keep", type=Path, default=Path("fuzz-failures"))
     parser.add_argument("--again", type=Path, help="a .txt of an earlier failure")
@@ -340,23 +494,30 @@ def main() -> int:
         head = json.loads(chosen.again.read_text().splitlines()[0])
         todo: Iterator[Trial] = iter([Trial(Path(head["log"]), head["kind"], head["seed"], head["command"])])
     else:
-        with tempfile.TemporaryDirectory() as name:
-            paths = with_flight(logs(int(chosen.largest * 1e6)), Path(name))
+        held = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        paths = logs(int(chosen.largest * 1e6)) if chosen.short == 0.0 else logs(1 << 62)
+        if chosen.short:
+            paths = [*shortened(paths, int(1e3 * chosen.short), held), *bags(held, 1.0)]
+        else:
+            with tempfile.TemporaryDirectory() as name:
+                paths = with_flight([*paths, *bags(held, 20.0)], Path(name))
         todo = trials(paths, chosen.seed, chosen.commands.split(","))
         print(f"seed {chosen.seed}, {chosen.seconds:.0f} s", flush=True)
     end, counts, failed = time.monotonic() + chosen.seconds, Counter[str](), 0
-    for trial in todo:
+    while some := list(itertools.islice(todo, READ_TOGETHER if chosen.commands == "read" else 1)):
         if time.monotonic() > end:
             break
         with tempfile.TemporaryDirectory() as name:
-            outcome = run(trial, Path(name))
-            counts[f"{trial.command} {outcome.code}"] += 1
-            if sum(counts.values()) % 100 == 0:
-                print(f"{sum(counts.values())} runs, {failed} failed, next is {trial.seed + 1}", flush=True)
-            if outcome.faults:
-                failed += 1
-                print(trial, *outcome.faults, sep="\n  ", flush=True)
-                keep(trial, outcome, Path(name), chosen.keep)
+            folder = Path(name)
+            together = run_reads(some, folder) if some[0].command == "read" else ((t, run(t, folder)) for t in some)
+            for trial, outcome in together:
+                counts[f"{trial.command} {outcome.code}"] += 1
+                if sum(counts.values()) % 100 == 0:
+                    print(f"{sum(counts.values())} runs, {failed} failed, next is {trial.seed + 1}", flush=True)
+                if outcome.faults:
+                    failed += 1
+                    print(trial, *outcome.faults, sep="\n  ", flush=True)
+                    keep(trial, outcome, folder, chosen.keep)
     print(f"{sum(counts.values())} runs, {failed} failed:", ", ".join(f"{k} {n}" for k, n in sorted(counts.items())))
     return min(failed, 1)
 

@@ -108,7 +108,7 @@ def _broken(table: Table, name: str, rng: random.Random, ways: tuple[Way, ...]) 
 
     def decoded(column: str, wanted: NDArray[np.int64]) -> Column:
         if column != name:
-            return decode(column, wanted)
+            return decode(column, offsets)[np.searchsorted(offsets, wanted)]
         if "x" not in whole:
             with np.errstate(all="ignore"):
                 whole["x"] = way(np.array(decode(column, offsets)), random.Random(seed))
@@ -304,7 +304,7 @@ def _with(table: Table, columns: tuple[str, ...], fault: Fault) -> Table:
 
     def decoded(column: str, wanted: NDArray[np.int64]) -> NDArray[Any]:
         if column not in columns:
-            return decode(column, wanted)
+            return decode(column, offsets)[np.searchsorted(offsets, wanted)]
         if not made:
             stored = [np.asarray(decode(c, offsets)) for c in columns]
             whole = stored[0].astype(float) if stored[0].ndim == 2 else np.column_stack(stored).astype(float)

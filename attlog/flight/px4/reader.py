@@ -28,6 +28,8 @@ from attlog.formats.table import Messages
 DECLINATION_PARAMETERS = {"EKF2_MAG_DECL": 1.0, "ATT_MAG_DECL": 1.0}
 # Topics that identify PX4 or a fork; other programs write ULogs as well.
 PX4_TOPICS = ("vehicle_status", "sensor_combined", "vehicle_attitude")
+# Parameters that every PX4 has; other programs write parameters as well.
+PX4_PARAMETERS = ("SYS_AUTOSTART", "MAV_SYS_ID", "SENS_BOARD_ROT")
 # Topics whose time is t = 0 in a log without inertial data.
 FIRST_TOPICS = ("vehicle_attitude", "vehicle_status", "vehicle_gps_position")
 
@@ -92,10 +94,10 @@ def read(messages: Messages, imu: int | None = None, mag: int | str | None = Non
         flew, why = next((c.index for c in candidates if c.source == "sensor_combined"), None), "it is the voted unit"
     log.firmware = read_optional("The firmware", partial(read_firmware, messages), Firmware(""))
     known = any(name in PX4_TOPICS for name, _ in messages.tables) or "px4" in log.firmware.name.lower()
-    if known or not log.firmware.name:
+    if known or not builder.values.keys().isdisjoint(PX4_PARAMETERS):
         log.settings = VehicleSettings("PX4", log.firmware.version, values=builder.values)
     else:
-        log.settings = VehicleSettings("other", name=log.firmware.name)
+        log.settings = VehicleSettings("other", name=log.firmware.name or "Another program")
     add_imus(builder, candidates, flew, why, imu, partial(first_stamp, builder))
     log.imu_that_flew = builder.time_line(flown.t_us, flown.units, flown.source)
     _report_switches(builder)

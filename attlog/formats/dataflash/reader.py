@@ -30,7 +30,15 @@ from attlog.core.limits import (
     MAX_TEXTS,
 )
 from attlog.core.timestamps import Offsets, restarts
-from attlog.formats.dataflash.layout import FMT_FORMAT, HEADER_BYTES, LETTER_DTYPES, MessageFormat, column_names
+from attlog.formats.dataflash.layout import (
+    FMT_FORMAT,
+    FMT_LENGTH,
+    FMT_MARK,
+    HEADER_BYTES,
+    LETTER_DTYPES,
+    MessageFormat,
+    column_names,
+)
 from attlog.formats.dataflash.tables import (
     INFO_SEVERITY,
     Units,
@@ -70,6 +78,8 @@ def read_binary(path: str | Path, *, data: NDArray[np.uint8] | None = None) -> M
     data = read_file_bytes(path) if data is None else data
     index = index_records(data)
     if len(index.layouts) < 2 or not np.any(index.layout > 0):
+        if data[: len(FMT_MARK)].tobytes() == FMT_MARK and len(data) <= 256 * FMT_LENGTH:
+            raise LogUnusable(f"{path}: the file ends after {len(data):,} bytes, before any data; copy it again")
         raise LogUnusable(
             f"{path}: no FMT record describes any data, so nothing can be decoded; a log must contain its beginning."
         )

@@ -5,6 +5,7 @@ The dialect contains ``common``, which PX4 uses.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -18,8 +19,11 @@ from attlog.formats.table import Field
 MAVLINK_1, MAVLINK_2 = 0xFE, 0xFD
 # Bytes of receive time before each packet of a tlog.
 STAMP_BYTES = 8
-# Bytes tolerated before the first whole packet.
+# Bytes tolerated before the first whole packet; behind more damage the checksums of packets are checked as well.
 MAX_DAMAGED_START = 2048
+# Packets in a row by which a file is recognised.
+PACKETS_IN_ROW = 4
+_MARKERS = re.compile(b"[\xfd\xfe]")
 # Column of a tlog with the receiver's time of the packet (Unix us). It has no checksum: behind damage it may be wrong.
 STAMP_COLUMN = "_t_us"
 _POLYNOMIAL = 0x8408  # 0x1021 with its bits reversed
@@ -45,7 +49,28 @@ def _has_packets(head: bytes, stamp: int) -> bool:
     """
     if _packets_in_row(head, 0, stamp) >= 1 and len(head) < 2048:
         return True
-    return any(_packets_in_row(head, start, stamp) >= 4 for start in range(min(len(head), MAX_DAMAGED_START)))
+    if any(_packets_in_row(head, start, stamp) >= PACKETS_IN_ROW for start in range(min(len(head), MAX_DAMAGED_START))):
+        return True
+    later = (m.start() for m in _MARKERS.finditer(head, MAX_DAMAGED_START))
+    return any(
+        _packets_in_row(head, at - stamp, stamp) >= PACKETS_IN_ROW and _checksums_right(head, at, stamp) for at in later
+    )
+
+
+def _checksums_right(head: bytes, at: int, stamp: int) -> bool:
+    """Return whether PACKETS_IN_ROW packets from the marker at ``at`` on are known messages with right checksums."""
+    data, catalogue = np.frombuffer(head, np.uint8), message_catalogue()
+    for _ in range(PACKETS_IN_ROW):
+        first = head[at] == MAVLINK_1
+        end = at + head[at + 1] + (6 if first else 10)
+        number = head[at + 5] if first else int.from_bytes(head[at + 7 : at + 10], "little")
+        if end + 2 > len(head) or not catalogue.knows(number):
+            return False
+        covered = np.append(data[at + 1 : end], catalogue.seeds[number].astype(np.uint8))
+        if int(crc_of_rows(covered[np.newaxis])[0]) != int.from_bytes(head[end : end + 2], "little"):
+            return False
+        at = end + 2 + (0 if first else 13 * (head[at + 2] & 1)) + stamp
+    return True
 
 
 def _packets_in_row(head: bytes, position: int, stamp: int) -> int:

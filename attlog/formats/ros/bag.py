@@ -92,7 +92,7 @@ class _McapReader:
         self.types: dict[str, str] = {}
         self.encodings: set[str] = set()
         self.losses = DamageLog()
-        self.false_times = 0
+        self.false_times = self.undefined = 0
 
     def read(self, path: Path, data: memoryview) -> Bag:
         """Read a file, beginning with schemas and channels outside chunks, which a bag repeats at its end."""
@@ -111,15 +111,21 @@ class _McapReader:
             if opcode == 0 or DATA_END < opcode < 128:
                 self._lose(at, len(data) - at, "the bag, which follow no record", "not at all")
                 break
-            if len(body) < length:
-                self._lose(at, len(data) - at, "the last record, which is cut", "not at all")
             if opcode == CHUNK:
-                self._read_chunk(at, body, len(body) == length)
-            elif opcode == MESSAGE and len(body) == length:
+                unread = self._read_chunk(at, body, len(body) == length)
+            else:
+                unread = len(data) - at
+            if len(body) < length:
+                unread = min(max(unread, 1), len(data) - at)
+                self._lose(len(data) - unread, unread, "the last record, which is cut", "not at all")
+            if opcode == MESSAGE and len(body) == length:
                 self._take_message(body, 0, len(body))
         if self.encodings and "cdr" not in self.encodings:
             held = ", ".join(sorted(self.encodings))
             raise LogUnusable(f"{path}: an MCAP file without messages of ROS 2 (it holds {held}); record with ros2 bag")
+        if self.undefined:
+            text = f"Left out {self.undefined:,} messages of the bag, whose channels nothing defines."
+            self.losses.add_remark("unreadable_message", text, count=self.undefined)
         if self.false_times:
             text = f"Left out {self.false_times:,} messages of the bag, whose recorder times lie after 2100."
             self.losses.add_remark("false_times", text, count=self.false_times)
@@ -129,39 +135,42 @@ class _McapReader:
     def _lose(self, at: int, length: int, what: str, resumed: str) -> None:
         self.losses.add(at, length, f"{length} bytes of {what}", resumed)
 
-    def _read_chunk(self, at: int, body: memoryview, whole: bool) -> None:
-        """Read the records of a chunk, of a truncated one as many as possible."""
+    def _read_chunk(self, at: int, body: memoryview, whole: bool) -> int:
+        """Read the records of a chunk, of a truncated one as many as possible. Returns its bytes without a record."""
         try:
             _, _, size, crc, letters = CHUNK_HEAD.unpack_from(body)
             name = bytes(body[CHUNK_HEAD.size : CHUNK_HEAD.size + letters]).decode("ascii", "replace")
             if size > self.budget:
                 raise ValueError("it unpacks to more than any log")
             content = _unpacked(body[CHUNK_HEAD.size + letters + 8 :], name, size)
-        except (ValueError, error, OSError, RuntimeError, EOFError, MemoryError) as problem:
+        except (ValueError, error) as problem:
             if whole:
                 what = f"a chunk that cannot be unpacked ({problem})"
                 self._lose(at, RECORD_HEAD.size + len(body), what, "at the next chunk")
-            return
+            return len(body)
         self.budget -= len(content)
         if whole and (len(content) < size or (crc and zlib.crc32(content) != crc)):
             self._lose(at, RECORD_HEAD.size + len(body), "a chunk whose checksum is wrong", "at the next chunk")
-            return
-        self._read_records(at, memoryview(content))
+            return len(body)
+        unread = self._read_records(at, memoryview(content))
+        if unread and whole:
+            self._lose(at, unread, "a chunk that hold no whole record", "at the next chunk")
+        return unread
 
-    def _read_records(self, at: int, content: memoryview) -> None:
-        """Read the records of an unpacked chunk."""
+    def _read_records(self, at: int, content: memoryview) -> int:
+        """Read the records of an unpacked chunk; return the bytes behind the last whole one."""
         head, end, place = RECORD_HEAD.unpack_from, len(content), 0
         while place + RECORD_HEAD.size <= end:
             opcode, length = head(content, place)
-            place += RECORD_HEAD.size
-            after = place + length
+            begin, after = place + RECORD_HEAD.size, place + RECORD_HEAD.size + length
             if after > end:
                 break
             if opcode == MESSAGE:
-                self._take_message(content, place, after)
+                self._take_message(content, begin, after)
             elif opcode in (SCHEMA, CHANNEL):
-                self._define(at, opcode, content[place:after])
+                self._define(at, opcode, content[begin:after])
             place = after
+        return end - place
 
     def _take_message(self, content: memoryview, begin: int, end: int) -> None:
         if end - begin < MESSAGE_HEAD.size:
@@ -169,6 +178,7 @@ class _McapReader:
         number, _, time, _ = MESSAGE_HEAD.unpack_from(content, begin)
         channel = self.channels.get(number)
         if channel is None:
+            self.undefined += number not in self.channels
             return
         if time > LAST_TIME_US * 1000:
             self.false_times += 1
@@ -179,7 +189,6 @@ class _McapReader:
     def _define(self, at: int, opcode: int, body: memoryview) -> None:
         """Add a schema or a channel; messages of a channel are kept if in CDR and selected."""
         from mcap.data_stream import ReadDataStream
-        from mcap.exceptions import McapError
         from mcap.records import Channel, Schema
 
         try:
@@ -190,9 +199,8 @@ class _McapReader:
                     self.schemas[schema.id] = schema
                 return
             channel = Channel.read(stream)
-        except (McapError, ValueError, error, EOFError, MemoryError) as problem:
-            what = f"a definition ({type(problem).__name__})"
-            self._lose(at, RECORD_HEAD.size + len(body), what, "at the next record")
+        except Exception:  # whatever the library raises for damaged bytes
+            self._lose(at, RECORD_HEAD.size + len(body), "a definition", "at the next record")
             return
         if channel.id in self.channels or len(self.channels) >= MAX_FORMATS:
             return
@@ -216,24 +224,24 @@ def _records(data: memoryview, at: int) -> Iterator[tuple[int, int, memoryview, 
 
 
 def _unpacked(packed: memoryview, name: str, size: int) -> bytes | memoryview:
-    """Unpack at most ``size`` bytes of a chunk. ValueError for an unknown compression, else the compressor's errors."""
+    """Unpack at most ``size`` bytes of a chunk. ValueError for an unknown compression and damaged bytes."""
     if name == "":
         return packed[:size]
-    if name == "zstd":
-        import zstandard
+    if name not in ("zstd", "lz4"):
+        raise ValueError(f"compression {name[:16]!r} is not known")
+    import lz4.frame
+    import zstandard
 
-        reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(packed), read_across_frames=True)
-        try:
-            unpacked: bytes = reader.read(size)
-        except zstandard.ZstdError as problem:
-            raise ValueError(str(problem)) from None
-        return unpacked
-    if name == "lz4":
-        import lz4.frame
-
-        unpacked = lz4.frame.LZ4FrameDecompressor().decompress(bytes(packed), max_length=size)
-        return unpacked
-    raise ValueError(f"compression {name[:16]!r} is not known")
+    unpacked: bytes
+    try:
+        if name == "zstd":
+            reader = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(packed), read_across_frames=True)
+            unpacked = reader.read(size)
+        else:
+            unpacked = lz4.frame.LZ4FrameDecompressor().decompress(bytes(packed), max_length=size)
+    except Exception:  # whatever the libraries raise for damaged bytes
+        raise ValueError(f"its {name} bytes are damaged") from None
+    return unpacked
 
 
 def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> Bag:
@@ -252,7 +260,9 @@ def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> 
             if not {"topics", "messages"} <= tables:
                 raise LogUnusable(f"{path}: a SQLite database, but no bag of ROS 2 (no tables topics and messages)")
             channels = _sqlite_channels(database, bag, wanted, "message_definitions" in tables)
-        except (sqlite3.Error, ValueError, TypeError) as problem:
+        except LogUnusable:
+            raise
+        except Exception as problem:  # whatever SQLite raises for damaged bytes
             raise LogUnusable(f"{path}: a damaged SQLite database ({problem})") from None
         try:
             for number, time, message in database.execute("select topic_id, timestamp, data from messages"):
@@ -260,7 +270,7 @@ def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> 
                 if channel is not None and isinstance(message, bytes) and isinstance(time, int):
                     channel.messages.append(message)
                     channel.times_ns.append(time)
-        except sqlite3.Error as problem:
+        except Exception as problem:  # whatever SQLite raises for damaged bytes
             bag.losses.add(len(data) - 1, 1, f"messages of the bag ({problem})", "not at all")
     return bag
 

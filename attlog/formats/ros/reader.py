@@ -137,7 +137,7 @@ def channel_types(path: Path, channel: BagChannel) -> dict[str, Any]:
     missing.
     """
     try:
-        from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
+        from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
     except ImportError:
         raise UsageError(f"{path}: {MISSING_PACKAGES}") from None
     known: dict[str, Any] = {}
@@ -146,7 +146,7 @@ def channel_types(path: Path, channel: BagChannel) -> dict[str, Any]:
             known = dict(get_types_from_idl(channel.definition))
         elif channel.definition:
             known = dict(get_types_from_msg(channel.definition, channel.type))
-    except TypesysError as error:
+    except Exception as error:  # whatever the library raises for a damaged definition
         raise ValueError(f"its definition cannot be read: {str(error)[:100]}") from None
     known = {**get_typestore(Stores.ROS2_JAZZY).fielddefs, **known}
     if channel.type not in known:

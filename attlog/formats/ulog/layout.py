@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from attlog.core.limits import MAX_FIELDS, MAX_FORMATS, MAX_NESTING, MAX_REDEFINED, MAX_RESUBSCRIBED
+from attlog.formats.file_bytes import ERASED
 from attlog.formats.table import DamageLog, Field
 
 # Stored types. ``bool`` is read as a small integer because a damaged one may hold any byte.
@@ -432,4 +433,4 @@ ENCRYPTED_MAGIC, KEY_FILE_MAGIC = b"ULogEnc", b"ULogKey"
 
 def is_ulog(head: bytes) -> bool:
     """Return whether a file is a ULog, encrypted or not."""
-    return head.startswith((MAGIC, ENCRYPTED_MAGIC, KEY_FILE_MAGIC))
+    return head.lstrip(ERASED).startswith((MAGIC, ENCRYPTED_MAGIC, KEY_FILE_MAGIC))

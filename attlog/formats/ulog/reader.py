@@ -16,7 +16,7 @@ import numpy as np
 from attlog.core.errors import LogUnusable, NotALog
 from attlog.core.limits import MAX_BOOTS, MAX_COLUMNS, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
 from attlog.core.timestamps import Offsets
-from attlog.formats.file_bytes import offset_type, offsets_by_kind, read_file_bytes
+from attlog.formats.file_bytes import ERASED, offset_type, offsets_by_kind, read_file_bytes
 from attlog.formats.table import Boot, DamageLog, Messages, Table
 from attlog.formats.ulog.content import MAX_START_US, Content, Topic, implausible
 from attlog.formats.ulog.encrypted import decrypt, is_encrypted
@@ -34,6 +34,7 @@ from attlog.formats.ulog.walk import (
     DATA,
     DATA_HEADER_BYTES,
     KNOWN_KINDS,
+    MAX_SEARCH_BYTES,
     MAX_SORTED_RECORDS,
     Bytes,
     DataChain,
@@ -65,16 +66,27 @@ def read_ulog(path: Path | str, *, data: Bytes | None = None) -> Messages:
     data = read_file_bytes(path) if data is None else data
     if is_encrypted(data[:FILE_HEADER].tobytes()):
         data = decrypt(path, data)
-    head = data[:FILE_HEADER].tobytes()
+    begin = _header_place(data)
+    head = data[begin : begin + FILE_HEADER].tobytes()
     if not head.startswith(MAGIC) or len(head) < FILE_HEADER:
         raise NotALog(f"{path}: no ULog header at the start of the file")
-    return _Reader(path, data).messages()
+    return _Reader(path, data, begin).messages()
+
+
+def _header_place(data: Bytes) -> int:
+    """Return the position of the first byte that is not erased."""
+    for at in range(0, len(data), MAX_SEARCH_BYTES):
+        block = data[at : at + MAX_SEARCH_BYTES]
+        written = ((block != ERASED[0]) & (block != ERASED[1])).nonzero()[0]
+        if len(written):
+            return at + int(written[0])
+    return 0
 
 
 class _Reader:
     """Reader of one file, in one pass by :meth:`messages`."""
 
-    def __init__(self, path: Path, data: Bytes) -> None:
+    def __init__(self, path: Path, data: Bytes, begin: int) -> None:
         self.path, self.data, self.raw, self.size = path, data, data.data, len(data)
         self.losses = DamageLog()
         self.damaged = False  # by more than truncation
@@ -92,11 +104,13 @@ class _Reader:
         self.pending = 0  # records in them
         self.appended: list[int] = []  # starts of appended data
         self.last, self.low = 0, 0  # last data record, and the place from which anchors are searched
-        self._start_log(0)
+        if begin:
+            self.losses.add(0, begin, f"{begin} erased bytes before the log", f"at byte {begin}")
+        self._start_log(begin)
 
     def messages(self) -> Messages:
         """Walk the file and return its tables."""
-        position = FILE_HEADER
+        position = self.header + FILE_HEADER
         while position < self.size:
             stop = min((a for a in self.appended if a > position), default=self.size)
             position = self._walk(position, stop)
@@ -387,7 +401,7 @@ class _Reader:
             )
         if incompatible[0] & 1:
             offsets = struct.unpack_from("<3Q", payload, 16)
-            self.appended = [a for a in offsets if position < a < self.size]
+            self.appended = [self.header + a for a in offsets if position < self.header + a < self.size]
 
     def _time_before(self, position: int) -> int | None:
         """Return the last stamp before a position, None without one."""

@@ -416,7 +416,7 @@ def test_the_number_of_damaged_places_is_counted_beyond_what_is_listed(tmp_path:
     assert log.damage_bytes >= 5000
     from attlog.flight import damage_problems
 
-    [told] = damage_problems(log)
+    [told] = damage_problems(log, 60.0)
     assert "damaged in 2500 places" in told.text
     assert told.count == 2500
 

@@ -224,6 +224,29 @@ def test_a_broken_chunk_costs_only_itself(tmp_path: Path, packed: str) -> None:
     assert ["a chunk" in damage.lost for damage in log.damage] == [True]
 
 
+def test_what_a_chunk_loses_is_told_in_words_of_no_library(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write_mcap(path, combined(40), "ZSTD")
+    raw = bytearray(path.read_bytes())
+    begin = raw.index(b"\x28\xb5\x2f\xfd")
+    raw[begin + 6 : begin + 40] = b"\xff" * 34
+    path.write_bytes(raw)
+    with pytest.raises(LogUnusable, match="its zstd bytes are damaged"):
+        formats.open(path)
+
+
+def test_messages_whose_channel_no_record_defines_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write_mcap(path, combined(40), "NONE")
+    data = path.read_bytes()
+    begin = next(at for at, kind, _, _ in bag._records(memoryview(data), 8) if kind == bag.CHUNK)
+    foreign = struct.pack("<BQ", bag.MESSAGE, 22 + 4) + struct.pack("<HIQQ", 999, 0, START_NS, START_NS) + b"lost"
+    path.write_bytes(data[:begin] + 3 * foreign + data[begin:])
+    log = formats.open(path)
+    assert len(log["sensor_combined", 0]) == 40
+    assert [(r.code, r.count) for r in log.remarks] == [("unreadable_message", 3)]
+
+
 def test_a_message_beyond_the_calendar_costs_only_itself(tmp_path: Path) -> None:
     messages = combined(60)
     topic, kind, _, values = messages[30]
