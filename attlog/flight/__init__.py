@@ -210,9 +210,10 @@ def damage_problems(messages: Messages, seconds: float) -> list[Problem]:
     first, places, lost = messages.damage[0], messages.damage_places, messages.damage_bytes
     if places == 1 and 0 < first.length < MAX_CUT_BYTES and first.offset + first.length >= messages.size - 1:
         text = f"The last record is cut at byte {first.offset:,}, as after a power cut."
-        if seconds < MAX_SHORT_S:
-            text = f"The file is cut after {messages.size:,} bytes and {seconds:.1f} s, inside its last record."
-        return [Problem("cut_at_end", "warning" if seconds < MAX_SHORT_S else "note", text, offset=first.offset)]
+        if seconds >= MAX_SHORT_S:
+            return [Problem("cut_at_end", "note", text, offset=first.offset)]
+        text = f"The file is cut after {messages.size:,} bytes and {seconds:.1f} s, inside its last record."
+        return [Problem("cut_at_end", "warning", text, offset=first.offset, remedy="Copy it again, or log longer.")]
     where = f"{first.lost} at byte {first.offset}"
     if places > 1:
         text = f"The file is damaged in {places} places, {lost} bytes are not usable; the first is {where}."

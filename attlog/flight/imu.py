@@ -263,7 +263,8 @@ def _is_replayable(builder: LogBuilder, unit: ImuCandidate) -> bool:
     if records < REPLAY_MIN_SAMPLES:
         code = "imu_too_short"
         text = f"{unit.source} is too short: {records} of the {REPLAY_MIN_SAMPLES} samples that a replay needs. "
-        text += _reason_left_out(builder, records) or describe_early_end(builder.messages)
+        text += _reason_left_out(builder, records)
+        remedy = "" if builder.messages.damage else describe_early_end(builder.messages)
     elif unit.refused > MAX_REFUSED_SHARE:
         code = "imu_mostly_refused"
         text = f"{unit.source}: {100 * unit.refused:.0f} % of its records hold values that no sensor can give or false "

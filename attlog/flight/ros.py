@@ -216,9 +216,9 @@ def _ahead_us(messages: Messages) -> int:
     """
     for name in INERTIAL:
         table = messages.tables.get((name, 0))
-        if table is not None and len(table) and "timestamp" in table:
+        if table is not None and len(table) and "timestamp" in table and "log_time_ns" in table:
             with suppress(ValueError):  # a stranger's definition, reported by the topic's reader
-                return int(np.median(read_stamps(table, "timestamp") - table["log_time_ns"] // 1000))
+                return int(np.median(read_stamps(table, "timestamp") - read_stamps(table, "log_time_ns") // 1000))
     return 0
 
 
