@@ -632,9 +632,9 @@ PANEL_ROWS: PanelRows = {
         for k in range(5, 13)
     ),
     "volts": (Row("battery 2", "BATTERY2.voltage"),),
-    "amperes": (Row("battery 2", "BATTERY2.current_battery"),),
+    "amperes": (Row("battery 2", "BATTERY2.current_battery"), Row("battery", "BATTERY_STATUS.current_battery")),
     "used": (Row("battery", "BATTERY_STATUS.current_consumed"),),
-    "remaining": (Row("battery", "SYS_STATUS.battery_remaining"),),
+    "remaining": (Row("battery", "SYS_STATUS.battery_remaining"), Row("battery", "BATTERY_STATUS.battery_remaining")),
     "rails": (Row("board", "POWER_STATUS.Vcc"), Row("board", "HWSTATUS.Vcc"), Row("servo rail", "POWER_STATUS.Vservo")),
     "load": (Row("CPU", "SYS_STATUS.load"), Row("lost packets", "SYS_STATUS.drop_rate_comm")),
     "link": (
@@ -647,6 +647,7 @@ PANEL_ROWS: PanelRows = {
         Row("IMU", "RAW_IMU.temperature"),
         Row("barometer", "SCALED_PRESSURE.temperature"),
         Row("barometer 2", "SCALED_PRESSURE2.temperature"),
+        Row("battery", "BATTERY_STATUS.temperature"),
         Row("processor", "MCU_STATUS.MCU_temperature"),
     ),
 }

@@ -6,6 +6,7 @@ are rows of a table per firmware, ``panel -> (label, signal, factor)``.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -111,6 +112,8 @@ CONVERSIONS = {
 }
 # Largest number that replaces ``{}`` of a row, and largest number of instances of a message.
 MAX_NUMBER, MAX_INSTANCES = 18, 8
+# Cells of a battery in BATTERY_STATUS, and the voltage of one that is missing.
+MAX_CELLS, NO_CELL_MV = 10, 65535.0
 # Panels that show every instance of a message.
 SEVERAL = {"outputs", "esc_current", "volts", "amperes", "used", "remaining", "rails", "temperature"}
 # Speed from which the course over ground is drawn, m/s.
@@ -266,13 +269,27 @@ def _of_signals(log: FlightLog) -> Iterator[PanelLine]:
                     yield from _line(signals, panel, name, place, row.factor)
         if many:
             signals.release()
+    yield from _packs(signals)
+
+
+def _packs(signals: Signals) -> Iterator[PanelLine]:
+    """Yield the voltages of batteries that telemetry has by cell, or as the first of them."""
+    for k, place in enumerate(signals.places("BATTERY_STATUS")[:MAX_INSTANCES]):
+        cells = [signals.read(f"BATTERY_STATUS{place}.voltages[{i}]") for i in range(MAX_CELLS)]
+        volts = np.column_stack([y for _, y in cells])
+        volts[volts >= NO_CELL_MV] = np.nan
+        known = np.isfinite(volts).any(axis=1)
+        yield PanelLine(
+            "volts", numbered("battery", k), cells[0][0], np.where(known, 1e-3 * np.nansum(volts, axis=1), np.nan)
+        )
 
 
 def _places_of(signals: Signals, source: str, names: list[str]) -> list[str]:
     """Return the signals of columns of a source (``actuator_outputs:1``)."""
     message, _, instance = source.partition(":")
-    number = int(instance) if instance else min(signals.instances(message), default=0)
-    return [f"{message}[{number}].{name}" for name in names]
+    number = instance or str(min(signals.instances(message), default=0))
+    place = next((p for p in signals.places(message) if re.fullmatch(rf"\[{number}(,.*)?\]", p)), f"[{number}]")
+    return [f"{message}{place}.{name}" for name in names]
 
 
 def _by_stick(log: FlightLog, row: Row) -> tuple[str, str | tuple[str, ...]]:
@@ -293,9 +310,9 @@ def _expanded(
     """Yield labels and signals of a row: of each number and instance, where the panel has them."""
     parts = (signal,) if isinstance(signal, str) else signal
     message = parts[0].partition(".")[0]
-    instances = signals.instances(message)[: MAX_INSTANCES if panel in SEVERAL else 1]
-    for place, instance in enumerate(instances):
-        names = tuple(part.replace(".", f"[{instance}].", 1) for part in parts)
+    places = signals.places(message)[: MAX_INSTANCES if panel in SEVERAL else 1]
+    for place, where in enumerate(places):
+        names = tuple(part.replace(".", f"{where}.", 1) for part in parts)
         if "{}" not in names[0]:
             if all(map(signals.has, names[:1])) and all(map(signals.has, parts[1:])):
                 yield numbered(label, place), (names[0], *parts[1:])

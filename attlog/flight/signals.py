@@ -27,6 +27,10 @@ NO_SIGNALS = frozenset({"FMT", "FMTU", "UNIT", "MULT", "PARM", "FILE", "PARAM_VA
 MAX_BYTE_ELEMENTS, MAX_ELEMENTS = 40, 72
 # ``BAT[1].Volt``: message, instance, field.
 NAME = re.compile(r"(?P<message>[^.]*?)(?:\[(?P<instance>\d{1,9})\])?\.(?P<field>.+)")
+# ``[id=1]`` and ``[257,id=1]``: one of the sensors that a message of telemetry serves.
+PART = re.compile(r"\[(?P<instance>\d{1,9})?,?(?P<part>[A-Za-z_]\w*=[\w-]{1,16})\]")
+# Most sensors that a message is split by.
+MAX_PARTS = 24
 # Units as written by the formats and their usual form.
 UNIT_WORDS = {
     "degheading": "deg",
@@ -65,7 +69,8 @@ class Signal:
     """Numeric field of a message; ``n``: its records, ``unit``: of the printed number, empty if the log has none.
 
     ``name`` is ``MESSAGE.field``, with ``[instance]`` behind the message where the log has several instances of it, in
-    telemetry behind messages of others than the vehicle.
+    telemetry behind messages of others than the vehicle. A message of telemetry that serves several sensors has a
+    signal for each: ``BATTERY_STATUS[id=1].current_consumed``.
     """
 
     name: str
@@ -84,6 +89,7 @@ class Signals:
             raise UsageError(f"{log.path}: the messages of this log are no longer held; read it again")
         self.log, self.messages = log, log.messages
         self._clocks: dict[tuple[str, int], tuple[Array, NDArray[np.int64]]] = {}
+        self._parts: dict[tuple[str, int], dict[str, NDArray[np.bool_]]] = {}
 
     @cached_property
     def own(self) -> int | None:
@@ -100,39 +106,59 @@ class Signals:
         found = self.messages.instances(message)
         return [self.own] if self.own in found and self.own is not None else [] if self.own is not None else found
 
+    def places(self, message: str) -> list[str]:
+        """Return what follows a message's name in the names of its signals: ``[0]``, in telemetry ``[257,id=1]``."""
+        tables = [self.messages[message, instance] for instance in self.instances(message)]
+        return [
+            f"[{t.instance},{part}]" if part else f"[{t.instance}]" for t in tables for part in self.parts(t) or [""]
+        ]
+
+    def parts(self, table: Table) -> dict[str, NDArray[np.bool_]]:
+        """Return the records of each sensor of a message that serves several, empty for others."""
+        key = table.name, table.instance
+        if key not in self._parts:
+            self._parts[key] = parts_of(table) if self.log.format in ("tlog", "mavlink") else {}
+        return self._parts[key]
+
     def has(self, name: str) -> bool:
         """Return whether the log has a signal."""
         return self._found(name) is not None
 
     def unit(self, name: str) -> str:
         """Return the unit of a signal, empty if the log has none. UsageError for an unknown name."""
-        table, column = self._place(name)
+        table, column, _ = self._place(name)
         return self._unit(table.fields.get(column) or table.fields[column.rpartition("[")[0]])
 
     def read(self, name: str) -> tuple[Array, Array]:
         """Return rising times (n,) s on the log's clock and values (n,) in the unit that the format prints.
 
-        ``MESSAGE.field``, ``MESSAGE[instance].field``; without an instance the vehicle's own, else the lowest. Records
-        without a plausible time are left out. UsageError for an unknown name, with similar ones.
+        ``MESSAGE.field``, ``MESSAGE[instance].field``; without an instance the vehicle's own, else the lowest, without
+        a sensor the first. Records without a plausible time are left out. UsageError for an unknown name, with similar
+        ones.
         """
-        table, column = self._place(name)
+        table, column, part = self._place(name)
         t, kept = self._clock(table)
-        return t, table.value(column)[kept]
+        own = self.parts(table)[part][kept] if part else slice(None)
+        return t[own], table.value(column)[kept[own]]
 
     def release(self) -> None:
         """Release all decoded columns and times."""
         self.messages.forget()
         self._clocks.clear()
+        self._parts.clear()
 
     def _of_table(self, table: Table) -> Iterator[Signal]:
         if table.name in NO_SIGNALS or len(table) == 0:
             return
         several = len(self.messages.instances(table.name)) > 1
         numbered = several if self.own is None else table.instance != self.own
-        message = f"{table.name}[{table.instance}]" if numbered else table.name
-        for column, spec in table.fields.items():
-            for part in _numbers(column, spec):
-                yield Signal(f"{message}.{part}", table.name, table.instance, part, self._unit(spec), len(table))
+        sender = str(table.instance) if numbered else ""
+        for part, rows in (self.parts(table) or {"": np.ones(len(table), bool)}).items():
+            inside = ",".join(filter(None, [sender, part]))
+            message, n = f"{table.name}[{inside}]" if inside else table.name, int(np.count_nonzero(rows))
+            for column, spec in table.fields.items():
+                for name in _numbers(column, spec) if not part.startswith(f"{column}=") else ():
+                    yield Signal(f"{message}.{name}", table.name, table.instance, name, self._unit(spec), n)
 
     def _unit(self, spec: Field) -> str:
         unit = spec.unit or ""
@@ -140,17 +166,22 @@ class Signals:
             return next((u for end, u in UNIT_ENDINGS.items() if spec.name.endswith(end)), "")
         return UNIT_WORDS.get(unit, unit)
 
-    def _found(self, name: str) -> tuple[Table, str] | None:
-        """Return table and column of a signal, None for an unknown name."""
-        match = NAME.fullmatch(name)
+    def _found(self, name: str) -> tuple[Table, str, str] | None:
+        """Return table, column and part of a signal, None for an unknown name."""
+        whole, part = without_part(name)
+        match = NAME.fullmatch(whole)
         if match is None:
             return None
         own = self.instances(match["message"]) if match["instance"] is None else [int(match["instance"])]
         table = self.messages.tables.get((match["message"], own[0])) if own else None
-        return (table, match["field"]) if table is not None and _is_signal(table, match["field"]) else None
+        if table is None or not _is_signal(table, match["field"]):
+            return None
+        parts = self.parts(table)
+        part = part or next(iter(parts), "")
+        return (table, match["field"], part) if part in parts or not part else None
 
-    def _place(self, name: str) -> tuple[Table, str]:
-        """Return table and column of a signal. UsageError for an unknown name, with similar ones."""
+    def _place(self, name: str) -> tuple[Table, str, str]:
+        """Return table, column and part of a signal. UsageError for an unknown name, with similar ones."""
         found = self._found(name)
         if found is None:
             known, end = [signal.name for signal in self.all], name.rpartition(".")[2]
@@ -185,6 +216,29 @@ def vehicle_instance(messages: Messages) -> int | None:
     from attlog.flight.mavlink import choose_system_id
 
     return choose_system_id(messages, messages.path, None)
+
+
+def without_part(name: str) -> tuple[str, str]:
+    """Split a name into that of all its records and its sensor: ``BATTERY_STATUS.id``, ``id=1``; empty without one."""
+    match = PART.search(name)
+    if match is None:
+        return name, ""
+    instance = f"[{match['instance']}]" if match["instance"] else ""
+    return f"{name[: match.start()]}{instance}{name[match.end() :]}", match["part"]
+
+
+def parts_of(table: Table) -> dict[str, NDArray[np.bool_]]:
+    """Return the records (n,) of each sensor of a telemetry message by ``id=0``, ``id=1``, empty if it serves one."""
+    from attlog.formats.mavlink.layout import instance_fields
+
+    column = instance_fields().get(table.name, "")
+    if column not in table.fields:
+        return {}
+    keys, which = np.unique(table[column], return_inverse=True)
+    words = [key.decode("ascii", "replace") if isinstance(key, bytes) else str(key) for key in keys.tolist()]
+    if not 1 < len(keys) <= MAX_PARTS:
+        return {}
+    return {f"{column}={word}": which == k for k, word in enumerate(words) if PART.fullmatch(f"[{column}={word}]")}
 
 
 def numeric_fields(table: Table) -> list[str]:

@@ -28,7 +28,7 @@ from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
 from attlog.core.own_files import DATA
 from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
-from attlog.flight.signals import NAME, vehicle_instance
+from attlog.flight.signals import NAME, parts_of, vehicle_instance, without_part
 from attlog.flight.timestamps import record_clock
 from attlog.formats import Field, Messages, Table
 from attlog.pipeline.summary import sha256
@@ -80,8 +80,10 @@ def messages(log: FlightLog, names: Collection[str], system: int | None = None) 
     opened = log.messages or formats.open(log.path, system).boot(log.boot)
     clock = record_clock(opened, system)
     size, limit = 0, max(EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO * log.path.stat().st_size)
-    for (name, instance), wanted in select_tables(opened, names).items():
+    for (name, instance), wanted, part in _selected_parts(opened, names):
         table = opened[name, instance]
+        if part:
+            table = _rows_of_part(table, part)
         columns: dict[str, NDArray[Any]] = {}
         stamps = clock(table)
         if stamps is not None:
@@ -97,7 +99,25 @@ def messages(log: FlightLog, names: Collection[str], system: int | None = None) 
             )
         units = {c: unit for c in wanted or table.fields if (unit := field_of(table, c).unit)}
         several = len(opened.instances(name)) > 1
-        yield Extract(f"{name}_{instance}" if several else name, columns, units | {"time_s": "s"})
+        title = f"{name}_{instance}" if several else name
+        yield Extract(f"{title}_{part.replace('=', '_')}" if part else title, columns, units | {"time_s": "s"})
+
+
+def _selected_parts(opened: Messages, names: Collection[str]) -> list[tuple[tuple[str, int], list[str], str]]:
+    """Return tables with the fields that are wanted, and the sensor whose records are, empty for all records."""
+    by_part: dict[str, list[str]] = {} if names else {"": []}
+    for whole, part in map(without_part, names):
+        by_part.setdefault(part, []).append(whole)
+    return [(key, fields, part) for part, own in by_part.items() for key, fields in select_tables(opened, own).items()]
+
+
+def _rows_of_part(table: Table, part: str) -> Table:
+    """Return the records of one sensor of a message. UsageError, with all, for another one."""
+    parts = parts_of(table)
+    if part not in parts:
+        known = f"it has {', '.join(parts)}" if parts else "it serves one sensor"
+        raise UsageError(f"no {part} of {table.name}; {known}")
+    return table.rows(parts[part])
 
 
 def other_senders(log: FlightLog, names: Iterable[str]) -> list[str]:

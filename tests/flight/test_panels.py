@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from attlog.core.errors import UsageError
 from attlog.flight import panels, read_messages
 from attlog.flight.ardupilot.panels import ROWS as ARDUPILOT
 from attlog.flight.mavlink import PANEL_ROWS
 from attlog.flight.panels import PANELS, PanelLine, panel_lines
 from attlog.flight.px4.panels import ROWS as PX4
+from attlog.flight.signals import Signals
 from attlog.formats.table import Field, Messages, ParamChange
+from attlog.pipeline import extraction
 from tests.flight import fake
 
 N, RATE = 100, 50.0
@@ -119,20 +123,79 @@ def test_the_percentages_of_px4_are_shares_in_the_log() -> None:
     assert found["load", "CPU"].y == pytest.approx(40.0)
 
 
-def test_unset_numbers_of_telemetry_are_missing() -> None:
-    t = np.arange(N, dtype=np.uint32) * 20 + 1000
-    own = 1 * 256 + 1
+OWN = 1 * 256 + 1
+
+
+def telemetry(tables: dict[str, Any]) -> Messages:
+    """A tlog of an ArduPilot vehicle with its attitude."""
     beat = {"type": 2, "autopilot": 3, "base_mode": 81, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
-    pulses = np.where(np.arange(N) % 2 == 0, 65535, 1500 + np.arange(N))
-    tables: dict[tuple[str, int], Any] = {
-        ("HEARTBEAT", own): {"_t_us": fake.micros(N, RATE)} | {k: np.full(N, v) for k, v in beat.items()},
-        ("ATTITUDE", own): {"_t_us": fake.micros(N, RATE), "time_boot_ms": t}
-        | {k: 0.01 * RAMP for k in ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")},
-        ("RC_CHANNELS", own): {"_t_us": fake.micros(N, RATE), "time_boot_ms": t, "chan1_raw": pulses},
-    }
+    angles = {k: 0.01 * RAMP for k in ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")}
+    at = {"time_boot_ms": np.arange(N, dtype=np.uint32) * 20 + 1000}
+    whole = {"HEARTBEAT": {k: np.full(N, v) for k, v in beat.items()}, "ATTITUDE": at | angles} | tables
+    made = {(name, OWN): {"_t_us": fake.micros(N, RATE)} | columns for name, columns in whole.items()}
     systems = {"systems": {1: {"autopilot": 3, "component": 1}}, "system": 1}
-    made = fake.messages("tlog", tables, [ParamChange("A", 1.0)], info=systems)
-    found = lines(made)
+    return fake.messages("tlog", made, [ParamChange("A", 1.0)], info=systems)
+
+
+def batteries(first: int = 0) -> Messages:
+    """Telemetry of two batteries by turns: 12 V falling in three cells, and 24 V as one number."""
+    second = np.arange(N) % 2 == 1
+    volts = np.full((N, 10), 65535, np.uint16)
+    volts[~second, :3] = (4000 - 100 * RAMP[~second, None]).astype(np.uint16)
+    volts[second, 0] = 24000
+    used = np.where(second, 900 + np.arange(N), 100 + np.arange(N))
+    return telemetry(
+        {"BATTERY_STATUS": {"id": first + second.astype(np.uint8), "voltages": volts, "current_consumed": used}}
+    )
+
+
+def test_batteries_of_one_message_are_lines_of_their_own() -> None:
+    found = lines(batteries())
+    assert found["volts", "battery"].y == pytest.approx(12.0 - 0.3 * RAMP[::2], abs=0.004)
+    assert found["volts", "battery 2"].y == pytest.approx(24.0)
+    for label in ("battery", "battery 2"):
+        assert np.all(np.diff(found["used", label].y) > 0.0)
+    assert found["used", "battery 2"].y[0] == 901.0
+
+
+def test_signals_of_a_message_that_serves_several_sensors_are_named_by_sensor() -> None:
+    log = read_messages(batteries(first=3), None, None, None)
+    signals = Signals(log)
+    names = {signal.name: signal.n for signal in signals.all if signal.message == "BATTERY_STATUS"}
+    assert names["BATTERY_STATUS[id=3].current_consumed"] == N // 2
+    assert "BATTERY_STATUS.current_consumed" not in names
+    assert signals.read("BATTERY_STATUS[id=4].current_consumed")[1][0] == 901.0
+    assert signals.read("BATTERY_STATUS[257,id=4].current_consumed")[1][0] == 901.0
+    assert signals.read("BATTERY_STATUS.current_consumed")[1][0] == 100.0  # the first
+    with pytest.raises(UsageError, match=r"BATTERY_STATUS\[id=4\]"):
+        signals.read("BATTERY_STATUS[id=5].current_consumed")
+
+
+def test_one_sensor_of_a_message_can_be_extracted(tmp_path: Path) -> None:
+    log = read_messages(batteries(), None, None, None)
+    log.path = tmp_path / "two.tlog"
+    log.path.write_bytes(bytes(100_000))
+    (second,) = extraction.messages(log, ["BATTERY_STATUS[id=1].current_consumed"])
+    assert second.name == "BATTERY_STATUS_id_1"
+    assert list(second.columns) == ["time_s", "current_consumed"]
+    assert second.columns["current_consumed"].tolist() == list(range(901, 1000, 2))
+    (whole,) = extraction.messages(log, ["BATTERY_STATUS"])
+    assert len(whole.columns["id"]) == N
+    with pytest.raises(UsageError, match="no id=7 of BATTERY_STATUS; it has id=0, id=1"):
+        list(extraction.messages(log, ["BATTERY_STATUS[id=7]"]))
+
+
+def test_names_that_cannot_be_typed_are_no_sensors() -> None:
+    values = {"name": np.array([b"a", b"b", b"../x", b"[c]"] * (N // 4)), "value": RAMP}
+    signals = Signals(read_messages(telemetry({"NAMED_VALUE_FLOAT": values}), None, None, None))
+    names = {signal.name for signal in signals.all if signal.message == "NAMED_VALUE_FLOAT"}
+    assert names == {"NAMED_VALUE_FLOAT[name=a].value", "NAMED_VALUE_FLOAT[name=b].value"}
+
+
+def test_unset_numbers_of_telemetry_are_missing() -> None:
+    pulses = np.where(np.arange(N) % 2 == 0, 65535, 1500 + np.arange(N))
+    at = {"time_boot_ms": np.arange(N, dtype=np.uint32) * 20 + 1000}
+    found = lines(telemetry({"RC_CHANNELS": at | {"chan1_raw": pulses}}))
     roll = found["stick_pulses", "roll"].y
     assert np.isnan(roll[::2]).all()
     assert np.nanmax(roll) < 1700

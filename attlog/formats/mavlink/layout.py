@@ -127,6 +127,13 @@ def dialect() -> dict[int, Any]:
 
 
 @cache
+def instance_fields() -> dict[str, str]:
+    """Return the fields that tell sensors, ports or values of one message apart, by message: BATTERY_STATUS, ``id``."""
+    fields = {message.msgname: getattr(message, "instance_field", None) for message in dialect().values()}
+    return {name: field for name, field in fields.items() if field}
+
+
+@cache
 def message_catalogue() -> Catalogue:
     """Return the catalogue of the dialect."""
     messages = dialect()
