@@ -133,8 +133,9 @@ def filter_table(result: Result, window: str, width: int, verbose: bool = False)
     """Table of the filters in at most ``width`` columns, with its legend; empty if no question has a value.
 
     ``*`` marks rows that none is significantly better than, ``~`` rows that may not be ranked; a word says why a value
-    is missing. A narrow table loses ids, then half intervals, then columns, which its last line names. Without
-    ``verbose`` it has a column for each question, and of the onboard sources only what flew and the reference.
+    is missing. A narrow table loses ids, then half intervals, then columns: with ``verbose`` they follow in further
+    tables, else the last line names them. Without ``verbose`` it has a column for each question, and of the onboard
+    sources only what flew and the reference.
     """
     from attlog.words.names import row_names
     from attlog.words.table import main_table
@@ -155,9 +156,30 @@ def filter_table(result: Result, window: str, width: int, verbose: bool = False)
     ahead = [names[row.name] for row, _ in found.rows if not row.causal and not row.is_reference]
     legend += [f"Looks ahead in time: {'; '.join(ahead)}."] if ahead else []
     legend += [f"{names[r.name]} failed: {r.reason.removeprefix(f'{r.name}: ')}." for r in _without_data(result)]
-    left_out = [c.title[0].lower() + c.title[1:] for c in found.columns if c.spare > spare]
+    others = [i for i, heading in enumerate(found.columns) if heading.spare > spare]
+    if verbose:
+        lines += _further_tables(found, others, names, halves, width)
+    left_out = [found.columns[i].title[0].lower() + found.columns[i].title[1:] for i in others if not verbose]
     legend += [f"No room for: {', '.join(left_out)}."] if left_out else []
     return lines + [TextLine(line, "dim") for text in legend for line in textwrap.wrap(text, width)]
+
+
+def _further_tables(
+    found: FilterTable, others: list[int], names: Mapping[str, str], halves: bool, width: int
+) -> Iterator[TextLine]:
+    """Yield tables of the columns ``others``, each with as many as fit."""
+    from attlog.words.table import FilterTable
+
+    while others:
+        for count in range(len(others), 0, -1):
+            some = others[:count]
+            part = FilterTable([found.columns[i] for i in some], [(row, [c[i] for i in some]) for row, c in found.rows])
+            lines = _filter_rows(part, names, False, halves, ALL_COLUMNS, False)
+            if max(len(line.text) for line in lines) <= width or count == 1:
+                break
+        others = others[count:]
+        yield TextLine("")
+        yield from lines
 
 
 def _filter_rows(
