@@ -118,8 +118,8 @@ def reproduction_summary(estimator: str, found: Reproduction) -> str:
     """Return in a few words how closely an estimator such as ``px4_ekf2`` follows the flown attitude."""
     until = "" if found.until_s is None else f" until {moment(found.until_s)}"
     if found.follows:
-        return f"{flown_name(estimator)} re-run: within {_distance(found)} of what flew{until}."
-    return f"{flown_name(estimator)} re-run does not follow what flew: {_distance(found)} apart{until}."
+        return f"{flown_name(estimator)} re-run follows within {_distance(found)}{until}."
+    return f"{flown_name(estimator)} re-run does not follow: {_distance(found)} apart{until}."
 
 
 def mode_phrase(mode: str) -> str:
