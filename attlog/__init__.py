@@ -2,41 +2,94 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import typing as _typing
 
 __version__ = "0.20.0"
-__all__ = ["Aids", "AttlogError", "Config", "Result", "analyze", "estimate", "evaluate", "prepare", "read"]
+__all__ = [
+    "Aids",
+    "Answer",
+    "Attitude",
+    "AttitudeComparison",
+    "AttlogError",
+    "Case",
+    "Check",
+    "Config",
+    "Estimate",
+    "EstimatorRow",
+    "Event",
+    "Finding",
+    "FlightLog",
+    "Measurements",
+    "Reference",
+    "Result",
+    "UnitWarning",
+    "UsageError",
+    "analyze",
+    "compare_attitude",
+    "estimate",
+    "evaluate",
+    "place",
+    "prepare",
+    "read",
+    "rotation",
+]
 
-if TYPE_CHECKING:
-    from attlog.core.errors import AttlogError
-    from attlog.estimators import Aids, estimate
+if _typing.TYPE_CHECKING:
+    from attlog import rotation
+    from attlog.core.errors import AttlogError, UsageError
+    from attlog.estimators import Aids, Estimate, Measurements, estimate, place
+    from attlog.estimators.unit_checks import UnitWarning
     from attlog.flight import read
+    from attlog.flight.model import Attitude, FlightLog
+    from attlog.health.check import Check
+    from attlog.health.findings import Finding
+    from attlog.metrics.metric import Answer, Case
     from attlog.pipeline import analyze, evaluate, prepare
+    from attlog.pipeline.attitude_comparison import AttitudeComparison, compare_attitude
     from attlog.pipeline.config import Config
-    from attlog.result import Result
+    from attlog.reference.model import Reference
+    from attlog.result import EstimatorRow, Result
+    from attlog.story.flight_events import Event
+else:
+    # A type checker does not see this function: to it a name that is not listed is an error.
+    _HOMES = {
+        "Aids": "attlog.estimators",
+        "Answer": "attlog.metrics.metric",
+        "Attitude": "attlog.flight.model",
+        "AttitudeComparison": "attlog.pipeline.attitude_comparison",
+        "AttlogError": "attlog.core.errors",
+        "Case": "attlog.metrics.metric",
+        "Check": "attlog.health.check",
+        "Config": "attlog.pipeline.config",
+        "Estimate": "attlog.estimators",
+        "EstimatorRow": "attlog.result",
+        "Event": "attlog.story.flight_events",
+        "Finding": "attlog.health.findings",
+        "FlightLog": "attlog.flight.model",
+        "Measurements": "attlog.estimators",
+        "Reference": "attlog.reference.model",
+        "Result": "attlog.result",
+        "UnitWarning": "attlog.estimators.unit_checks",
+        "UsageError": "attlog.core.errors",
+        "analyze": "attlog.pipeline",
+        "compare_attitude": "attlog.pipeline.attitude_comparison",
+        "estimate": "attlog.estimators",
+        "evaluate": "attlog.pipeline",
+        "place": "attlog.estimators",
+        "prepare": "attlog.pipeline",
+        "read": "attlog.flight",
+        "rotation": "",
+    }
 
-_HOMES = {
-    "Aids": "attlog.estimators",
-    "AttlogError": "attlog.core.errors",
-    "Config": "attlog.pipeline.config",
-    "Result": "attlog.result",
-    "analyze": "attlog.pipeline",
-    "estimate": "attlog.estimators",
-    "evaluate": "attlog.pipeline",
-    "prepare": "attlog.pipeline",
-    "read": "attlog.flight",
-}
+    def __getattr__(name: str) -> object:
+        """Import a public name when it is first used: ``import attlog`` stays light."""
+        if name not in _HOMES:
+            raise AttributeError(f"module 'attlog' has no attribute {name!r}")
+        from importlib import import_module
 
-
-def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used: ``import attlog`` stays light."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'attlog' has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(_HOMES[name]), name)
+        return getattr(import_module(_HOMES[name]), name) if _HOMES[name] else import_module(f"attlog.{name}")
 
 
 def __dir__() -> list[str]:
     """Return the public names for completion, also before their first use."""
-    return sorted({*globals(), *__all__})
+    return [*__all__, "__version__"]

@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from collections import Counter
 from collections.abc import Iterator
@@ -21,8 +22,9 @@ from tests.conftest import ROOT, SAMPLES
 
 
 @pytest.mark.slow
-def test_the_notebook_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(ROOT / "docs")
+def test_the_notebook_runs_from_top_to_bottom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In an empty folder, as after an installation without the repository."""
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     notebook = json.loads((ROOT / "docs" / "library.ipynb").read_text(encoding="utf-8"))
     names: dict[str, object] = {}
@@ -30,6 +32,18 @@ def test_the_notebook_runs_from_top_to_bottom(monkeypatch: pytest.MonkeyPatch) -
     assert len(cells) > 5
     for number, cell in enumerate(cells):
         exec(compile(cell, f"cell {number}", "exec"), names)
+
+
+def test_the_notebook_imports_what_its_extra_installs() -> None:
+    notebook = json.loads((ROOT / "docs" / "library.ipynb").read_text(encoding="utf-8"))
+    code = "\n".join("".join(c["source"]) for c in notebook["cells"] if c["cell_type"] == "code")
+    imported = {name.partition(".")[0] for name in re.findall(r"^(?:import|from) ([\w.]+)", code, re.M)}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extra = project["optional-dependencies"]["notebook"]
+    installed = {re.split(r"[<>=\[ ]", word)[0] for word in [*project["dependencies"], *extra]}
+    assert imported - installed - set(sys.stdlib_module_names) == {"attlog"}
+    assert {"ipykernel", "nbformat"} <= installed  # the kernel, and what plotly draws a figure with
+    assert "sample_logs" not in code
 
 
 USER_PAGES = [
@@ -196,12 +210,13 @@ def test_every_python_example_runs(document: str, folder: Path, monkeypatch: pyt
     if document == "docs/batch.md":
         shell("rm -rf out; attlog batch flights --estimators gyro,mahony -o out", folder)
     t = np.arange(0.0, 2.0, 0.01)
-    names: dict[str, object] = {
+    own: dict[str, object] = {
         "t": t,
         "gyr": np.zeros((200, 3)),
         "acc": np.tile([0.0, 0.0, -9.81], (200, 1)),
         "mag": np.tile([0.2, 0.0, 0.4], (200, 1)),
     }
+    names = {} if document == "docs/python.md" else own  # a first page has nothing undefined
     for number, block in enumerate(blocks(document, "python")):
         exec(compile(block, f"{document}, example {number + 1}", "exec"), names)
 

@@ -44,7 +44,10 @@ class AttlogError(Exception):
 
 
 class UsageError(AttlogError):
-    """Wrong call, option or configuration file."""
+    """Wrong call, option or configuration file.
+
+    The message says what is wrong, and where a name is unknown it lists the known ones or the nearest.
+    """
 
     exit_code = 2
 

@@ -26,6 +26,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from attlog.core.brief import brief
 from attlog.core.errors import UsageError
 from attlog.core.jit import F2, I1
 from attlog.estimators.interface import AIDS, Array, Estimator
@@ -51,6 +52,7 @@ class Measurements:
     t: Array
     x: Array
     sigma: Array | None = None
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         t, x = _array(self.t, "t"), _array(self.x, "x")
@@ -104,6 +106,7 @@ class Aids:
     sampling: Literal["interval", "instant"] = "interval"
     impact: float | None = None
     mag: Measurements | None = None
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if self.field is not None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,14 +16,22 @@ from attlog.core.errors import PluginError, UsageError
 from attlog.estimators import run as loop
 from attlog.estimators.aids import Aids
 from attlog.estimators.interface import Array, Estimate, Estimator, LogFacts, cut_by_comma
-from attlog.estimators.registry import BUILT_IN, FLOWN, get, names
+from attlog.estimators.registry import BUILT_IN, get, names
 from attlog.estimators.samples import HOLD_PERIODS, Sampling, place, prepare
+from attlog.estimators.unit_checks import warn_of_units
+from attlog.flight.model import FlightLog
 
 # The rows of ``default``: the papers' filters and modern ones with the gains of docs/estimators.md, and the bare
 # gyro as the baseline that wins nothing.
 DEFAULT = tuple(
     name for name in ("complementary", "mahony", "madgwick", "ekf12", "vqf", "mekf", "eskf", "gyro") if name in BUILT_IN
 )
+
+
+class PreparedLog(Protocol):
+    """Log prepared for filters, as :func:`attlog.prepare` returns it."""
+
+    log: FlightLog
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +120,7 @@ def _member(name: str) -> EstimatorSpec:
 
 def estimate(
     name: str | EstimatorSpec | Estimator,
-    t: Any,
+    t: ArrayLike | FlightLog | PreparedLog | Path,
     gyr: ArrayLike | None = None,
     acc: ArrayLike | None = None,
     mag: ArrayLike | None = None,
@@ -125,7 +134,11 @@ def estimate(
     log: LogFacts | None = None,
     **params: Any,
 ) -> Estimate:
-    """Estimate the attitude (n, 4) from raw sensor samples, with bias and counts.
+    """Estimate the attitude (n, 4) of a log or of raw sensor samples, with bias and counts.
+
+    ``estimate("mahony", log)`` takes a log, its path or a prepared :class:`~attlog.Case` for ``t`` and runs the filter
+    as an analysis does, on the log's own IMU, compass, aids and sampling, with its gyro bias at rest subtracted (and
+    part of the ``bias`` returned); with the log go ``params`` and the keywords ``q0``, ``declination`` and ``every``.
 
     ``name``: ``NAME[@PRESET][:k=v,...]``, an EstimatorSpec or an Estimator. ``t`` (n,) s; ``gyr`` (n, 3)
     rad/s; ``acc`` (n, 3) m/s^2 specific force; ``mag`` (n, 3) any unit, NaN rows where there
@@ -137,31 +150,40 @@ def estimate(
     airspeed and times at rest for estimators that use them; its ``mag`` replaces a missing ``mag``.
     ``log``: parameters and facts of a log; a preset and ``params`` override it.
 
-    A filter that flew (``px4_ekf2``, ``ap_ekf3``) takes a log or its path for ``t`` and a mapping of the firmware's
-    parameters as ``params``: ``estimate("ap_ekf3", log, params={"EK3_MAG_M_NSE": 0.1})``.
+    A filter that flew (``px4_ekf2``, ``ap_ekf3``) takes a log, and a mapping of the firmware's parameters as
+    ``params``: ``estimate("ap_ekf3", log, params={"EK3_MAG_M_NSE": 0.1})``.
 
     The result is at the input's own good samples; what was left out is counted in
     ``skipped``. North is magnetic unless ``declination`` is given, and without ``mag`` where the first heading
     pointed. Equations and sources of each: ``attlog estimators NAME``. UsageError for wrong shapes, names or values,
-    or a missing sensor; PluginError and PluginTimeout of estimators that are not attlog's.
+    or a missing sensor; PluginError and PluginTimeout of estimators that are not attlog's. UnitWarning where samples
+    look as if they were in deg/s, g, us or axes of another convention.
     """
     row = parse(name) if isinstance(name, str) else name if isinstance(name, EstimatorSpec) else EstimatorSpec(name)
     estimator = row.estimator
-    if estimator.name in FLOWN and gyr is None:
-        from attlog.pipeline.onboard_rerun import estimate_flown  # needs the whole flight
+    if gyr is None and _is_log(t):
+        brought = {"acc": acc, "mag": mag, "dt": dt, "aids": aids, "log": log}
+        foreign = [key for key, value in brought.items() if value is not None]
+        foreign += ["sampling"] * (sampling != "interval")
+        if foreign:
+            raise UsageError(f"{', '.join(foreign)}: a log brings its own; leave it out or give t, gyr, acc as arrays")
+        from attlog.pipeline.replay import estimate_log  # needs the whole flight
 
         asked = {**row.params, **dict(params.pop("params", {})), **params}
-        values = {key: estimator.parameter(key).check(value, estimator.name) for key, value in asked.items()}
-        return estimate_flown(replace(row, params=values), t)
+        source: Any = t
+        return estimate_log(replace(row, params=asked), source, q0=q0, declination=declination, every=every)
     if gyr is None:
-        raise UsageError(f"{estimator.name} needs gyro samples: estimate({estimator.name!r}, t, gyr, acc)")
+        raise UsageError(f"{estimator.name} needs a log or gyro samples: estimate({estimator.name!r}, t, gyr, acc)")
+    times: Any = t
+    if log is None:  # the samples of a log are in the units of its flight
+        warn_of_units(times, gyr, acc)
     if estimator.process is not None:
         facts = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
         return estimator.process.call(
             _there,
             row.preset,
             {**row.params, **params},
-            (t, gyr, acc, mag),
+            (times, gyr, acc, mag),
             sampling=sampling,
             q0=q0,
             declination=declination,
@@ -171,7 +193,7 @@ def estimate(
             log=facts,
         )
     if mag is None and isinstance(aids, Aids) and aids.mag is not None and "mag" in estimator.uses:
-        mag = place(t, aids.mag.t, aids.mag.x)
+        mag = place(times, aids.mag.t, aids.mag.x)
     fixes = aids.velocity if isinstance(aids, Aids) else None
     for sensor, data in (("acc", acc), ("mag", mag), ("gnss", fixes)):
         if sensor in estimator.needs and data is None:
@@ -188,18 +210,23 @@ def estimate(
         if "declination" in values:
             declination = float(values["declination"])
         other = {"sampling": sampling, "q0": q0, "declination": declination, "dt": dt, "every": every, "aids": aids}
-        found = estimate(estimator.without_gnss, t, gyr, acc, mag, **other)  # type: ignore[arg-type]
+        found = estimate(estimator.without_gnss, times, gyr, acc, mag, **other)  # type: ignore[arg-type]
         heard = [*["mag"] * (mag is not None), *["airspeed"] * (aids is not None and aids.airspeed is not None)]
         quality: dict[str, float | str] = {"aided_by": " ".join(heard) or "gravity", "model": estimator.without_gnss}
         return replace(found, quality=quality)
     ours = estimator.origin == "attlog"
     lead = not ours or (estimator.run is None and estimator.vectors_at == "start")
-    samples = prepare(t, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)
+    samples = prepare(times, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)
     samples.once = ours  # others may have to run again, to say where they failed
-    del t, gyr, acc, mag, data, fixes, dt  # what was made for this call alone goes before the filter runs
+    del t, times, gyr, acc, mag, data, fixes, dt  # what was made for this call alone goes before the filter runs
     if estimator.run is not None:
         aids = replace(aids or Aids(), sampling=sampling)
     return loop.with_line(estimator, lambda: loop.run(estimator, samples, values, q0, int(every), aids))
+
+
+def _is_log(given: object) -> bool:
+    """Return whether ``t`` is a log, its path or a prepared log rather than times."""
+    return isinstance(given, str | Path | FlightLog) or isinstance(getattr(given, "log", None), FlightLog)
 
 
 def _there(

@@ -16,6 +16,7 @@ from typing import Any, Literal, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import brief
 from attlog.core.errors import AttlogError, PluginError, UsageError, suggestion
 from attlog.core.limits import MAX_ERROR_LETTERS
 
@@ -178,6 +179,7 @@ class LogFacts:
     params: Mapping[str, float] = field(default_factory=dict)
     info: LogInfo = LogInfo()
     given: Mapping[str, float] = field(default_factory=dict)
+    __repr__ = brief
 
 
 INIT = choice(
@@ -360,6 +362,7 @@ class Estimate:
     causal: bool = True
     no_heading: list[tuple[float, float]] = field(default_factory=list)
     quality: dict[str, float | str] = field(default_factory=dict)
+    __repr__ = brief
 
 
 def _short(value: object) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
+from attlog.core.brief import brief
 from attlog.flight.calibration import px4_slot_in_use, slot_suffix
 from attlog.flight.vehicle import version_number
 
@@ -48,6 +49,7 @@ class VehicleSettings:
     family: str = ""
     values: Mapping[str, float] = field(default_factory=dict)
     name: str = ""
+    __repr__ = brief
 
 
 _SD_CARD = "Take the log from the vehicle's SD card ({name}) instead of telemetry."

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import brief, listed, table_html, table_text
 from attlog.core.errors import call_guarded
 from attlog.flight.advice import LoggingNeed, VehicleSettings, advise_rest, logging_advice, remedy
 from attlog.flight.drive import Esc, MotorOutputs
@@ -70,6 +71,7 @@ class Stream:
     sampling: Literal["interval", "instant"] = "instant"
     delay: float = 0.0
     t_sample: Array | None = None
+    __repr__ = brief
 
     @property
     def rate(self) -> float:
@@ -100,6 +102,7 @@ class Imu:
     dt: Array | None = None
     note: str = ""
     acc_device: str | None = None
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -117,6 +120,7 @@ class Mag:
     enabled: bool = True
     raw: Stream | None = None
     offsets: Stream | None = None
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -133,6 +137,7 @@ class Reception:
     jamming: Array
     jamming_state: Array
     spoofing_state: Array
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -158,6 +163,7 @@ class Gnss:
     utc_us: NDArray[np.int64] | None = None
     received: Array | None = None
     reception: Reception | None = None
+    __repr__ = brief
 
     @property
     def heading(self) -> Stream | None:
@@ -219,6 +225,7 @@ class Attitude:
     normal: bool = False
     position: Array | None = None
     fit: TruthFit | None = None
+    __repr__ = brief
 
     @property
     def rate(self) -> float:
@@ -242,6 +249,7 @@ class TimeLine:
     t: Array
     value: list[Any]
     source: str
+    __repr__ = brief
 
     def at(self, t: float) -> Any:
         """Return the value at ``t``: the first value before the first entry, None if empty."""
@@ -262,6 +270,7 @@ class FlightState:
     landed: TimeLine | None = None
     mode: TimeLine | None = None
     mode_reason: TimeLine | None = None
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -273,6 +282,7 @@ class PilotInput:
 
     sticks: Stream | None = None
     signal: TimeLine | None = None
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -281,6 +291,7 @@ class Setpoints:
 
     attitude: Attitude | None = None
     rates: Stream | None = None
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -301,6 +312,7 @@ class Power:
     outputs: MotorOutputs | None = None
     board: Stream | None = None
     overcurrent: Stream | None = None
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -314,6 +326,7 @@ class Processor:
     loops: Stream | None = None
     load: Stream | None = None
     memory: Stream | None = None
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -336,6 +349,7 @@ class Parameters:
     trim_source: str = ""
     declination: float | None = None
     declination_source: str = ""
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -349,6 +363,7 @@ class InnovationTest:
     t: Array
     ratio: Array
     source: str
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -370,6 +385,7 @@ class OnboardEstimator:
     innovation_tests: list[InnovationTest] = field(default_factory=list)
     lane: TimeLine | None = None
     inputs: Callable[..., Any] | None = None
+    __repr__ = brief
 
 
 # Definition of a vibration level. ``rest`` (ArduPilot's VIBE): root of the low-passed square of the remainder of a 5 Hz
@@ -404,6 +420,7 @@ class OnboardVibration:
     source: str
     t: Array
     level: Array
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -420,6 +437,7 @@ class Burst:
     x: NDArray[np.float32]
     filtered: bool
     source: str
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -434,6 +452,7 @@ class OnboardSpectrum:
     rate: float
     resolution: float
     source: str
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -450,6 +469,7 @@ class Clipping:
     t: Array
     new: NDArray[np.int64]
     whole: bool
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -465,6 +485,7 @@ class Vibration:
     bursts: list[Burst] = field(default_factory=list)
     spectrum: OnboardSpectrum | None = None
     clippings: list[Clipping] = field(default_factory=list)
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
@@ -552,6 +573,37 @@ class FlightLog:
     choices: dict[str, str] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     seconds: float = 0.0
+
+    def __repr__(self) -> str:
+        return table_text(*self._summary())
+
+    def _repr_html_(self) -> str:
+        return table_html(*self._summary())
+
+    def _summary(self) -> tuple[str, list[tuple[str, str]]]:
+        """Return title and rows of the short text."""
+        sort = ", ".join(x for x in (str(self.firmware), self.vehicle, "simulated" if self.simulated else "") if x)
+        modes = [] if self.state.mode is None else list(dict.fromkeys(map(str, self.state.mode.value)))
+        sensors = [f"gnss {g.source}" for g in self.gnss] + [f"baro {b.source}" for b in self.baro]
+        sensors += [] if self.airspeed is None else [f"airspeed {self.airspeed.source}"]
+        attitudes = [f"{name} (onboard)" if name == self.onboard else name for name in self.attitudes]
+        attitudes += [] if self.truth is None else [f"{self.truth.source} (truth)"]
+        imus = [f"{u.index}: {u.gyro.source} {u.gyro.rate:.0f} Hz" for u in self.imus]
+        mags = [f"{u.index}: {u.field.source} {u.field.rate:.0f} Hz" for u in self.mags]
+        for names, chosen in ((imus, self.imu), (mags, self.mag)):
+            if chosen is not None:
+                names[chosen] += " (replayed)"
+        rows = [
+            ("vehicle", sort),
+            ("imus", listed(imus, 4) or "none"),
+            ("mags", listed(mags, 4) or "none"),
+            ("others", listed(sensors, 6) or "none"),
+            ("attitudes", listed(attitudes, 6) or "none"),
+            ("modes", listed(modes, 8) or "not logged"),
+            ("parameters", str(len(self.parameters.lines))),
+            ("problems", f"{len(self.problems)}: {self.problems[0].text}" if self.problems else "none"),
+        ]
+        return f"FlightLog of {self.path.name}, {self.format}, {self.seconds:.1f} s", rows
 
     @property
     def kind(self) -> VehicleKind:

@@ -337,6 +337,9 @@ class Messages(Mapping[tuple[str, int], Table]):
     dropouts_ms: list[int] = field(default_factory=list)
     boots: list[Boot] = field(default_factory=list)
 
+    def __repr__(self) -> str:
+        return f"Messages({str(self.path)!r}, {self.format}, {len(self.tables)} tables)"
+
     def __getitem__(self, key: tuple[str, int]) -> Table:
         return self.tables[key]
 

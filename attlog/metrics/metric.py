@@ -12,6 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import brief
 from attlog.flight.model import FlightLog, Imu
 from attlog.metrics.gyro_bias import CommonBias, common_bias, no_common_bias
 from attlog.metrics.statistics import UnitValues
@@ -101,6 +102,7 @@ class Answer:
     disagree: tuple[float, float] | None = None
     taken_out: float | None = None
     units: UnitValues | None = field(default=None, repr=False, compare=False)
+    __repr__ = brief
 
     def __post_init__(self) -> None:
         if self.value is None:
@@ -217,6 +219,7 @@ class Case:
     of_log: dict[Hashable, Any] = field(default_factory=dict, repr=False)
     of_row: WeakKeyDictionary[Track, dict[Hashable, Any]] = field(default_factory=WeakKeyDictionary, repr=False)
     undecided: list[tuple[Track, Answer]] = field(default_factory=list, repr=False)
+    __repr__ = brief
 
     def bias_of(self, imu: Imu) -> CommonBias:
         """Return the common bias of an IMU.

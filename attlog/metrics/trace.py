@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import earth, jit
+from attlog.core.brief import brief
 from attlog.core.jit import F2, I1, Out2
 from attlog.core.spans import between, inside
 from attlog.flight.model import FlightLog, Imu, Stream
@@ -64,6 +65,7 @@ class Trace:
     ratio: float = 1.0
     values: dict[str, float] = field(default_factory=dict)
     units: dict[str, str] = field(default_factory=dict)
+    __repr__ = brief
 
 
 @dataclass(slots=True)

@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypedDict
 
 from attlog import estimators
 from attlog.core.errors import UsageError
@@ -33,6 +33,27 @@ def gyro_bias_of(value: Any) -> str:
 
 def _rows(value: Any) -> Any:
     return estimators.items(value) if isinstance(value, str) else value
+
+
+class Options(TypedDict, total=False):
+    """Options of :class:`Config` as keywords of a function."""
+
+    estimators: list[str] | str
+    imu: int | Literal["all"] | None
+    mag: int | Literal["none"] | None
+    reference: str
+    truth: str | None
+    window: str | None
+    score_from: float | None
+    clock: Literal["sample", "publication"]
+    declination: float | Literal["auto", "model", "param"]
+    trim: bool
+    input_delay: float | Literal["auto", "off"]
+    gyro_bias: Literal["rest", "none", "onboard"]
+    boot: int | None
+    system: int | None
+    params: str | None
+    signals: Literal["none", "standard", "all"]
 
 
 @dataclass
@@ -72,14 +93,19 @@ class Config:
         object.__setattr__(self, name, value)
 
     @classmethod
-    def of(cls, config: Config | Mapping[str, Any] | None) -> Config:
+    def of(cls, config: Config | Mapping[str, Any] | None, options: Mapping[str, Any] | None = None) -> Config:
         """Convert a mapping of option names to a configuration; None gives the defaults.
 
-        A configuration is returned unchanged. UsageError as of :meth:`build`.
+        ``options`` replace those of the configuration, which without any is returned unchanged. UsageError as of
+        :meth:`build`.
         """
-        if isinstance(config, Config):
+        if isinstance(config, Config) and not options:
             return config
-        return cls.build(dict(config), origin="config") if config else cls()
+        if config is not None and not isinstance(config, Config | Mapping):
+            raise UsageError(f"config must be attlog.Config or a mapping of options, not {type(config).__name__}")
+        given = config.resolved() if isinstance(config, Config) else dict(config or {})
+        given |= {name: _plain_path(value) for name, value in (options or {}).items()}
+        return cls.build(given, origin="config") if given else cls()
 
     @classmethod
     def build(cls, values: dict[str, Any], origin: str = "") -> Config:
@@ -123,6 +149,13 @@ class Config:
 
 
 DEFAULTS: dict[str, Any] = {f.name: f.default for f in fields(Config)} | {"estimators": ["default"]}
+
+
+def _plain_path(value: Any) -> Any:
+    """Return a path, or each path of a list, as text; others unchanged."""
+    if isinstance(value, list | tuple):
+        return [_plain_path(one) for one in value]
+    return str(value) if isinstance(value, Path) else value
 
 
 def _is_default(name: str, value: Any) -> bool:

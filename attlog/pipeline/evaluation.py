@@ -7,7 +7,7 @@ import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -40,14 +40,14 @@ from attlog.metrics.metric import Case, per_case
 from attlog.metrics.ranking import DuplicateSearch, Ranking
 from attlog.metrics.trace import Trace, height_trace
 from attlog.pipeline import onboard_rerun, replay
-from attlog.pipeline.config import Config
+from attlog.pipeline.config import Config, Options
 from attlog.pipeline.preparation import Stages, flight_of, prepared, reference_options, samples_of, with_next_reference
 from attlog.pipeline.proven_settings import prove_settings
 from attlog.pipeline.replay import Chosen
 from attlog.pipeline.signal_traces import signal_traces
 from attlog.pipeline.summary import describe
 from attlog.reference.model import AlignmentStep, Reference, Track
-from attlog.result import TIMED_OUT, Duplicates, EstimatorRow, ReferenceSummary, Result
+from attlog.result import REFERENCE_NAME, TIMED_OUT, AttitudeTracks, Duplicates, EstimatorRow, ReferenceSummary, Result
 from attlog.segments.model import Segments
 from attlog.words.answers import ONLY_BASELINE, QUESTIONS, verdicts
 
@@ -171,6 +171,18 @@ def _late_field(rows: Iterable[Track]) -> list[Problem]:
     return [Problem("late_field", "note", text)] if waited else []
 
 
+def common_tracks(case: Case) -> AttitudeTracks:
+    """Return tracks with the reference alone, at its times; without one at those of the onboard attitude or the IMU."""
+    ref, imu = case.reference, case.log.replay_imu
+    if ref.kind != "none":
+        tracks = AttitudeTracks.at_times_of(ref.t)
+        tracks.add(REFERENCE_NAME, ref.t, ref.q, ref.segment)
+        return tracks
+    flown = case.log.onboard_attitude
+    t = imu.gyro.t if flown is None and imu is not None else flown.t if flown is not None else np.zeros(0)
+    return AttitudeTracks.at_times_of(t[np.isfinite(t)])
+
+
 class RowMeasurer:
     """Measure rows one by one and release their samples, to bound memory.
 
@@ -196,6 +208,9 @@ class RowMeasurer:
         expected = len(case.imus) * sum(not isinstance(spec, PluginError) for spec in chosen.values())
         self._drawing = metrics.Drawing(self.case, expected, onboard)
         self._drawn: list[Trace] = []
+        self.tracks = (
+            guarded_part(case.log, "Attitudes", partial(common_tracks, case), lambda: None) if traces else None
+        )
 
         def again(row: Track) -> Track:
             return replay.run_again(case, chosen, row.name)
@@ -219,6 +234,8 @@ class RowMeasurer:
         line.status, line.reason = row.status, row.reason
         guarded_part(log, "Which rows are alike", partial(self._likeness.add, row), lambda: None)
         line.metrics = metrics.compute(case, row, case.windows, only=self._only)
+        if self.tracks is not None:
+            guarded_part(log, "Attitudes", partial(self.tracks.add, row.name, row.t, row.q, row.segment), lambda: None)
         if self._traces:
             self._drawn += guarded_part(log, "Figures", partial(self._drawing.of_row, row), list[Trace])
         case.done_with(row)
@@ -354,6 +371,7 @@ def evaluate(
         worst=ranking.worst,
         ranked=ranking.ranked,
         traces=drawn,
+        tracks=measurement.tracks,
         timing=stage.seconds,
     )
     if not only:
@@ -371,17 +389,22 @@ def evaluate(
 
 
 def analyze(
-    source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
+    source: str | Path | FlightLog,
+    config: Config | Mapping[str, Any] | None = None,
+    *,
+    command: str = "",
+    **options: Unpack[Options],
 ) -> Result:
     """Analyse one log as ``attlog analyze`` does, with the traces of its figures.
 
-    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. ``config``: a :class:`Config` or a mapping of
-    options, such as ``{"estimators": ["default", "mahony:kp=0.3"], "reference": "onboard"}``; None: the defaults.
-    ``command`` is stored in the result. Combines :func:`prepare` and :func:`evaluate` with traces and costs, and raises
-    their errors: LogUnreadable, LogUnusable, NotALog, TooLittleMemory, UsageError. A log that cannot be replayed but
-    has an attitude, a position or arming gives a result without the comparison.
+    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. ``options``: fields of :class:`Config` by their
+    names, such as ``estimators=["default", "mahony:kp=0.3"], reference="onboard"``. ``config``: a :class:`Config` or a
+    mapping of the same options, which keywords override. ``command`` is stored in the result. Combines :func:`prepare`
+    and :func:`evaluate` with traces and costs, and raises their errors: LogUnreadable, LogUnusable, NotALog,
+    TooLittleMemory, UsageError. A log that cannot be replayed but has an attitude, a position or arming gives a result
+    without the comparison.
     """
-    settings, stage = Config.of(config), Stages()
+    settings, stage = Config.of(config, options), Stages()
     with log_cache():
         with stage("read"):
             log = flight_of(source, settings)
@@ -401,13 +424,17 @@ def with_signals(result: Result, log: FlightLog, config: Config) -> Result:
 
 
 def health(
-    source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, *, command: str = ""
+    source: str | Path | FlightLog,
+    config: Config | Mapping[str, Any] | None = None,
+    *,
+    command: str = "",
+    **options: Unpack[Options],
 ) -> Result:
     """Check one log as ``attlog health`` does: headline, checks and findings; no filter runs.
 
     Arguments and errors as of :func:`analyze`.
     """
-    settings, stage = Config.of(config), Stages()
+    settings, stage = Config.of(config, options), Stages()
     with log_cache():
         with stage("read"):
             log = flight_of(source, settings)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -199,18 +198,6 @@ def run_again(
         raise UsageError("px4_ekf2 needs a PX4 log that EKF2 flew.")
     short = {EKF2.short(key): value for key, value in changes.items()}
     return rerun_ekf2(inputs, *_field(case.log), short, gnss_hz=gnss_rate_of(case, ""), mode=mode)
-
-
-def estimate_flown(spec: estimators.EstimatorSpec, log: FlightLog | Path | str) -> Estimate:
-    """Re-run the flown filter with the values of ``spec`` over the log's parameters."""
-    from attlog.pipeline import prepare
-
-    case = prepare(log)
-    imu = case.log.replay_imu
-    if imu is None:
-        raise UsageError("The onboard filter cannot be run again: the log holds no IMU.")
-    changes = {key: float(value) for key, value in spec.params.items()}
-    return run_again(case, imu, spec.estimator.name, changes).estimate(case.log.t0_us * 1e-6)
 
 
 def first_lane_switch(log: FlightLog) -> float | None:

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from attlog import flight, reference, segments
 from attlog.core.errors import LogUnusable, UsageError
@@ -20,7 +20,7 @@ from attlog.flight.model import FlightLog, Imu, guarded_part
 from attlog.metrics.gyro_bias import common_bias, no_common_bias
 from attlog.metrics.metric import Case
 from attlog.pipeline import replay
-from attlog.pipeline.config import Config
+from attlog.pipeline.config import Config, Options
 from attlog.reference.model import AlignmentStep, HeadingReference
 from attlog.segments.model import WINDOWS, Segments
 
@@ -137,14 +137,17 @@ def reference_options(config: Config) -> reference.ReferenceOptions:
 
 
 @log_cache()
-def prepare(source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None) -> Case:
+def prepare(
+    source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, **options: Unpack[Options]
+) -> Case:
     """Prepare a log for :func:`evaluate`: everything independent of the filters compared.
 
-    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. A mapping is checked like a configuration file.
+    ``source``: a path or a :class:`FlightLog` from :func:`attlog.read`. ``config`` and ``options`` as of
+    :func:`analyze`; a mapping is checked like a configuration file.
     LogUnreadable or LogUnusable (no inertial data, encrypted, not a log) if the log cannot be analysed, UsageError for
     a missing sensor, reference or window.
     """
-    config = Config.of(config)
+    config = Config.of(config, options)
     stage = Stages()
     with stage("read"):
         log = flight_of(source, config)

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from attlog import estimators, reference
 from attlog.core.errors import AttlogError, PluginError, UsageError, call_guarded
@@ -133,6 +134,48 @@ def replays(
                 if failed is not None:
                     failed[name + suffix] = error
                 yield bug(str(error))
+
+
+def estimate_log(
+    spec: estimators.EstimatorSpec,
+    source: FlightLog | Case | Path | str,
+    *,
+    q0: ArrayLike | None = None,
+    declination: float | None = None,
+    every: int = 1,
+) -> Estimate:
+    """Run a filter over a log's own samples; see :func:`attlog.estimate`.
+
+    The attitude is that of the IMU: neither trim nor heading offset is removed. LogUnusable without an IMU.
+    """
+    from attlog.pipeline.preparation import prepare
+
+    case = source if isinstance(source, Case) else prepare(source, reference="none")
+    imu = case.log.replay_imu
+    if imu is None:
+        raise UsageError(f"{case.log.path}: holds no IMU that a filter could run on")
+    estimator = spec.estimator
+    if is_rerun(spec) or is_recorded(spec):
+        if q0 is not None or declination is not None or every != 1:
+            raise UsageError(f"{spec.name}: takes none of q0, declination and every")
+        if is_recorded(spec):
+            from attlog.external.attitude import read_attitude
+
+            values = {name: value for name, (value, _) in spec.resolved().items()}
+            return read_attitude(Path(estimator.origin), case.log, imu, values)
+        from attlog.pipeline.onboard_rerun import run_again
+
+        asked = {key: estimator.parameter(key).check(value, estimator.name) for key, value in spec.params.items()}
+        changes = {key: float(value) for key, value in asked.items()}
+        return run_again(case, imu, estimator.name, changes).estimate(case.log.t0_us * 1e-6)
+    suffix = next(name for name, unit in case.imus.items() if unit is imu)
+    mag = None if case.log.mag is None else case.log.mags[case.log.mag]
+    samples, facts = _inputs(case, imu, mag, estimator, log_facts(case, suffix), aids_of(case, suffix))
+    found = estimators.estimate(spec, *samples, **facts, q0=q0, declination=declination, every=every)
+    taken = case.bias_of(imu)
+    if found.bias is not None and taken.taken != "none":
+        found.bias = found.bias + taken.at(found.t)
+    return found
 
 
 def run_again(case: Case, specs: Mapping[str, Chosen], name: str) -> Track:

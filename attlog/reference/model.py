@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import brief
 from attlog.core.spans import Span
 from attlog.flight.model import Imu, TruthFit
 
@@ -69,6 +70,7 @@ class ReferenceSamples:
     t: Array
     q: Array
     where: NDArray[np.int64]
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +114,7 @@ class Alignment:
     floor_deg: float = 0.0
     step_deg: float = 0.0
     steps: list[AlignmentStep] = field(default_factory=list)
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -133,6 +136,7 @@ class ReferenceSigma:
 
     tilt_deg: Array
     heading_deg: Array
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -196,6 +200,7 @@ class Reference:
     # Caches: fitted delay and sigma (s) of each gyro, and the samples at the times of the last row.
     delays: list[tuple[Imu, tuple[float, float] | None]] = field(default_factory=list, repr=False)
     samples: ReferenceSamples | None = field(default=None, repr=False, compare=False)
+    __repr__ = brief
 
 
 @dataclass(slots=True)
@@ -215,6 +220,7 @@ class AttitudeErrors:
     scored: NDArray[np.bool_]
     q_est: Array
     q_ref: Array
+    __repr__ = brief
 
 
 @dataclass(frozen=True, slots=True)
@@ -292,6 +298,7 @@ class Track:
     mode: str = ""
     # Further outputs at every sample, (n,) or (n, k), by name.
     aux: dict[str, Array] = field(default_factory=dict)
+    __repr__ = brief
 
     @property
     def knows_north(self) -> bool:
@@ -314,3 +321,4 @@ class HeadingReference:
     heading_deg: Array
     segment: NDArray[np.int64]
     text: str = ""
+    __repr__ = brief

@@ -15,18 +15,31 @@ from attlog.metrics.ranking import Duplicates
 from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep, Reproduction
 from attlog.result.document import MEASURED_TIMES, SCHEMA, SCHEMA_NAME
-from attlog.result.model import TIMED_OUT, EstimatorRow, ParameterValue, ReferenceSummary, Result, Verdict, nothing_ran
+from attlog.result.model import (
+    REFERENCE_NAME,
+    TIMED_OUT,
+    AttitudeTracks,
+    EstimatorRow,
+    ParameterValue,
+    ReferenceSummary,
+    Result,
+    Verdict,
+    nothing_ran,
+    unknown_name,
+)
 from attlog.segments.model import Segment
 from attlog.story.flight_events import Event
 
 __all__ = [
     "CHECKS",
     "MEASURED_TIMES",
+    "REFERENCE_NAME",
     "SCHEMA",
     "SCHEMA_NAME",
     "TIMED_OUT",
     "AlignmentStep",
     "Answer",
+    "AttitudeTracks",
     "Check",
     "CommonBias",
     "Duplicates",
@@ -44,4 +57,5 @@ __all__ = [
     "agreed_settings",
     "nothing_ran",
     "setting_number",
+    "unknown_name",
 ]

@@ -7,13 +7,19 @@ in degrees, times in s or ms. ``traces`` are arrays for the figures: packed in t
 from __future__ import annotations
 
 import json
+import math
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
+from attlog.core import rotation
+from attlog.core.brief import brief, counted, listed, table_html, table_text
+from attlog.core.errors import UsageError, suggestion
 from attlog.core.files import read_settings_bytes
 from attlog.core.limits import MAX_RESULT_BYTES
 from attlog.core.plain import IN_JSON, NullAsNaN
@@ -28,7 +34,7 @@ from attlog.metrics.trace import Trace
 from attlog.reference.model import AlignmentStep, Reproduction
 from attlog.result import document
 from attlog.result.document import SCHEMA
-from attlog.segments.model import Segment
+from attlog.segments.model import WINDOWS, Segment, interpolate_attitudes, merge_numbers, number_segments
 from attlog.story.flight_events import Event
 
 if TYPE_CHECKING:
@@ -78,12 +84,19 @@ class EstimatorRow:
     ns_per_update: float | None = None
     metrics: dict[str, dict[str, Answer]] = field(default_factory=dict)
     mode: str = ""
+    __repr__ = brief
 
 
 def nothing_ran(rows: Iterable[EstimatorRow]) -> str:
     """Return why the first filter failed if every filter did, else an empty text."""
     ran = [row for row in rows if row.kind == "replay"]
     return f"{ran[0].name}: {ran[0].reason}" if ran and all(row.status == "failed" for row in ran) else ""
+
+
+def unknown_name(what: str, name: str, known: Sequence[str]) -> str:
+    """Return the sentence about an unknown name, with all known ones and the nearest."""
+    near = suggestion(name, known)
+    return f"no {what} {name!r}; this result has {', '.join(known) or 'none'}{near if 'did you mean' in near else ''}"
 
 
 @dataclass(slots=True)
@@ -130,6 +143,53 @@ class ReferenceSummary:
     fit: TruthFit | None = None
 
 
+# Most common times of :class:`AttitudeTracks`, and the highest rate in Hz at which they are kept.
+MAX_TRACK_SAMPLES, MAX_TRACK_HZ = 30_000, 100.0
+REFERENCE_NAME = "reference"
+
+
+@dataclass(slots=True)
+class AttitudeTracks:
+    """Attitudes (n, 4) of every row and of the reference at common times ``t`` (n,) s, NaN where a row has none.
+
+    They are as compared: with trim, declination and heading offset applied. Single precision keeps 10^-5 deg.
+    """
+
+    t: NDArray[np.float64]
+    q: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+
+    @classmethod
+    def at_times_of(cls, t: NDArray[np.float64]) -> AttitudeTracks:
+        """Return empty tracks at rising times ``t`` (n,), of more than the limits at every k-th."""
+        seconds = float(t[-1] - t[0]) if len(t) > 1 else 0.0
+        return cls(t[:: max(1, math.ceil(len(t) / max(1.0, min(MAX_TRACK_SAMPLES, MAX_TRACK_HZ * seconds + 1.0))))])
+
+    def add(self, name: str, t: NDArray[np.float64], q: NDArray[np.float64], segment: NDArray[np.int64]) -> None:
+        """Add attitudes (n, 4) at rising ``t`` (n,), interpolated within segments (n,) and gaps."""
+        if len(t):
+            own = merge_numbers(segment, number_segments(t))
+            self.q[name] = interpolate_attitudes(t, q, own, self.t)[0].astype(np.float32)
+
+    def frame(self, rows: Sequence[str] | None = None) -> pandas.DataFrame:
+        """Return a table by time in s, two levels of columns: row and quantity. UsageError for an unknown row."""
+        import pandas
+
+        asked = list(self.q) if rows is None else [rows] if isinstance(rows, str) else list(rows)
+        parts = {}
+        for name in asked:
+            if name not in self.q:
+                raise UsageError(unknown_name("row", name, list(self.q)))
+            q = self.q[name].astype(np.float64)
+            angles = np.degrees(rotation.to_euler(q))
+            columns = {f"{angle}_deg": angles[:, k] for k, angle in enumerate(("roll", "pitch", "yaw"))}
+            parts[name] = pandas.DataFrame(columns | {f"q_{c}": q[:, k] for k, c in enumerate("wxyz")}, index=self.t)
+        if not parts:
+            return pandas.DataFrame(index=pandas.Index(self.t, name="time_s"))
+        found = pandas.concat(parts, axis=1, names=["row", "quantity"])
+        found.index.name = "time_s"
+        return found
+
+
 @dataclass(slots=True)
 class Result:
     """Result of ``attlog analyze`` for one log; its JSON has the same names.
@@ -171,9 +231,45 @@ class Result:
     timing: dict[str, float] = field(default_factory=dict)
     schema: str = SCHEMA
     traces: list[Trace] = field(default_factory=list, metadata={IN_JSON: False})
+    # None where the rows were evaluated without traces, and in a result read from JSON.
+    tracks: AttitudeTracks | None = field(default=None, metadata={IN_JSON: False})
     # Every parameter; the JSON's ``log`` has those that differ from their default, and what was set in flight.
     parameters: list[ParameterHistory] = field(default_factory=list, metadata={IN_JSON: False})
     __pydantic_config__: ClassVar[dict[str, Any]] = {"strict": True, "extra": "forbid", "arbitrary_types_allowed": True}
+
+    def __repr__(self) -> str:
+        return table_text(*self._summary())
+
+    def _repr_html_(self) -> str:
+        return table_html(*self._summary())
+
+    def _summary(self) -> tuple[str, list[tuple[str, str]]]:
+        """Return title and rows of the short text."""
+        verdicts = Counter(check.verdict for check in self.checks)
+        reference = "none" if self.reference is None else f"{self.reference.choice} ({self.reference.source})"
+        rows = [
+            ("headline", self.headline or "none"),
+            ("findings", f"{len(self.findings)}: {self.findings[0].text}" if self.findings else "none"),
+            ("events", counted(self.events, "event")),
+            ("checks", ", ".join(f"{n} {verdict}" for verdict, n in verdicts.most_common()) or "none"),
+            ("reference", reference),
+            ("estimators", listed([row.name for row in self.estimators]) or "none"),
+            ("windows", listed(self.windows) or "none"),
+            *((v.question, v.sentence) for v in self.verdicts[:1]),
+        ]
+        return f"Result of {self.log.get('name', 'a log')}, attlog {self.attlog.get('version', '')}".rstrip(), rows
+
+    @property
+    def windows(self) -> list[str]:
+        """Names of the windows in which rows have answers, as for :meth:`table`."""
+        return list(dict.fromkeys(window for row in self.estimators for window in row.metrics))
+
+    def row(self, name: str) -> EstimatorRow:
+        """Return the row of a filter or onboard attitude by its name. UsageError with all names for an unknown one."""
+        names = [row.name for row in self.estimators]
+        if name not in names:
+            raise UsageError(unknown_name("row", name, names))
+        return self.estimators[names.index(name)]
 
     def to_dict(self, deterministic: bool = False) -> dict[str, Any]:
         """Return the JSON document as plain Python objects.
@@ -260,13 +356,32 @@ class Result:
 
         return go.Figure(Album.of(self).drawn(name, view=view, rows=rows, span=span))
 
+    def attitudes(self, rows: Sequence[str] | None = None) -> pandas.DataFrame:
+        """Return attitudes of every filter, onboard attitude and the reference at common times.
+
+        A line per time in s, columns by row and quantity: ``result.attitudes()["mahony"]["roll_deg"]``. Quantities are
+        ``roll_deg``, ``pitch_deg``, ``yaw_deg`` and ``q_w`` to ``q_z``; the row ``reference`` is the reference. They
+        are as compared (trim, declination and heading offset applied), at the times of the reference, at most 100 Hz
+        and 30,000; :func:`attlog.estimate` gives a filter at every sample. ``rows``: names of the rows wanted.
+        UsageError for an unknown row, and for a result read from JSON or evaluated without traces.
+        """
+        if self.tracks is None:
+            raise UsageError(
+                "this result holds no attitudes, as none does that is read from JSON or evaluated without traces; "
+                "attlog.analyze(log) gives one with them"
+            )
+        return self.tracks.frame(rows)
+
     def table(self, window: str = "all") -> pandas.DataFrame:
         """Return the values of one window: a line per row, a column per metric.
 
-        NaN without a value. Columns are named as in the JSON (``tilt_rmse_deg``, ``lag_ms``). Empty where the log has
-        no such window.
+        NaN without a value. Columns are named as in the JSON (``tilt_rmse_deg``, ``lag_ms``). UsageError for a window
+        that is not in :attr:`windows`.
         """
         import pandas
+
+        if window not in self.windows and (self.estimators or window not in WINDOWS):
+            raise UsageError(unknown_name("window", window, self.windows or WINDOWS))
 
         rows = {
             r.name: {m: (np.nan if a.value is None else a.value) for m, a in r.metrics.get(window, {}).items()}

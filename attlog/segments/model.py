@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation, spans, timestamps
+from attlog.core.brief import brief
 from attlog.core.spans import Span
 from attlog.segments.airborne import InAir
 from attlog.segments.impacts import CrashEvent
@@ -66,6 +67,7 @@ class Segments:
     unknown: tuple[str, ...] = ()
     air: InAir | None = None
     crash_events: list[CrashEvent] = field(default_factory=list)
+    __repr__ = brief
 
     def seconds(self, kind: str) -> float | None:
         """Return the total length of a kind in s, None where it is not logged."""
