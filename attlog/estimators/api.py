@@ -132,6 +132,7 @@ def estimate(
     every: int = 1,
     aids: Aids | None = None,
     log: LogFacts | None = None,
+    check_units: bool = True,
     **params: Any,
 ) -> Estimate:
     """Estimate the attitude (n, 4) of a log or of raw sensor samples, with bias and counts.
@@ -148,7 +149,8 @@ def estimate(
     from the sensors. ``declination`` deg, positive east. ``dt`` (n,) s: each sample's own
     integration time where known. ``every`` keeps each n-th output. ``aids``: GNSS, barometer,
     airspeed and times at rest for estimators that use them; its ``mag`` replaces a missing ``mag``.
-    ``log``: parameters and facts of a log; a preset and ``params`` override it.
+    ``log``: parameters and facts of a log; a preset and ``params`` override it. ``check_units``: whether samples that
+    look as if they were in other units are warned of, which takes some ms.
 
     A filter that flew (``px4_ekf2``, ``ap_ekf3``) takes a log, and a mapping of the firmware's parameters as
     ``params``: ``estimate("ap_ekf3", log, params={"EK3_MAG_M_NSE": 0.1})``.
@@ -175,7 +177,7 @@ def estimate(
     if gyr is None:
         raise UsageError(f"{estimator.name} needs a log or gyro samples: estimate({estimator.name!r}, t, gyr, acc)")
     times: Any = t
-    if log is None:  # the samples of a log are in the units of its flight
+    if check_units and log is None:  # the samples of a log are in the units of its flight
         warn_of_units(times, gyr, acc)
     if estimator.process is not None:
         facts = None if log is None else replace(log, params=dict(log.params), given=dict(log.given))
@@ -210,6 +212,7 @@ def estimate(
         if "declination" in values:
             declination = float(values["declination"])
         other = {"sampling": sampling, "q0": q0, "declination": declination, "dt": dt, "every": every, "aids": aids}
+        other["check_units"] = False
         found = estimate(estimator.without_gnss, times, gyr, acc, mag, **other)  # type: ignore[arg-type]
         heard = [*["mag"] * (mag is not None), *["airspeed"] * (aids is not None and aids.airspeed is not None)]
         quality: dict[str, float | str] = {"aided_by": " ".join(heard) or "gravity", "model": estimator.without_gnss}
@@ -237,7 +240,7 @@ def _there(
     **options: Any,
 ) -> Estimate:
     """:func:`estimate` in the process of a file."""
-    return estimate(EstimatorSpec(estimator, preset, params), *data, **options)
+    return estimate(EstimatorSpec(estimator, preset, params), *data, check_units=False, **options)
 
 
 def _split(text: str) -> tuple[str, list[str]]:
@@ -275,7 +278,7 @@ def propagated(t: Array, gyr: Array, mag: Array) -> Array:
     field = np.zeros_like(mag)
     if len(new) == 0:
         return field
-    q = estimate("gyro", t, gyr, q0=[1.0, 0.0, 0.0, 0.0]).q
+    q = estimate("gyro", t, gyr, q0=[1.0, 0.0, 0.0, 0.0], check_units=False).q
     last = np.searchsorted(new, np.arange(len(t)), side="right") - 1
     source = new[np.maximum(last, 0)]
     period = float(np.median(np.diff(t[new]))) if len(new) > 1 else 0.0

@@ -160,7 +160,9 @@ def gyro_alone(case: Case, row: Track) -> GyroAttitude | None:
 def integrate_gyro(case: Case, imu: Imu) -> estimators.Estimate:
     """Run the filter ``gyro`` over a unit, with the common bias subtracted."""
     t = imu.gyro.t_best if case.reference.alignment.clock == "sample" else imu.gyro.t
-    return estimators.estimate("gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+    return estimators.estimate(
+        "gyro", t, case.gyro_of(imu), imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt, check_units=False
+    )
 
 
 @per_object

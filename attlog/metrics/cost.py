@@ -77,7 +77,7 @@ def _repeated(estimator: str, parameters: tuple[tuple[str, float | str], ...], u
     asked = estimators.EstimatorSpec(estimators.get(estimator), params=dict(parameters))
     runs = []
     if asked.estimator.process is not None:  # its own process reports its errors
-        runs.append(estimators.estimate(asked, t, 0.3 * swing, acc, mag if uses_mag else None))
+        runs.append(estimators.estimate(asked, t, 0.3 * swing, acc, mag if uses_mag else None, check_units=False))
     # Samples are cleaned once, so that only the filter's loop is timed.
     made = prepare(t, 0.3 * swing, acc, mag if uses_mag else None, hold_mag=asked.estimator.hold_mag)
     values = {name: value for name, (value, _) in asked.resolved().items()}

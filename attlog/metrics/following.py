@@ -77,7 +77,7 @@ def final_attitude(row: Track, still: StillSamples, gyro: Array, acc: Array, mag
     stands = estimators.Measurements(still.t[:1], np.zeros((1, 3))) if "gnss" in estimator.needs else None
     aids = estimators.Aids(velocity=stands)
     found = estimators.estimate(
-        estimator, still.t, gyro, acc, mag, sampling=still.sampling, aids=aids, **row.parameters
+        estimator, still.t, gyro, acc, mag, sampling=still.sampling, aids=aids, check_units=False, **row.parameters
     )
     return rotation.normalize(found.q[-1])
 

@@ -458,4 +458,4 @@ def preload(specs: Sequence[str]) -> None:
         for one in BUILT_IN if name == "all" else [item] if name in ("default", *BUILT_IN) else []:
             with suppress(Exception):
                 for row in estimators.select(one):
-                    estimators.estimate(row, t, *rest)
+                    estimators.estimate(row, t, *rest, check_units=False)

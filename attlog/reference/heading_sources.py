@@ -242,7 +242,9 @@ def _magnetic(log: FlightLog, reference: Reference) -> HeadingReference | None:
 def _levelling_attitude(imu: Imu, which: alignment.Clock) -> tuple[Array, Array]:
     """Return times and attitudes of filter LEVELLED_BY without a magnetometer."""
     t = imu.gyro.t_best if which == "sample" else imu.gyro.t
-    found = estimators.estimate(LEVELLED_BY, t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt)
+    found = estimators.estimate(
+        LEVELLED_BY, t, imu.gyro.x, imu.acc.x, sampling=imu.gyro.sampling, dt=imu.dt, check_units=False
+    )
     return found.t, found.q
 
 

@@ -275,7 +275,9 @@ def _run(case: Case, row: str) -> estimators.Estimate | None:
         return None
     t = imu.gyro.t_best
     field = estimators.place(t, mag.field.t_best, mag.field.x) if mag is not None and row != "gyro" else None
-    return estimators.estimate(row, t, case.gyro_of(imu), imu.acc.x, field, sampling=imu.gyro.sampling, dt=imu.dt)
+    return estimators.estimate(
+        row, t, case.gyro_of(imu), imu.acc.x, field, sampling=imu.gyro.sampling, dt=imu.dt, check_units=False
+    )
 
 
 def _segments(found: estimators.Estimate) -> NDArray[np.int64]:
