@@ -155,8 +155,10 @@ def signals(
 def compare(paths: Sequence[Path], names: Sequence[str], settings: Sequence[str]) -> Answer:
     """Return how settings of filters differ from the first one on logs, with intervals."""
     from attlog.compare.run import compare as run
-    from attlog.compare.setting import parse_configuration
+    from attlog.compare.setting import flown_filter, parse_configuration
 
+    if len(settings) == 1 and (flown := flown_filter(settings[0])):
+        settings = [flown, *settings]
     if len(settings) > MAX_SETTINGS or len(paths) > MAX_LOGS:
         raise UsageError(f"compare at most {MAX_SETTINGS} settings on {MAX_LOGS} logs at a time")
     found = run(list(paths), [parse_configuration(text) for text in settings])

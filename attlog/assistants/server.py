@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 # Time of one call: a log of hours on a slow machine. Documents kept for the next part.
 CALL_S, MAX_KEPT = 900.0, 16
-MISSING = "attlog mcp needs the package mcp of the Model Context Protocol: pip install 'attlog[mcp]'"
+MISSING = "attlog mcp needs the package mcp (2.0 or newer) of the Model Context Protocol: pip install 'attlog[mcp]'"
 INSTRUCTIONS = f"""\
 attlog reads flight logs of ArduPilot and PX4: what happened, which sensors are off, how good the attitude is.
 Begin with logs, then info or analyze; signals shows any field over time; explain says what a name means.
@@ -55,7 +55,7 @@ def server(folders: Sequence[Path]) -> MCPServer[Any]:
     try:
         from mcp.server.mcpserver import MCPServer
         from mcp.server.mcpserver.exceptions import ToolError
-        from mcp_types import CallToolResult, TextContent, ToolAnnotations
+        from mcp.types import CallToolResult, TextContent, ToolAnnotations
     except ImportError as error:
         raise UsageError(MISSING) from error
     # Annotations of tools are read when they are added.
@@ -151,7 +151,8 @@ class Tools:
         self,
         logs: Annotated[list[str], Field(description="Logs, as the tool logs lists them")],
         settings: Annotated[
-            list[str], Field(description="Two or more, as mahony:kp=0.3, vqf, or EKF2_GPS_DELAY=250 against px4_ekf2")
+            list[str],
+            Field(description="Two or more, as mahony:kp=0.3, vqf; EKF2_GPS_DELAY=250 alone is against what flew"),
         ],
     ) -> dict[str, Any]:
         """Compare settings of filters with the first one on logs: which is better, by how much, with intervals."""

@@ -28,6 +28,11 @@ IDENTIFYING = re.compile(
     r"|.*(_ID\d?|DEVID\d?|IP\d?|MAC\d?|GW|LAT|LNG|LON|DEC|DECL|PRESS|QNH|FLTTIME|RUNTIME|BOOTCNT|TOTAL|CALTEMP|RECTEMP)"
     r"|.*(SERIAL_?NUM|UUID|NETMASK|PASS|FLIGHT_T_|HOVER).*"
 )
+# Parameters of wiring, radio, logging and displays.
+WIRING = re.compile(
+    r"RC\d*_|PWM_|SERVO\d|OSD|SERIAL|MAV_|NTF_|LOG_|SDLOG_|BRD_|CAN_|UAVCAN|TEL_|GCS_|VTX|RELAY|MNT\d?_|CAM\d?_|TRIG_|FRSKY"
+    r"|MSP_|SCR_|(COM_)?FLTMODE|CBRK_|SYS_|COM_OF|COM_OBL|HTTP|NET_"
+)
 
 
 def forum_text(result: Result) -> str:
@@ -72,14 +77,15 @@ def _lines(
         text = f"{finding.text.rstrip('.')}{at}."
         action = "" if finding.action in finding.text else finding.action
         yield f"- **{SEVERITY[finding.severity][0]}:** {shown(f'{text} {action}'.strip())}"
-        yield from (f"  - {shown(line)}" for line in finding.evidence[:evidence])
+        others = [line for line in finding.evidence if line.rstrip(".") not in text]
+        yield from (f"  - {shown(line)}" for line in others[:evidence])
     if total > len(findings):
         yield f"- {counted(total - len(findings), 'more finding')} in the report."
     if settings := agreed_settings(result.checks):
         yield ""
         yield f"**To set, with the log's value before it:** {_settings(settings)}"
     yield ""
-    yield from _parameters(parameter_lines(result))
+    yield from _parameters(parameter_lines(result), " ".join(f"{f.text} {f.action} {f.evidence}" for f in findings))
     yield ""
     version = result.attlog.get("version") or "of unknown version"
     yield f"*By attlog {version}. Times are s from the start of the log. Place, date, names, serial numbers: left out.*"
@@ -108,8 +114,11 @@ def _settings(settings: Iterable[Setting]) -> str:
     return _shortened([f"`{s.name} {before}{setting_number(s.new)}`" for s, before in old])
 
 
-def _parameters(lines: list[ParameterLine]) -> Iterator[str]:
-    """Yield parameters set during the log, and those that differ from their default."""
+def _parameters(lines: list[ParameterLine], said: str) -> Iterator[str]:
+    """Yield parameters set during the log, and those that differ from their default.
+
+    Those that findings have ``said`` come first, wiring and logging last.
+    """
     if not lines:
         yield "**Changed parameters:** unknown, the log holds no parameter."
         return
@@ -125,6 +134,7 @@ def _parameters(lines: list[ParameterLine]) -> Iterator[str]:
     if not any(line.kind in ("set", "airframe", "default") for line in lines):
         yield f"**Changed parameters:** unknown, the log holds {len(lines):,} parameters but not their defaults."
         return
+    known.sort(key=lambda line: (line.name not in said, WIRING.match(line.name) is not None))
     changed = [f"`{line.name} {line.value}` ({line.default})" for line in known if line.kind == "set"]
     yield f"**Not at the default (in brackets), without calibration:** {_shortened(changed) or 'none'}"
 

@@ -104,39 +104,48 @@ def _plain(text: str) -> str:
 # Words that firmware writes, collected from the status texts of ArduPilot and PX4.
 FIRMWARE_WORDS = frozenset(
     """
-    a aborted above accel accelerometer accz ack acro action activated active adc after ahrs aided aiding airborne
-    airframe airspeed alarm aligned alignment all alt altctl altitude an and angerr angle anomaly apm arducopter
-    ardupilot arduplane ardurover ardusub are arm armable armed arming as at att attitude auto autonomous autorotate
-    autotune aux available avionics avoid bad bandwidth baro barometer barometers barometric bat batt battery baud
-    beginning below beta blind blox boot both bottle brake bus by bytes calibrate calibrated calibrating calibration
-    can cannot change changed check checks checksum chibios circle clear climb clipping cmd code command commander
-    commands compass compasses compensation complete completed connection control copter core corrected count crash
-    crashed critical current cutoff cycle damaged dangerous data dataman db dcm deactivate deactivated deg degrees
-    descend detected dev disabled disarm disarmed disarming do down drift driver dronecan drop due ekf elevation
-    emergency enable enabled encoders engaged engine err error errors esc escs estimate estimator event executing
-    expired ext external fail failed failing failsafe failsafes failure fast fatal fault fence field file filter
-    first fix flash flight flip flow flowhold fly flying fmu fmuv follow for forced fpv frame free frequency from fs
-    full fusion gcs gear glitch gnss gps ground guided guided_nogps gyro gyros gyroscope hardware has hdop heading
-    health healthy heartbeat height high hit hold home horizontal hover hw i2c id imbalanced imu imus in
-    inconsistent init initial initialised initialising initialized inner inputs ins instance internal invalid ip is
-    isb kb khz kill killed land landed landing lane large launch left level lidar limit link load log logger logging
-    logs loiter long lost low lua mag magnetometer main manual mav mavlink max memory message mhz microsd min
-    minimum mismatch missing mission mocap mode module mon monitor motor motorestop motors mount move ms mygcs nav
-    navigation navigator need needed needs neutral new no node none normal not notify now nsh nuttx obstacle of off
-    offboard offset offsets ok on open opened optical or order origin outputs over overflow overload parachute param
-    parameter parameters partner pause pilot pitch pixhawk plan plane please plus pos posctl position potential
-    power prearm preflight pressure primary probing processor propeller protocol pwm px quad quadplane quality radio
-    rally ram range rangefinder rate rates rc rcin rcout re reached reading ready reboot received recovered recovery
-    reference refused rejected required requires reset restored return returned returning reversed rfnd roll rom
-    rotor rover rtk rtl rtt running safe safety sampling satellites sats saturated saturation sbus script sd sec
-    seconds selector sender sensor sensors seq servo set setpoint setpoints settings settling setup short sim sitl
-    size slow smartrtl sonar soon space speed spi spoofing sport stabilise stabilize stable stack stale start
-    started starting startup state stationary status stick still stop stopped stopping streaming sub successfully sw
-    switch switched switching system tail takeoff target telem telemetry temperature termination terrain test
-    throttle throw thrust tilt time timeout timesync tkoff to tone too trigger triggered tune type uavcan ulg
-    unaided unhealthy unstable up update usage use used using value variance vehicle velocity verify version
-    vertical vibration vio vision volt voltage vtol wait waiting warning waypoint waypoints while wind with without
-    wp wq wrong xaccel yaw zero zigzag zone
+    a aborted aborting above acc accel accelerometer accepted accz ack acro action activated active adc advised
+    after ahrs aided aiding air airborne airframe airspeed alarm aligned alignment all allowed alt altctl altitude
+    an and angerr angle anomaly apm approach approaching arducopter ardupilot arduplane ardurover ardusub are arm
+    armable armed arming as at att attitude auto autonomous autorotate autotune aux available avionics avoid bad
+    bandwidth baro barometer barometers barometric bat batt battery baud be beginning below beta bias bitrate blind
+    blocked blox board boot both bottle boundary brake breach breached bus by bytes calib calibrate calibrated
+    calibrating calibration can cannot cell cells change changed channel channels check checks checksum chibios chk
+    circle clear cleared climb climbing clipping cmd code cold command commander commands compass compasses
+    compensation complete completed connected connection continue continuing control controllers copter core
+    corrected correctly count crash crashed critical current cutoff cycle damaged dangerous data dataman db dcm
+    deactivate deactivated default deg degrees denied descend descending destination detected dev differ differing
+    differs disabled disarm disarmed disarming disconnected distance do done down drift driver dronecan drop due ekf
+    elevation emergency enable enabled encoders ended engaged engine enough entered entering err error errors esc
+    escs estimate estimator event exceed exceeded exceeds excessive executing expired ext external fail failed
+    failing failsafe failsafes failure fallback fast fatal fault fence field file filter finished firmware first fix
+    flash flight flip flow flowhold fly flying fmu fmuv follow for forced found fpv frame free freefall frequency
+    from frozen fs full fusion gcs gear geofence gesture glitch glitching gnss good gps ground guided guided_nogps
+    gyro gyros gyroscope hardware has hdop heading health healthy heartbeat height hexa high hit hold home
+    horizontal hot hover hw i2c id ignored imbalance imbalanced immediately imminent imu imus in inconsistent index
+    init initial initialised initialising initialized inner inputs ins instance interference internal invalid ip is
+    isb jammed jamming kb khz kill killed land landed landing lane large launch leaving leds left level lidar limit
+    link load loaded location log logger logging logs loiter loitering long loss lost low lua mag magnetometer main
+    manual manually mav mavlink max memory message meters mhz microsd min minimum mismatch missing mission mocap
+    mode modes module mon monitor motor motorestop motors mount move ms mygcs name nav navigation navigator need
+    needed needs neutral new no node none normal not notify now nsh nuttx obstacle octa of off offboard offset
+    offsets ok on only open opened optical or order origin out outputs over overcurrent overflow overheat
+    overheating overload parachute param parameter parameters partner pause pilot pitch pixhawk plan plane please
+    plus pos posctl position possible potential power ppm prearm preflight pressure primary probing processor
+    propeller protocol pwm px quad quadplane quality radio rally ram range rangefinder rate rates rc rcin rcout re
+    reached reading ready reboot rebooting received recommended recovered recovery reference refused regained
+    rejected relay remaining request requested required requires reset restored return returned returning reversed
+    reverting rfnd roll rolled rom rot rotor rover rtk rtl rtt runaway running safe safety sampling satellites sats
+    saturated saturation sbus scale script sd sec seconds selector sender sens sensor sensors seq servo set setpoint
+    setpoints setting settings settling setup short sim simple sitl size slow small smartrtl sonar soon space
+    specified speed spi spin spinning spoofed spoofing sport stabilise stabilize stable stack stale start started
+    starting startup state station stationary status stick sticks still stop stopped stopping streaming stuck sub
+    successfully sw switch switched switching system tail takeoff target telem telemetry temperature terminated
+    terminating termination terrain test tests throttle throw thrown thrust tilt tilted time timeout timesync tkoff
+    to tone too took total transition trigger triggered tune type uavcan ulg unaided undervoltage unhealthy unknown
+    unstable up update updated usage use used using value variance vectored vehicle velocity verify version vertical
+    very vibration vio vision volt voltage vtol wait waiting warming warning waypoint waypoints while wind with
+    without wp wq wrong xaccel yaw zero zigzag zone
     """.split()
 )
 # Longest run of digits that is no serial number, position or time.
