@@ -376,6 +376,8 @@ class _ForkProgram:
             self._interpreter = Interpreter("run_fork_program", theirs, environment, preloaded)
         self._control, self._lock = Channel(control), threading.Lock()
         self.pid = self._interpreter.pid
+        # For a server that nobody closes: the program must not outlive it, nor this process.
+        weakref.finalize(self, _end_program_if_owner, self._interpreter, control, os.getpid())
 
     def alive(self) -> bool:
         return self._interpreter.alive()
@@ -398,9 +400,19 @@ class _ForkProgram:
 
     def end(self) -> Exit:
         """End the program; a busy one is killed and cannot end its forks."""
-        with suppress(OSError):
-            self._control.connection.shutdown(socket.SHUT_RDWR)
-        return self._interpreter.end(CLOSING_S)
+        return _end_program(self._interpreter, self._control.connection)
+
+
+def _end_program(interpreter: Interpreter, control: socket.socket) -> Exit:
+    with suppress(OSError):
+        control.shutdown(socket.SHUT_RDWR)
+    return interpreter.end(CLOSING_S)
+
+
+def _end_program_if_owner(interpreter: Interpreter, control: socket.socket, owner: int) -> None:
+    if os.getpid() == owner:
+        _end_program(interpreter, control)
+        control.close()
 
 
 class _Fork:

@@ -52,6 +52,18 @@ def gone(pid: int) -> bool:
     return False
 
 
+def test_a_server_that_nobody_closes_ends_without_noise() -> None:
+    code = (
+        "import os\nfrom attlog.core.workers import ForkServer\n"
+        "kept = ForkServer(['json'])\nprint(kept.worker().call(os.getpid))\n"
+        "def lost():\n    forks = ForkServer(['json'])\n    print(forks.worker().call(os.getpid))\nlost()\n"
+    )
+    done = subprocess.run([sys.executable, "-W", "always::ResourceWarning", "-c", code], capture_output=True, text=True)
+    assert "still running" not in done.stderr
+    assert done.returncode == 0
+    assert all(gone(int(pid)) for pid in done.stdout.split())
+
+
 def test_arrays_and_errors_come_back_and_the_process_serves_again(start: Start) -> None:
     child = start()
     x = np.arange(1_000_000.0).reshape(-1, 2)
