@@ -7,6 +7,8 @@ CORES := $(shell $(PYTHON) -c "import os; print(len(os.sched_getaffinity(0)) if 
 # of Python's files (20 s; each is compiled when it is first imported) nor kernels, which $(compile) counts.
 install = (command -v uv >/dev/null 2>&1 && ATTLOG_KERNELS=none uv pip install --quiet --python $(BIN)/python -e $(1)) \
 	|| ATTLOG_KERNELS=none $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e $(1)
+# $(call ticking,COMMAND): with a dot every five seconds, for what says nothing itself; the dots end with the shell.
+ticking = { while sleep 5 >/dev/null 2>&1 && kill -0 $$$$ 2>/dev/null; do printf .; done & } ; dots=$$!; ( $(1) ); code=$$?; kill $$dots; echo; exit $$code
 compile = $(BIN)/python -m attlog.core.jit.build --here
 
 # Bytecode is kept also where the environment says not to: else each of the tests' processes compiles all of Python's
@@ -73,19 +75,19 @@ $(VENV)/bin/python:
 # Tests run every filter: theirs are compiled at once, those of the demo's log alone take a third of the time.
 $(VENV)/installed: pyproject.toml $(VENV)/bin/python
 	@echo "installing attlog with numba, numpy, pandas, plotly, pymavlink and their like (450 MB), half a minute to two"
-	@$(call install,.)
+	@$(call ticking,$(call install,.))
 	@$(compile) --rows default,ap_ekf3
 	@touch $@
 
 $(VENV)/installed-test: pyproject.toml $(VENV)/bin/python
 	@echo "installing attlog and what its tests need (1.2 GB), two minutes"
-	@$(call install,".[test]")
+	@$(call ticking,$(call install,".[test]"))
 	@$(compile) --all
 	@touch $@ $(VENV)/installed
 
 $(VENV)/installed-check: pyproject.toml $(VENV)/bin/python
 	@echo "installing attlog and what its tests, checks and docs need (1.4 GB), two minutes"
-	@$(call install,".[check]")
+	@$(call ticking,$(call install,".[check]"))
 	@$(compile) --all
 	@touch $@ $(VENV)/installed-test $(VENV)/installed
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,23 +24,28 @@ STAGES, COMPILING = "attlog.stages", "attlog.compiling"
 class StageHandler(logging.Handler):
     """Write compiled filters to standard error as lines, stages as one line that is overwritten, or as ``lines``.
 
-    ``before``: start of every stage (``[2/5] flight.ulg: ``).
+    ``before``: start of every stage (``[2/5] flight.ulg: ``). ``compiling``: write compiled filters.
     """
 
-    def __init__(self, stages: bool, lines: bool = False) -> None:
+    def __init__(self, stages: bool, lines: bool = False, compiling: bool = True) -> None:
         super().__init__(logging.INFO)
-        self.stages, self.lines = stages, lines
+        self.stages, self.lines, self._compiling = stages, lines, compiling
         self.before = ""
+        self._text = ""
         self._width = 0
+        self._shown = threading.RLock()
 
     def emit(self, record: logging.LogRecord) -> None:
         if record.name == COMPILING:
-            self.clear()
-            to_stderr(f"attlog: {record.getMessage()}")
-        elif self.stages:
-            self.show(f"{self.before}{record.getMessage()} ...")
+            if self._compiling:
+                self.clear()
+                to_stderr(f"attlog: {record.getMessage()}")
+            return
+        self._text = f"{self.before}{record.getMessage()}"
+        if self.stages:
+            self.show(f"{self._text} ...")
         elif self.lines:
-            to_stderr(f"attlog: {self.before}{record.getMessage()}")
+            to_stderr(f"attlog: {self._text}")
 
     def show(self, text: str) -> None:
         """Show a text in place of the last one, which blanks overwrite, without escape sequences."""
@@ -47,32 +53,86 @@ class StageHandler(logging.Handler):
 
         from attlog.words.text import for_terminal
 
-        text = for_terminal(text)[-(shutil.get_terminal_size().columns - 1) :]
-        print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
-        self._width = len(text)
+        with self._shown:
+            self._text = text.removesuffix(" ...")
+            text = for_terminal(text)[-(shutil.get_terminal_size().columns - 1) :]
+            print("\r" + text.ljust(self._width), end="", file=sys.stderr, flush=True)
+            self._width = len(text)
 
     def clear(self) -> None:
         """Blank the line of stages."""
-        if self._width:
-            print("\r" + " " * self._width + "\r", end="", file=sys.stderr, flush=True)
-            self._width = 0
+        with self._shown:
+            if self._width:
+                print("\r" + " " * self._width + "\r", end="", file=sys.stderr, flush=True)
+                self._width = 0
+
+    def tell_time(self, seconds: float) -> None:
+        """Show how long the command has run: in the line of stages if one is shown, else as a line."""
+        with self._shown:
+            if self.stages:
+                if self._width:
+                    text = self._text
+                    self.show(f"{text}, {seconds:.0f} s ...")
+                    self._text = text
+            else:
+                write_line(f"attlog: {self._text or 'at work'}, {seconds:.0f} s")
+
+
+# Seconds without a sign of life. A terminal is told the time each second then, a file after 5, 10, 20, 40 ... s.
+SILENCE_S = 5.0
+SECOND_S = 1.0
+
+
+def write_line(text: str) -> None:
+    """Write a line to standard error without its buffer, which a fork might copy half written."""
+    from attlog.words.text import for_terminal
+
+    with suppress(OSError, ValueError):
+        os.write(sys.stderr.fileno(), f"{for_terminal(text)}\n".encode("utf-8", "backslashreplace"))
+
+
+@contextmanager
+def signs_of_life(tell: Callable[[float], None], *, terminal: bool) -> Iterator[None]:
+    """Call ``tell`` with the seconds since the beginning, from a thread, while the block takes long."""
+    ended, begin = threading.Event(), time.monotonic()
+
+    def run() -> None:
+        wait = SILENCE_S
+        while not ended.wait(wait):
+            seconds = time.monotonic() - begin
+            tell(seconds)
+            wait = SECOND_S if terminal else seconds
+
+    try:
+        sys.stderr.fileno()
+    except (AttributeError, OSError, ValueError):  # replaced, as by a notebook
+        yield
+        return
+    thread = threading.Thread(target=run, name="attlog-progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @contextmanager
 def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageHandler]:
     """Show stages on a terminal, and compiled filters also with ``verbose``.
 
-    ``lines``: with ``verbose`` every stage is a line if there is no terminal.
+    ``lines``: with ``verbose`` every stage is a line if there is no terminal. What takes long shows its time.
     """
     terminal = sys.stderr.isatty() and not quiet
-    shown = StageHandler(stages=terminal, lines=lines and verbose)
-    loggers = [logging.getLogger(name) for name in (STAGES, COMPILING)] if terminal or verbose else []
+    shown = StageHandler(stages=terminal, lines=lines and verbose, compiling=terminal or verbose)
+    loggers = [] if quiet and not verbose else [logging.getLogger(name) for name in (STAGES, COMPILING)]
     for logger in loggers:
         logger.addHandler(shown)
         logger.setLevel(logging.INFO)
         logger.propagate = False
     try:
-        yield shown
+        with nullcontext() if quiet else signs_of_life(shown.tell_time, terminal=terminal):
+            yield shown
     finally:
         shown.clear()
         for logger in loggers:
@@ -115,6 +175,8 @@ class Bar:
 
     def __init__(self, quiet: bool = False, verbose: bool = False) -> None:
         self._shown = sys.stderr.isatty() and not quiet
+        self._quiet = quiet
+        self._life = ExitStack()
         self._compiling = (self._shown or verbose) and not quiet
         self._progress: Any = None
         self._compiled: set[str] = set()
@@ -130,9 +192,15 @@ class Bar:
         return self._shown
 
     def __enter__(self) -> Bar:
+        if not (self._shown or self._quiet):
+            self._life.enter_context(signs_of_life(self._tell_time, terminal=False))
         return self
 
+    def _tell_time(self, seconds: float) -> None:
+        write_line(f"attlog: {self._done} of {self._all} logs{self._more()}, {seconds:.0f} s")
+
     def __exit__(self, *_: object) -> None:
+        self._life.close()
         if self._progress is not None:
             self._progress.stop()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import logging
 import re
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -16,7 +17,7 @@ from attlog import Config
 from attlog.batch.job import Job, Record
 from attlog.batch.sources import Source
 from attlog.cli.printing import Piped, TextLine, console, say
-from attlog.cli.progress import COMPILING, STAGES, Bar, progress
+from attlog.cli.progress import COMPILING, STAGES, Bar, StageHandler, progress
 from tests.conftest import SAMPLES
 
 TEXTS = ["", "plain", "bold [red]no markup[/red]  ", "a\tb", "rings\a and\b moves\v\f\r on", "µ° ≥ → ✓", "x" * 300]
@@ -63,6 +64,37 @@ def test_stages_only_on_a_terminal_compiling_also_with_v(
     assert ("attlog: compiling mahony (once)\n" in screen.getvalue()) is compiling
     assert "\x1b" not in screen.getvalue()
     assert not logging.getLogger(STAGES).handlers
+
+
+LONG = """
+import logging, time
+from attlog.cli import progress
+progress.SILENCE_S = 0.05
+with progress.progress(quiet={quiet}, verbose=False):
+    logging.getLogger(progress.STAGES).info("flying %s", "hover")
+    time.sleep(0.5)
+with progress.Bar(quiet={quiet}) as bar:
+    time.sleep(0.2)
+"""
+
+
+@pytest.mark.parametrize("quiet", [False, True])
+def test_a_pipe_hears_of_work_that_takes_long_ever_more_rarely(quiet: bool) -> None:
+    done = subprocess.run([sys.executable, "-c", LONG.format(quiet=quiet)], capture_output=True, text=True)
+    lines = done.stderr.splitlines()
+    of_stage, of_bar = ([x for x in lines if text in x] for text in ("attlog: flying hover, ", "attlog: 0 of 0 logs, "))
+    assert lines == [*of_stage, *of_bar]
+    assert (len(of_stage) in range(2, 5), bool(of_bar)) == (not quiet, not quiet)
+
+
+def test_a_terminal_is_shown_the_seconds_beside_the_stage(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    shown = StageHandler(stages=True)
+    shown.emit(logging.LogRecord(STAGES, logging.INFO, "", 0, "drawing the figures", None, None))
+    for seconds in (5.0, 6.0):
+        shown.tell_time(seconds)
+    lines = [line.rstrip() for line in sys.stderr.getvalue().split("\r")]
+    assert lines == ["", *(f"drawing the figures{more} ..." for more in ("", ", 5 s", ", 6 s"))]
 
 
 def test_an_analysis_tells_its_stages(caplog: pytest.LogCaptureFixture, tmp_path: Path) -> None:

@@ -58,12 +58,14 @@ def info_command(
 
     Example: attlog info flight.ulg
     """
+    from attlog.cli.progress import progress
     from attlog.pipeline.inspection import inspect
 
     codes: set[int] = set()
     for number, log in enumerate(named_files(logs, codes)):
         with run_and_report(str(log), codes, common.verbose):
-            report = inspect(log, boot=boot, system=system)
+            with progress(common.quiet, common.verbose > 0):
+                report = inspect(log, boot=boot, system=system)
             if json:
                 json_to_stdout(report)
             elif not common.quiet:
@@ -368,11 +370,13 @@ def extract_command(
     if own.start is not None and own.end is not None and own.start > own.end:
         raise UsageError(f"--from {own.start:g} is after --to {own.end:g}")
     log = one_log(log)
+    from attlog.cli.progress import progress
     from attlog.flight import read
     from attlog.pipeline import extraction
 
-    flight = read(log, boot=own.boot, system=own.system)
-    whole = _extracts(flight, messages or [], own.streams, own.estimates, own.system)
+    with progress(common.quiet, common.verbose > 0):
+        flight = read(log, boot=own.boot, system=own.system)
+        whole = _extracts(flight, messages or [], own.streams, own.estimates, own.system)
     if not whole:
         raise LogUnusable(f"{log}: nothing to extract")
     tables = [extract.between(own.start, own.end) for extract in whole]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import sys
@@ -16,7 +17,7 @@ import typer
 from attlog.cli.arguments import command_line
 from attlog.cli.options import CommonOptions, Folder, Jobs, JobsOfCores, Json, complete_scenarios
 from attlog.cli.printing import GAP, TextLine, console, json_to_stdout, say, table, to_stderr, to_stdout, wrapped
-from attlog.cli.progress import progress
+from attlog.cli.progress import STAGES, progress
 from attlog.core.errors import AttlogError, LogUnreadable, UsageError, missing_file
 
 if TYPE_CHECKING:
@@ -143,16 +144,16 @@ def simulate_command(
         require_replaceable(path, SIMULATED_LOG)
 
     with progress(common.quiet, common.verbose > 0) as shown:
-        if shown.stages:
-            shown.show(f"{flown.name}, {len(work)} to fly ...")
+        stage = logging.getLogger(STAGES)
+        stage.info("flying %s, 1 of %d", flown.name, len(work))
         for number, (one, result) in enumerate(plan_flights(flown, work, logged, own.jobs), start=1):
             shown.clear()
             if isinstance(result, Exception):
                 raise result
             for path, size in result if not common.quiet else ():
                 to_stdout(f"{path}: {flown.seconds:g} s, seed {one}, {size / 1e6:.1f} MB")
-            if shown.stages and number < len(work):
-                shown.show(f"[{number}/{len(work)}] {flown.name} ...")
+            if number < len(work):
+                stage.info("flying %s, %d of %d", flown.name, number + 1, len(work))
 
 
 def _list_scenarios() -> None:
