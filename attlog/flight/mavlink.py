@@ -642,6 +642,8 @@ PANEL_ROWS: PanelRows = {
         Row("signal on board", "RADIO_STATUS.remrssi"),
         Row("noise on the ground", "RADIO_STATUS.noise"),
         Row("noise on board", "RADIO_STATUS.remnoise"),
+        Row("receiver signal", "RC_CHANNELS.rssi"),
+        Row("receiver signal", "RC_CHANNELS_RAW.rssi"),
     ),
     "temperature": (
         Row("IMU", "RAW_IMU.temperature"),

@@ -123,6 +123,15 @@ def test_the_percentages_of_px4_are_shares_in_the_log() -> None:
     assert found["load", "CPU"].y == pytest.approx(40.0)
 
 
+def test_the_receiver_is_in_percent_and_unknown_signals_are_left_out() -> None:
+    signal = np.where(np.arange(N) < 10, -1, 60)
+    found = lines(ulog({("input_rc", 0): {"rssi": signal, "link_quality": signal}}))
+    assert np.nanmin(found["link", "receiver signal"].y) == 60.0
+    assert np.isnan(found["link", "receiver link quality"].y[:10]).all()
+    found = lines(dataflash({("RSSI", 0): {"RXRSSI": 0.5 + 0.2 * RAMP}}))
+    assert found["link", "receiver signal"].y == pytest.approx(50.0 + 20.0 * RAMP)
+
+
 OWN = 1 * 256 + 1
 
 

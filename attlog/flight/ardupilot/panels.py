@@ -60,6 +60,7 @@ ROWS: PanelRows = {
     "remaining": (Row("battery", "BAT.RemPct"),),
     "rails": (Row("board", "CURR.Vcc", 1e-3), Row("servo rail", "POWR.VServo")),
     "dilution": (Row("vertical", "GPA.VDop"),),
+    "link": (Row("receiver signal", "RSSI.RXRSSI", 100.0), Row("receiver link quality", "RSSI.RXLQ")),
     "load": (Row("CPU", "PM.Load", 0.1),),
     "loop": (Row("longest loop", "PM.MaxT", 1e-3),),
     "slow_loops": (Row("slow loops", "PM.NLon"),),

@@ -48,10 +48,17 @@ ROWS: PanelRows = {
     "amperes": (Row("battery", "battery_status.current_a"),),
     "used": (Row("battery", "battery_status.discharged_mah"),),
     "remaining": (Row("battery", "battery_status.remaining", 100.0),),
-    "rails": (Row("board", "system_power.voltage5V_v"), Row("payload rail", "system_power.voltage_payload_v")),
+    "rails": (
+        Row("board", "system_power.voltage5V_v"),
+        Row("payload rail", "system_power.voltage_payload_v"),
+        Row("sensors, 3.3 V", "system_power.sensors3v3[0]"),
+        Row("sensors, 3.3 V", "system_power.voltage3v3_v"),
+        Row("sensors, 3.3 V", "system_power.voltage3V3_v"),
+    ),
     "dilution": (Row("vertical", "vehicle_gps_position.vdop"), Row("vertical", "sensor_gps.vdop")),
     "load": (Row("CPU", "cpuload.load", 100.0), Row("memory", "cpuload.ram_usage", 100.0)),
     "dropouts": (Row("logger", "logger_status.dropouts"),),
+    "link": (Row("receiver signal", "input_rc.rssi"), Row("receiver link quality", "input_rc.link_quality")),
     "temperature": (
         Row("IMU", "vehicle_imu_status.temperature_accel"),
         Row("barometer", "sensor_baro.temperature"),
