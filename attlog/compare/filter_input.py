@@ -197,7 +197,7 @@ def require_reproduction(case: Case, name: str, *, anyway: bool = False) -> Repr
     row, _ = rerun_row(case, next(iter(case.imus.values())), estimators.parse(name), name)
     found = row.reproduction
     if (found is None or not found.follows) and not anyway:
-        said = reproduction_text(name, found) if found else f"{name} cannot be compared with what flew."
+        said = reproduction_text(name, found) if found else f"{name} cannot be compared with onboard."
         raise LogUnusable(f"{said} Its parameters are not studied; --anyway does")
     return found
 

@@ -310,6 +310,12 @@ MESSAGE_KINDS = (
     (re.compile(r"\bgps|\bgnss|glitch", re.I), "gnss"),
     (re.compile(r"\bekf|variance|estimator|attitude|\bahrs", re.I), "estimator"),
 )
+# Action by the words of the autopilot's message.
+MESSAGE_ACTIONS = (
+    (re.compile(r"thrust loss", re.I), "Check motors, propellers and battery; compare the motor outputs."),
+    (re.compile(r"requires (a )?position", re.I), "Wait for the EKF's position before choosing a position mode."),
+    (re.compile(r"ground station lost|data ?link lost", re.I), "Check the telemetry link and its antennas."),
+)
 # Action by kind of event, and by what the event is about.
 EVENT_ACTIONS = {
     "radio_lost": "Check antennas and range of the radio, and its receiver's failsafe.",
@@ -394,7 +400,9 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
             continue
         if event.kind == "message":
             kind = next((kind for words, kind in MESSAGE_KINDS if words.search(event.text)), "message")
-            pairs.append((event, replace(event_finding(event, kind), text=f"The autopilot reported {event.text}")))
+            action = next((action for words, action in MESSAGE_ACTIONS if words.search(event.text)), "")
+            text = f"The autopilot reported {event.text}"
+            pairs.append((event, replace(event_finding(event, kind), text=text, action=action)))
         elif event.kind in EVENT_KINDS:
             sign = event_finding(event, EVENT_KINDS[event.kind])
             if is_estimator_jump(event):

@@ -52,6 +52,9 @@ class SourceDifference:
     lasts: bool = True
 
 
+COMPARE_ADVICE = "Turn and tilt the vehicle by hand: both attitudes must agree before the next flight."
+
+
 def source_checks(case: HealthCase) -> list[Check]:
     """Check differences of other onboard attitudes, and which one is wrong."""
     log, segments, reference = case.log, case.segments, case.reference
@@ -90,7 +93,7 @@ def source_checks(case: HealthCase) -> list[Check]:
         who = f"GNSS acceleration contradicts {name_flew}"
     text += f"; {who}." if who else "; which is right cannot be determined."
     check = Check("second_source", verdict, text, round(size, 1), "deg", SOURCE_LIMIT, t=worst.since, about=about)
-    check.t_end = worst.until
+    check.t_end, check.action = worst.until, COMPARE_ADVICE
     return [check]
 
 

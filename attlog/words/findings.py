@@ -102,8 +102,8 @@ def _first_sentence(finding: ShownFinding) -> ShownFinding:
     return replace(finding, after=ends[0], why=why) if finding.when else replace(finding, before=ends[0], why=why)
 
 
-# Name of an ArduPilot record at the end of a sentence.
-RECORD_NAME = re.compile(r"\((ERR|EV) [\d/]+\)\.?$")
+# Brackets at the end of a sentence, which take its time too.
+END_IN_BRACKETS = re.compile(r"\([^()]+\)\.?$")
 
 
 def no_problem_text(shown: list[ShownFinding], hidden: int = 0) -> str:
@@ -143,7 +143,7 @@ def _timed(text: str, t: float | None, times: str) -> tuple[str, str, str]:
             after = text[found.end() :]
             return text[: found.start()], written, f"{after.rstrip('.')} ({times})." if times else after
     word = f"{times + ', ' if times else ''}{'from' if times else 'at'} "
-    if RECORD_NAME.search(text):  # one pair of brackets
+    if END_IN_BRACKETS.search(text):  # one pair of brackets
         return f"{text.rstrip('.)')}, {word}", moment(t), ")."
     return f"{text.rstrip('.')} ({word}", moment(t), ")."
 
