@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Iterator
 
@@ -23,11 +24,13 @@ MAX_SENTENCE = 400
 PARAMETER_NAME = re.compile(r"[A-Z][A-Z0-9_]{1,15}")
 # Parameters that identify a vehicle, its place, its network or its history, and calibration, which does so as well.
 IDENTIFYING = re.compile(
-    r"(STAT_|SIM_|TC_|SR\d|MAV\d_|SYSID|MAV_SYS_ID|MAV_COMP_ID|CAL_|COMPASS_(OFS|DIA|ODI|MOT|SCALE|PRIO)|RALLY_|FENCE_"
+    r"(STAT_|SIM_|SIH_|TC_|SR\d|MAV\d_|SYSID|MAV_SYS_ID|MAV_COMP_ID|CAL_|COMPASS_(OFS|DIA|ODI|MOT|SCALE|PRIO)|RALLY_|FENCE_"
     r"|AHRS_TRIM|RC\d+_(MIN|MAX|TRIM)|INS\d?_.*(OFF|SCAL|CAL)|SENS_BOARD_|TERRAIN_|SCR_USER|COM_FLIGHT).*"
-    r"|.*(_ID\d?|DEVID\d?|IP\d?|MAC\d?|GW|LAT|LNG|LON|DEC|DECL|PRESS|QNH|FLTTIME|RUNTIME|BOOTCNT|TOTAL|CALTEMP|RECTEMP)"
+    r"|.*(_ID\d?|DEVID\d?|IP\d?|MAC\d?|GW|(LAT|LNG|LON|ALT|H)0|LAT|LNG|LON|DEC|DECL|PRESS|QNH|FLTTIME|RUNTIME|BOOTCNT|TOTAL|CALTEMP|RECTEMP)"
     r"|.*(SERIAL_?NUM|UUID|NETMASK|PASS|FLIGHT_T_|HOVER).*"
 )
+# A fraction, or a number of 1e-7 deg, that differs less from the latitude or longitude of the flight may be it.
+NEAR_PLACE_DEG = 0.05
 # Parameters of wiring, radio, logging and displays.
 WIRING = re.compile(
     r"RC\d*_|PWM_|SERVO\d|OSD|SERIAL|MAV_|NTF_|LOG_|SDLOG_|BRD_|CAN_|UAVCAN|TEL_|GCS_|VTX|RELAY|MNT\d?_|CAM\d?_|TRIG_|FRSKY"
@@ -85,7 +88,7 @@ def _lines(
         yield ""
         yield f"**To set, with the log's value before it:** {_settings(settings)}"
     yield ""
-    yield from _parameters(parameter_lines(result), " ".join(f"{f.text} {f.action} {f.evidence}" for f in findings))
+    yield from _parameters(_unplaced(result), " ".join(f"{f.text} {f.action} {f.evidence}" for f in findings))
     yield ""
     version = result.attlog.get("version") or "of unknown version"
     yield f"*By attlog {version}. Times are s from the start of the log. Place, date, names, serial numbers: left out.*"
@@ -112,6 +115,19 @@ def _title(result: Result) -> str:
 def _settings(settings: Iterable[Setting]) -> str:
     old = ((s, "" if s.old is None else f"{setting_number(s.old)} -> ") for s in settings)
     return _shortened([f"`{s.name} {before}{setting_number(s.new)}`" for s, before in old])
+
+
+def _unplaced(result: Result) -> list[ParameterLine]:
+    """Return the parameters without those whose value is the place of the flight, whatever their name."""
+    place = result.log.get("place") or {}
+    places = [place[key] for key in ("lat", "lon") if place.get(key)]
+    values = result.log.get("params") or {}
+    near = {
+        name
+        for name, value in values.items()
+        if any(abs(x - at) < NEAR_PLACE_DEG for at in places for x in (value if value % 1 else math.nan, 1e-7 * value))
+    }
+    return [line for line in parameter_lines(result) if line.name not in near]
 
 
 def _parameters(lines: list[ParameterLine], said: str) -> Iterator[str]:

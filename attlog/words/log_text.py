@@ -167,7 +167,7 @@ PRIVATE = re.compile(
 )
 LEFT_OUT = "…"
 # A telephone number, or a serial number in groups.
-NUMBERS = re.compile(r"(?:[+(]*\d[\d.,:()/-]*\s+){2,}[+(]*\d[\d.,:()/-]*")
+NUMBERS = re.compile(r"(?<!\S)(?:(?=[^\s]*\d)[0-9A-Fa-f.,:()/+-]+\s+)+(?=[^\s]*\d)[0-9A-Fa-f.,:()/+-]+(?!\S)")
 # A time of :func:`attlog.words.numbers.moment`, which reads like a time of day.
 CLOCK = re.compile(r"\b(\d+):(\d\d):(\d\d)\b")
 
@@ -182,7 +182,7 @@ def public(sentence: str, texts: LogText) -> str:
 
 def firmware_words(words: str) -> str:
     """Return words of a log with an ellipsis for those that firmware does not write, as names are."""
-    kept = NUMBERS.sub(LEFT_OUT, words)
+    kept = NUMBERS.sub(lambda run: LEFT_OUT if len(re.findall(r"\d", run[0])) > MAX_DIGITS else run[0], words)
     kept = re.sub(r"\S+", lambda word: word[0] if _is_firmware(word[0]) else LEFT_OUT, kept)
     return re.sub(rf"{LEFT_OUT}(\s+{LEFT_OUT})+", LEFT_OUT, kept)
 
@@ -190,4 +190,6 @@ def firmware_words(words: str) -> str:
 def _is_firmware(word: str) -> bool:
     if re.search(r"[/\\@<>`*\[\]|]|\d:\d\d", word) or len(re.findall(r"\d", word)) > MAX_DIGITS:
         return False
-    return all(part.casefold() in FIRMWARE_WORDS or len(part) == 1 for part in re.findall(r"[^\W\d_]+", word))
+    parts = re.findall(r"[^\W\d_]+", word)
+    few = len(parts) == 1 and len(re.findall(r"\d", word)) <= 2
+    return all(part.casefold() in FIRMWARE_WORDS or (len(part) == 1 and few) for part in parts)

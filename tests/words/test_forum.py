@@ -38,11 +38,19 @@ def made(**more: object) -> Result:
         "seconds": {"airborne": 700.0},
         "place": {"lat": 47.397742, "lon": 8.545594, "alt_m": 488.0},
         "timeline": {"texts": [[1.0, 2, text] for text in PRIVATE], "airborne": [[10.0, 710.0]]},
-        "params": {"ATC_ANG_RLL_P": 6.0, "COMPASS_DEC": 0.05, "BRD_SERIAL_NUM": 77123456, "CAL_ACC0_ID": 1310988},
+        "params": {
+            "ATC_ANG_RLL_P": 6.0,
+            "COMPASS_DEC": 0.05,
+            "MY_PLACE": 47.397,
+            "BRD_SERIAL_NUM": 77123456,
+            "CAL_ACC0_ID": 1310988,
+        },
         "params_changed": {
             "ATC_ANG_RLL_P": [6.0, 4.5],
             "COMPASS_DEC": [0.05, 0.0],
             "BRD_SERIAL_NUM": [77123456, 0],
+            "SIH_LOC_LAT0": [47.39, 0.0],
+            "MY_PLACE": [47.397, 0.0],
             "CAL_ACC0_ID": [1310988, 0],
         },
         "params_in_flight": {"PSC_ACCZ_P": [[725.0, 0.7]]},
@@ -130,6 +138,9 @@ def test_however_many_findings_there_are_it_is_one_screen() -> None:
         ("PreArm: Battery 1 below minimum arming voltage", "PreArm: Battery 1 below minimum arming voltage"),
         ("Crash: Owner Anna Miller", "Crash: …"),
         ("Home 473977420 85455940", "Home …"),
+        ("PreArm: 0A373 4397", "PreArm: …"),
+        ("syncore 003B001B 32335117 36343932", "…"),
+        ("GPS 1: Bad fix, needs 3D at 2.5 m", "GPS 1: Bad fix, needs 3D at 2.5 m"),
     ],
 )
 def test_words_of_firmware_are_quoted_and_names_are_not(words: str, kept: str) -> None:
