@@ -20,7 +20,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from attlog.core.errors import LogUnreadable, OutputError, UsageError
+from attlog.core.errors import LogUnreadable, OutputError, UsageError, missing_file
 from attlog.core.limits import MAX_SETTINGS_BYTES
 from attlog.core.own_files import ANY_FILE, FileKind, is_special, require_replaceable
 
@@ -348,6 +348,8 @@ def read_settings_bytes(path: Path, largest: int = MAX_SETTINGS_BYTES) -> bytes:
             raise _too_large(path, largest)
         with path.open("rb") as file:
             content = file.read(largest + 1)
+    except FileNotFoundError:
+        raise LogUnreadable(f"{path}: {missing_file(str(path))}") from None
     except OSError as error:
         raise LogUnreadable(f"{path}: cannot be read ({error.strerror or error})") from error
     except ValueError as error:  # a NUL in the name

@@ -29,7 +29,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from attlog.core.errors import AttlogError, PluginError, UsageError, suggestion
+from attlog.core.errors import AttlogError, PluginError, UsageError, missing_file, suggestion
 from attlog.estimators import plugins
 from attlog.estimators.interface import (
     AIDS,
@@ -78,7 +78,7 @@ def is_recorded(name: str) -> bool:
 def recorded_estimator(path: Path) -> Estimator:
     """Return a file with an attitude as an estimator that cannot run on samples. UsageError without the file."""
     if not os.path.isfile(path):
-        raise UsageError(f"{path}: there is no such file with an attitude")
+        raise UsageError(f"{path}: {missing_file(str(path))}")
 
     def run(*_: Any) -> NoReturn:
         raise UsageError(f"{path}: holds an attitude that was computed elsewhere; it cannot be run on samples")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
-from attlog.core.errors import LogUnreadable, UsageError
+from attlog.core.errors import LogUnreadable, UsageError, missing_file
 from attlog.core.files import read_settings_text
 from attlog.core.limits import MAX_RESULT_BYTES
 
@@ -69,7 +69,7 @@ def check_truth(given: str) -> None:
     """Check a value of ``--truth``. UsageError as :func:`parse_truth`, LogUnreadable for a missing file."""
     found = parse_truth(given)
     if found.path is None and _meant_as_file(found.name):
-        raise LogUnreadable(f"{found.name}: no such file")
+        raise LogUnreadable(f"{found.name}: {missing_file(found.name)}")
 
 
 def _split(given: str) -> tuple[str, str]:
