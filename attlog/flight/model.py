@@ -50,8 +50,9 @@ def covered_seconds(t: Array) -> float:
 
 def logged_rate(t: Array) -> float:
     """Return the mean rate in Hz while the logger ran, 0 for fewer than two samples."""
-    span = covered_seconds(t)
-    return float(np.count_nonzero(without_pauses(t))) / span if span > 0 else 0.0
+    ran = without_pauses(t)
+    span = float(np.diff(t)[ran].sum())
+    return float(np.count_nonzero(ran)) / span if span > 0 else 0.0
 
 
 @dataclass(slots=True)

@@ -58,12 +58,13 @@ def hover_seconds(outputs: MotorOutputs, motion: Motion, spans: Sequence[Span]) 
     t, rates = motion.rates
     driven = np.isfinite(outputs.x).all(axis=1)  # NaN is off
     output_t, output_x = outputs.t[driven], outputs.x[driven]
+    speed = np.abs(rates)
     times, means = [], []
     for a, b in spans:
         edges = a + np.arange(int(b - a) + 1.0)
         if len(edges) < 2:
             continue
-        counts, rate = _mean_by_second(edges, t, np.abs(rates))
+        counts, rate = _mean_by_second(edges, t, speed)
         known, x = _mean_by_second(edges, output_t, output_x)
         middle = edges[:-1] + 0.5
         climb = np.array([motion.climb_at(float(m)) for m in middle])
@@ -83,7 +84,8 @@ def hover_seconds(outputs: MotorOutputs, motion: Motion, spans: Sequence[Span]) 
 def _mean_by_second(edges: Array, t: Array, x: Array) -> tuple[Array, Array]:
     """Return counts (n,) and means (n, k) of samples between successive edges (n + 1,)."""
     at = np.searchsorted(t, edges)
-    total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(x, axis=0)])
+    own, at = x[at[0] : at[-1]], at - at[0]  # one flight of many, so that a day's log takes no square of its time
+    total = np.concatenate([np.zeros((1, x.shape[1])), np.cumsum(own, axis=0)])
     count = np.diff(at)
     return count, (total[at[1:]] - total[at[:-1]]) / np.maximum(count, 1)[:, None]
 

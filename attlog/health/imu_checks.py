@@ -17,7 +17,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
-from attlog.core.spans import Span, inside
+from attlog.core.spans import Span, between, inside
 from attlog.flight.model import Array, Imu, Stream
 from attlog.health import gravity
 from attlog.health.check import Check, HealthCase, Limits, Verdict, graded, unknown
@@ -335,7 +335,8 @@ def _reach_k(imu: Imu, spans: list[Span]) -> float:
     """Return the temperature range in K within spans."""
     if imu.temperature is None or not spans:
         return 0.0
-    celsius = imu.temperature.x[inside(imu.temperature.t, spans), 0]
+    own = between(imu.temperature.t, spans[0][0], spans[-1][1])
+    celsius = imu.temperature.x[own][inside(imu.temperature.t[own], spans), 0]
     celsius = celsius[np.isfinite(celsius)]
     return float(np.ptp(celsius)) if len(celsius) else 0.0
 

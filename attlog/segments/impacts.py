@@ -266,6 +266,7 @@ def impact_peaks(imus: list[Imu], within: list[Span], least_g: float) -> list[Im
     g = np.concatenate([np.zeros(0), *(g for _, g in samples)])
     unit = np.repeat(np.arange(len(samples)), [len(t) for t, _ in samples])
     order = np.argsort(t, kind="stable")
+    rates = [imu.acc.rate if len(own) else 0.0 for imu, (own, _) in zip(imus, samples, strict=True)]
     found: list[ImpactPeak] = []
     for group in np.split(order, np.flatnonzero(np.diff(t[order]) > MAX_CONTACT_GAP_S) + 1) if len(order) else []:
         rest, last, most = group, 0.0, float(g[group].max())
@@ -273,8 +274,8 @@ def impact_peaks(imus: list[Imu], within: list[Span], least_g: float) -> list[Im
             first = float(t[rest[np.argmax(g[rest] >= max(least_g, 0.5 * g[rest].max()))]])
             contact = rest[(t[rest] >= first) & (t[rest] <= first + CONTACT_S)]
             hardest = contact[np.argmax(g[contact])]
-            acc, last = imus[unit[hardest]].acc, float(g[hardest])
-            found.append(ImpactPeak(first, last, acc.source, acc.rate, most, rest is not group))
+            source, rate, last = imus[unit[hardest]].acc.source, rates[unit[hardest]], float(g[hardest])
+            found.append(ImpactPeak(first, last, source, rate, most, rest is not group))
             rest = rest[t[rest] > first + CONTACT_S]
     return found
 
