@@ -17,7 +17,7 @@ from attlog.flight import parameters as parameter_file
 from attlog.flight.frozen import drop_stuck_attitudes
 from attlog.flight.model import FlightLog, Problem, Severity, guarded_part
 from attlog.flight.recalibration import recorrect
-from attlog.flight.timestamps import describe_other_boots, logged_seconds
+from attlog.flight.timestamps import describe_other_boots, foreign_clocks, logged_seconds
 from attlog.formats import Messages
 
 __all__ = ["FlightLog", "flight_in", "read"]
@@ -31,8 +31,11 @@ ATTITUDE_MESSAGES = ("ATT", "vehicle_attitude")
 SERIOUS_DAMAGE_SHARE, SERIOUS_DROPOUTS_MS = 0.001, 100
 # Below this size damage at the end of a file is a record cut while it was written.
 MAX_CUT_BYTES = 4096
-# Below this time in s a cut is a warning: what happened may be behind it.
+# Below this time in s a cut is a warning, because what happened may be behind it; another power-up as long is one.
 MAX_SHORT_S = 10.0
+# Messages on another clock that are named, and what to do.
+MAX_NAMED_CLOCKS = 4
+CLOCK_REMEDY = "Compare nothing in it with the rest; have its writer use the autopilot's time since boot."
 # Bytes per inertial sample of the flight (with attitudes and truth), and of its analysis or ``info``. Measured on logs
 # of 2 to 18 million samples (``docs/formats.md``).
 FLIGHT_BYTES, ANALYSIS_BYTES = 170, 550
@@ -117,6 +120,7 @@ def flight_in(
     log.problems += [*empty, *refused]
     log.parameters.given, log.parameters.filled = given, filled
     log.seconds = flight_seconds(log, part)
+    log.problems += foreign_clock_problems(part)
     if params is not None:
         own = {name: v for name in log.parameters.lines if name not in filled and (v := log.param(name)) is not None}
         corrected = partial(recorrect, log, Path(params).name, given)
@@ -127,7 +131,9 @@ def flight_in(
         text = (
             f"The file holds {boots} power-ups; {which}, {log.seconds:.0f} s. {describe_other_boots(messages, chosen)}"
         )
-        log.problems.insert(0, Problem("several_boots", "note", f"{text}. --boot chooses another.", count=boots))
+        longest = max(logged_seconds(messages.boot(k)) for k in range(boots) if k != chosen)
+        severity: Severity = "warning" if longest >= MAX_SHORT_S else "note"
+        log.problems.insert(0, Problem("several_boots", severity, f"{text}. --boot chooses another.", count=boots))
     # Remarks come last, because columns are read late.
     remarks = [Problem(r.code, "warning", r.text, offset=r.offset, count=r.count) for r in messages.remarks]
     log.problems[:0] = [*damage_problems(messages, log.seconds), *dropout_problems(messages), *remarks]
@@ -223,6 +229,19 @@ def damage_problems(messages: Messages, seconds: float) -> list[Problem]:
         text = f"The file is damaged in one place, {lost} bytes are not usable: {where}."
     severity: Severity = "warning" if lost > SERIOUS_DAMAGE_SHARE * messages.size else "note"
     return [Problem("damage", severity, text, offset=first.offset, count=places)]
+
+
+def foreign_clock_problems(messages: Messages) -> list[Problem]:
+    """Return the problem that names messages on another clock than the log's, if any."""
+    apart = {key: s for key, s in foreign_clocks(messages).items() if abs(s) <= parameter_limits.MAX_LOG_S}
+    if not apart:
+        return []
+    named = [f"{name} ({s:+,.0f} s)".replace("-", "−") for (name, _), s in list(apart.items())[:MAX_NAMED_CLOCKS]]
+    more = f" and {len(apart) - len(named)} more" if len(apart) > len(named) else ""
+    text = f"Another clock than that of the records around them have {', '.join(named)}{more}."
+    if len(apart) == 1:
+        text = f"{named[0]} has another clock than the records around it."
+    return [Problem("foreign_clock", "warning", text, count=len(apart), remedy=CLOCK_REMEDY)]
 
 
 def dropout_problems(messages: Messages) -> list[Problem]:

@@ -193,7 +193,7 @@ class LogBuilder:
         stamps, counts = self.stamps(table), table[column].astype(np.int64).reshape(len(table), -1)
         new = np.maximum(np.diff(counts, axis=0, prepend=counts[:1]), 0).sum(axis=1)
         elapsed_s = np.maximum(1e-6 * np.diff(stamps, prepend=stamps[:1]), MIN_COUNTED_S)
-        impossible = new > 3 * limits.RAW_HZ * elapsed_s
+        impossible = new > counts.shape[1] * limits.CLIPPED_HZ * elapsed_s
         if impossible.any():
             count = int(np.count_nonzero(impossible))
             text = f"{source}: left out {count:,} of {len(new):,} counts, higher than a sensor can sample."

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
+from datetime import UTC, datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +17,16 @@ from attlog.formats.table import FieldError
 
 # Least fix type with a position.
 MIN_FIX_TYPE = 2
-NOT_ON_EARTH = f"whose place is none ({limits.LATITUDE.limits}, {limits.LONGITUDE.limits})"
+NOT_ON_EARTH = (
+    f"whose place is none ({limits.LATITUDE.limits}, {limits.LONGITUDE.limits}) "
+    "or over 100 km from those before and behind"
+)
+# Distance on the unit sphere (100 km) from the median of so many records around one, beyond which it is damage. Places
+# that stay away are spoofing, which is reported.
+MAX_AWAY, PLACES_AROUND = 100.0 / 6371.0, 7
+# Days by which a date may lie ahead of this computer's clock, the least time of that clock (the day of a release), and
+# the period of the GPS week number.
+MAX_AHEAD_S, RELEASED_S, WEEK_TURN_S = 2 * 86_400.0, 1_795_000_000.0, 1024 * 604_800.0
 # Longest time from reception of a record to its logging.
 MAX_WRITE_DELAY_US = 1e6
 
@@ -48,6 +59,7 @@ def build_gnss(
         raise FieldError(f"{source} does not hold one value per record")
     own = builder.quiet()
     on_earth = finite_within(place[:, :1], limits.LATITUDE.high) & finite_within(place[:, 1:2], limits.LONGITUDE.high)
+    on_earth &= ~_away_and_back(place, on_earth & (fix >= MIN_FIX_TYPE))
     index = own.select_records(t_us, source, on_earth, wrong=NOT_ON_EARTH, fastest_hz=limits.AIDING_HZ)
     if repeats:
         builder.add_value_problems(own)
@@ -79,6 +91,19 @@ def build_gnss(
     return Gnss(
         unit, t, source, lat, lon, alt, velocity, h_acc, v_acc, s_acc, fix, yaw, utc_us, received, signals
     )  # fmt: skip
+
+
+def _away_and_back(place: Array, fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Mark the ``fixed`` places (n, 3) in deg that are far from those before and behind."""
+    away, k = np.zeros(len(place), bool), np.flatnonzero(fixed)
+    if len(k) < PLACES_AROUND:
+        return away
+    lat, lon = np.radians(place[k, 0]), np.radians(place[k, 1])
+    on_sphere = np.column_stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    padded = np.pad(on_sphere, ((PLACES_AROUND // 2, PLACES_AROUND // 2), (0, 0)), mode="reflect")
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, PLACES_AROUND, axis=0), axis=2)
+    away[k] = np.linalg.norm(on_sphere - usual, axis=1) > MAX_AWAY
+    return away
 
 
 def utc_offset(builder: LogBuilder) -> float | None:
@@ -126,4 +151,12 @@ def _valid_dates(
         text = f"{source}: left out {count:,} of {len(utc_us):,} dates, which are none of a flight ({date.why})."
         builder.problem("values_out_of_range", "warning", text, count=count)
     utc_us = np.where(wrong, 0, utc_us)
+    ahead = utc_us > 1e6 * (max(time.time(), RELEASED_S) + MAX_AHEAD_S)
+    if (ahead & (fix > MIN_FIX_TYPE)).any():
+        s = 1e-6 * float(np.median(utc_us[ahead]))
+        logged, likely = (datetime.fromtimestamp(x, UTC).date().isoformat() for x in (s, s - WEEK_TURN_S))
+        text = f"{source}: its date, {logged}, lies in the future and is not used; 1,024 weeks earlier it is {likely}."
+        count, remedy = int(np.count_nonzero(ahead)), "Update the receiver's firmware: its GPS week number is wrong."
+        builder.problem("false_date", "warning", text, count=count, remedy=remedy)
+    utc_us = np.where(ahead, 0, utc_us)
     return utc_us if utc_us.any() else None

@@ -107,6 +107,8 @@ UTC_US = Quantity(
 # Highest plausible rates of raw gyro samples (real: 32 kHz), of a control loop's output (8 kHz), and of GNSS and
 # battery (100 Hz). A higher rate shows stamps of another unit (ms read as us).
 RAW_HZ, FUSED_HZ, AIDING_HZ = 40_000.0, 10_000.0, 500.0
+# Highest rate of accelerometer samples, of which clipped ones are counted for each axis or once (real: 8 kHz).
+CLIPPED_HZ = 8_000.0
 # Records further from the first sample belong to another flight or have a false time; boats run for a day.
 MAX_LOG_S = 3 * 86_400.0
 # Fewest records from which a rate is computed.

@@ -633,8 +633,9 @@ class FlightLog:
         """
         if what == "rest" and self.begins_disarmed:
             return advise_rest("The log begins before arming already")
-        if what in ("imu", "mag", "attitude") and (ends := describe_early_end(self.messages)):
-            return ends
+        foreign = self.settings.kind == "other" and bool(self.messages)
+        if what in ("imu", "mag", "attitude") and not foreign and (ends := describe_early_end(self.messages)):
+            return ends if what == "imu" else ""
         return logging_advice(self.settings, what, rate)
 
     def remedy(self, fault: str) -> str:

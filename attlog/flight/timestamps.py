@@ -126,6 +126,61 @@ def record_clock(messages: Messages, system: int | None = None) -> Callable[[Tab
     return partial(_own_stamps, messages.format)
 
 
+# --- messages on another clock ---------------------------------------------------------------------------------
+
+# Records of a message whose times are compared with those around them in the file, and fewest of them.
+MAX_COMPARED, MIN_COMPARED = 33, 3
+# Records around one, of all messages, whose median time is the log's there.
+AROUND = 31
+# Least difference from the log's clock: s, and share of the log's length. Loggers write some records seconds late.
+MIN_APART_S, MIN_APART_SHARE = 30.0, 0.05
+# Least share of a message's records with the same difference.
+MIN_CLOCK_SHARE = 0.8
+# Column with the boot time in each record and its unit in us, by format.
+RECORD_CLOCKS = {
+    "ulog": ("timestamp", 1),
+    **dict.fromkeys(("dataflash", "dataflash_text"), ("TimeUS", 1)),
+    **dict.fromkeys(("tlog", "mavlink"), ("time_boot_ms", 1000)),
+}
+
+
+def foreign_clocks(messages: Messages) -> dict[tuple[str, int], float]:
+    """Return messages on another clock with their difference in s from the records around them in the file.
+
+    The difference is the same for all of a message's records; a few false times are no clock.
+    """
+    column, us = RECORD_CLOCKS.get(messages.format, ("", 1))
+    system = messages.info.get("system") if column == "time_boot_ms" else None
+    found: list[tuple[tuple[str, int], NDArray[np.int64], Stamps]] = []
+    for key, table in messages.items():
+        if column not in table or len(table) < MIN_COMPARED or (system is not None and key[1] >> 8 != system):
+            continue
+        some = table.rows(np.unique(np.linspace(0, len(table) - 1, MAX_COMPARED).astype(np.int64)))
+        try:
+            stamps = read_stamps(some, column, us)
+        except (KeyError, ValueError):
+            continue
+        found.append((key, some.offsets.astype(np.int64), stamps))
+    if len(found) < MIN_CLOCKS:
+        return {}
+    offsets, seconds = (np.concatenate([row[k] for row in found]) for k in (1, 2))
+    order = np.argsort(offsets, kind="stable")
+    at = 1e-6 * seconds[order].astype(np.float64)
+    half = AROUND // 2
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(at, half, mode="reflect"), AROUND), axis=1)
+    apart = np.empty(len(at))
+    apart[order] = at - usual
+    least = max(MIN_APART_S, MIN_APART_SHARE * float(usual.max() - usual.min()))
+    foreign, begin = {}, 0
+    for key, places, _ in found:
+        own = apart[begin : begin + len(places)]
+        begin += len(places)
+        typical = float(np.median(own))
+        if abs(typical) > least and float(np.mean(np.abs(own - typical) < least)) > MIN_CLOCK_SHARE:
+            foreign[key] = typical
+    return foreign
+
+
 # --- power-ups ---------------------------------------------------------------------------------------------------
 
 # Columns of boot clocks, and their units in us.
@@ -161,12 +216,17 @@ def logged_seconds(messages: Messages) -> float:
 
 # Below this time a log shows nothing about its logging settings; files up to this size are looked at.
 MIN_JUDGED_S, MAX_SHORT_BYTES = 2.0, 4 << 20
+# Messages that define the log, and records of others above which a log without length has no times.
+WITHOUT_DATA, MAX_UNTIMED_RECORDS = ("FMT", "FMTU", "UNIT", "MULT", "PARM", "MSG"), 200
 
 
 def describe_early_end(messages: Messages | None) -> str:
     """Return the sentence on a file too short to judge its logging settings, empty for others."""
     if messages is None or messages.size > MAX_SHORT_BYTES or (seconds := logged_seconds(messages)) >= MIN_JUDGED_S:
         return ""
+    records = sum(len(table) for (name, _), table in messages.items() if name not in WITHOUT_DATA)
+    if seconds == 0.0 and records > MAX_UNTIMED_RECORDS and messages.format.startswith("dataflash"):
+        return ""  # its records have no times
     return f"The file ends after {messages.size:,} bytes with {seconds:.1f} s of data: copy it again, or log longer."
 
 

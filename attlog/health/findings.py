@@ -992,11 +992,12 @@ def _settings_first(checks: Iterable[Check]) -> list[Check]:
 
 # Kinds of findings about logging or filters, not about the flight.
 RECORD_KINDS = frozenset(
-    """calibration_applied calibration_not_applied coverage cut_at_end damage damaged_reports delay duplicate_times
-    estimator_failed estimator_not_compiled estimator_timed_out false_times gaps gaps_and_rate imu_covers_a_part
-    imu_decimated imu_delay imu_that_flew_too_slow jitter late_field log_clock log_limit not_checked params_differ
-    params_unknown rate rate_impossible several_boots several_systems stale_packets time_backward truth_packet_times
-    unanswered unreadable_message unset_times values_out_of_range""".split()
+    """calibration_applied calibration_not_applied coverage cut_at_end damage damaged_reports delay
+    duplicate_times estimator_failed estimator_not_compiled estimator_timed_out false_date false_times
+    foreign_clock gaps gaps_and_rate imu_covers_a_part imu_decimated imu_delay imu_that_flew_too_slow jitter
+    late_field log_clock log_limit not_checked params_differ params_unknown rate rate_impossible
+    several_boots several_systems stale_packets time_backward truth_packet_times unanswered
+    unreadable_message unset_times values_out_of_range""".split()
 )
 
 

@@ -14,8 +14,9 @@ from attlog.flight import limits, read
 from attlog.flight import limits as parameter_limits
 from attlog.flight.ardupilot import reader as ardupilot
 from attlog.flight.builder import LogBuilder
+from attlog.flight.gnss import build_gnss
 from attlog.flight.limits import documented_range, is_integer
-from attlog.flight.model import FlightLog, Problem
+from attlog.flight.model import FlightLog, Gnss, Problem
 from attlog.flight.parameters import read_parameter_file
 from attlog.flight.px4 import reader as px4
 from attlog.formats.table import ParamChange
@@ -421,3 +422,52 @@ def test_what_differs_and_what_the_log_does_not_know_is_said(tmp_path, samples):
     assert {p.code: p.severity for p in read(log.path, params=path).problems}["params_unknown"] == "note"
     plain = {p.code for p in read(log.path).problems}
     assert not plain & {"params_differ", "params_unknown"}
+
+
+def receiver(lat: np.ndarray, lon: np.ndarray, utc_us: np.ndarray | None = None) -> tuple[LogBuilder, Gnss | None]:
+    n = len(lat)
+    builder = LogBuilder(messages("ulog", {}), t0_us=10_000_000)
+    place, nothing = np.column_stack([lat, lon, np.full(n, 400.0)]), np.full(n, np.nan)
+    found = build_gnss(
+        builder,
+        0,
+        micros(n, 5.0).astype(np.int64),
+        "gps",
+        place=place,
+        velocity=np.zeros((n, 3)),
+        fix=np.full(n, 3),
+        accuracy=(nothing, nothing, nothing),
+        utc_us=utc_us,
+    )
+    return builder, found
+
+
+def test_a_place_on_another_continent_for_one_fix_is_damage_and_one_that_stays_is_not() -> None:
+    lat, lon = np.full(100, 47.0), np.full(100, 179.9999) + 4e-6 * np.arange(100)
+    lon = (lon + 180.0) % 360.0 - 180.0  # the flight crosses the date line
+    lat[40], lon[40] = -12.0, -77.0
+    lat[60:62], lon[60:62] = 0.0, 0.0
+    builder, found = receiver(lat, lon)
+    assert found is not None
+    assert (len(found.t), told(builder.problems, "over 100 km")) == (97, [3])
+    lat, lon = np.full(100, 50.0), np.full(100, 30.0)
+    lat[50:], lon[50:] = -12.0, -77.0  # as spoofing of receivers shows it
+    builder, found = receiver(lat, lon)
+    assert found is not None
+    assert (len(found.t), builder.problems) == (100, [])
+
+
+def test_a_date_1024_weeks_ahead_is_named_and_not_used() -> None:
+    at = 1_780_000_000_000_000 + 200_000 * np.arange(100, dtype=np.int64)
+    still = np.full(100, 47.0)
+    builder, found = receiver(still, still, at + 1024 * 604_800 * 1_000_000)
+    assert found is not None
+    assert found.utc_us is None
+    (problem,) = builder.problems
+    assert problem.code == "false_date"
+    assert "2046-01-11" in problem.text
+    assert "2026-05-28" in problem.text
+    builder, found = receiver(still, still, at)
+    assert found is not None
+    assert found.utc_us is not None
+    assert builder.problems == []

@@ -17,6 +17,7 @@ from attlog.flight.builder import LogBuilder
 from attlog.flight.model import logged_rate
 from attlog.flight.timestamps import (
     describe_other_boots,
+    foreign_clocks,
     isolated_timestamps,
     logged_seconds,
     read_stamps,
@@ -25,6 +26,7 @@ from attlog.flight.timestamps import (
     valid_stamp,
 )
 from attlog.formats.table import Boot, Field, Messages, Table
+from tests.flight.fake import messages
 
 FLIGHT = np.concatenate([np.arange(0, 60_000_000, 20_000), np.arange(400_000_000, 460_000_000, 20_000)])
 """Two minutes at 50 Hz with a pause of the logger of over five minutes."""
@@ -198,6 +200,34 @@ def test_a_piece_lasts_from_the_first_to_the_last_stamp_of_any_message_whatever_
         table("C", TimeMS=np.array([6_000, 21_500])),
     )
     assert logged_seconds(log) == pytest.approx(17.5)
+
+
+def on_clocks(shift_s: float, shifted: str, n: int = 200) -> Messages:
+    """Messages at 10 Hz, one after the other in the file, of which one is on another clock."""
+    names = ("A", "B", "C", "D", "E")
+    columns = {
+        (name, 0): {"timestamp": (np.arange(n) * 100_000 + 5 * SECOND + (shift_s * SECOND if name == shifted else 0))}
+        for name in names
+    }
+    made = messages("ulog", {key: {"timestamp": c["timestamp"].astype(np.uint64)} for key, c in columns.items()})
+    for k, key in enumerate(columns):
+        own = made.tables[key]
+        offsets = 1000 + 50 * np.arange(n, dtype=np.int64) + 10 * k
+        stored = columns[key]["timestamp"].astype(np.uint64)
+        made.tables[key] = Table(
+            own.name, 0, own.fields, offsets, lambda c, at, o=offsets, x=stored: x[np.searchsorted(o, at)]
+        )
+    return made
+
+
+@pytest.mark.parametrize("shift_s", [1000.0, -900.0, 40.0, 100_000.0])
+def test_a_message_on_another_clock_is_named_with_its_difference(shift_s: float) -> None:
+    assert foreign_clocks(on_clocks(shift_s, "C")) == {("C", 0): pytest.approx(shift_s, abs=1.0)}
+
+
+def test_messages_written_some_seconds_late_are_on_the_same_clock() -> None:
+    assert foreign_clocks(on_clocks(-8.0, "C")) == {}
+    assert foreign_clocks(on_clocks(0.0, "C")) == {}
 
 
 def test_stamps_that_were_never_set_the_time_of_the_week_and_a_false_stamp_lengthen_no_piece() -> None:

@@ -125,3 +125,13 @@ def test_a_counter_of_clipped_samples_that_begins_anew_has_counted_none() -> Non
     log = fake.messages("dataflash", {("IMU", 0): {"TimeUS": fake.micros(5, 50.0)}, ("VIBE", 0): counter})
     (found,) = sensors.clippings(DataflashBuilder(log))
     assert (found.source, found.new.tolist()) == ("VIBE.Clip0", [0, 3, 0, 0, 2, 4])
+
+
+def test_more_clipped_samples_than_a_sensor_takes_are_damage() -> None:
+    """65,535 in 0.1 s, as of a counter of 16 bits that was never set; the 40 real ones stay."""
+    counter = {"TimeUS": fake.micros(4, 10.0), "Clip0": np.array([0, 40, 40 + 65_535, 40 + 65_535], np.uint32)}
+    log = fake.messages("dataflash", {("IMU", 0): {"TimeUS": fake.micros(5, 50.0)}, ("VIBE", 0): counter})
+    builder = DataflashBuilder(log)
+    (found,) = sensors.clippings(builder)
+    assert found.new.tolist() == [0, 40, 0, 0]
+    assert [p.code for p in builder.problems] == ["values_out_of_range"]
