@@ -419,11 +419,13 @@ def _reset_steps(t_us: Stamps, q: Array, times_us: Iterable[int], known: set[int
 
 
 def burst_rate(t_us: Stamps) -> float:
-    """Return the mean rate in Hz over intervals of up to 1 s, 0 for too few records."""
+    """Return the mean rate in Hz over intervals of up to 1 s, 0 for too few records unless no sensor is as fast."""
     steps = np.diff(t_us)
     close = steps[steps <= 1_000_000]
     span = float(close.sum())
-    return 1e6 * len(close) / span if len(t_us) >= limits.ENOUGH_FOR_A_RATE and span > 0 else 0.0
+    rate = 1e6 * len(close) / span if span > 0 else 0.0
+    few = len(t_us) < limits.ENOUGH_FOR_A_RATE and (rate <= limits.RAW_HZ or len(close) < len(steps))
+    return 0.0 if few else rate
 
 
 def columns(table: Table, *names: str) -> Array:

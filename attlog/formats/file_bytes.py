@@ -234,12 +234,12 @@ class GzipContent:
                 before = inflate.copy()
                 try:
                     block = inflate.decompress(packed, _UNPACKED_BLOCK)
-                except zlib.error as error:
+                except zlib.error:
                     yield _up_to_the_error(before, packed)
                     self.lost = (
                         f"{len(packed)} or more bytes behind the compressed log, which are no gzip data"
                         if at_start
-                        else f"the rest of the log, because its gzip file is damaged ({str(error).rpartition(': ')[2]})"
+                        else "the rest of the log, because its gzip file is damaged"
                     )
                     return
                 at_start = False

@@ -325,3 +325,12 @@ def test_of_groups_that_are_equally_small_none_is_taken_for_false() -> None:
     bursts = np.concatenate([EVEN[:3], EVEN[:3] + 60_000_000])
     assert plausible_records(bursts, lambda t: np.ones(len(t), bool)).dropped == 0
     assert plausible_records(bursts[:5], lambda t: np.ones(len(t), bool)).false == 2
+
+
+def test_a_few_records_a_microsecond_apart_are_no_stream() -> None:
+    builder = log_with_stamps(np.arange(5, dtype=np.int64) + SECOND)
+    t = builder.messages["judged", 0]["timestamp"]
+    assert len(builder.select_records(t, "judged")) == 0
+    assert [p.code for p in builder.problems] == ["rate_impossible"]
+    pair = np.array([0, 10, 2 * SECOND, 4 * SECOND], np.int64) + SECOND
+    assert len(log_with_stamps(pair).select_records(pair, "judged")) == 4

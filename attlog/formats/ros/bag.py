@@ -262,16 +262,16 @@ def _read_sqlite(path: Path, data: NDArray[np.uint8], wanted: ChannelFilter) -> 
             channels = _sqlite_channels(database, bag, wanted, "message_definitions" in tables)
         except LogUnusable:
             raise
-        except Exception as problem:  # whatever SQLite raises for damaged bytes
-            raise LogUnusable(f"{path}: a damaged SQLite database ({problem})") from None
+        except Exception:  # whatever SQLite raises for damaged bytes
+            raise LogUnusable(f"{path}: a SQLite database whose tables are damaged") from None
         try:
             for number, time, message in database.execute("select topic_id, timestamp, data from messages"):
                 channel = channels.get(number)
                 if channel is not None and isinstance(message, bytes) and isinstance(time, int):
                     channel.messages.append(message)
                     channel.times_ns.append(time)
-        except Exception as problem:  # whatever SQLite raises for damaged bytes
-            bag.losses.add(len(data) - 1, 1, f"messages of the bag ({problem})", "not at all")
+        except Exception:  # whatever SQLite raises for damaged bytes
+            bag.losses.add(len(data) - 1, 1, "the messages behind a damaged page", "not at all")
     return bag
 
 

@@ -121,7 +121,11 @@ def _channel_table(path: Path, name: str, channel: BagChannel, bag: Bag) -> Tabl
         try:
             types = channel_types(path, channel)
             table = decode_table(name, types, channel.type, channel.messages, channel.times_ns)
-        except (ValueError, KeyError, RecursionError) as error:
+        except KeyError:
+            reason = " (a type of its fields is not defined)"
+        except RecursionError:
+            reason = " (its definition is nested too deeply)"
+        except ValueError as error:
             reason = f" ({error})"
     left = count - (0 if table is None else len(table))
     if left:
@@ -146,8 +150,8 @@ def channel_types(path: Path, channel: BagChannel) -> dict[str, Any]:
             known = dict(get_types_from_idl(channel.definition))
         elif channel.definition:
             known = dict(get_types_from_msg(channel.definition, channel.type))
-    except Exception as error:  # whatever the library raises for a damaged definition
-        raise ValueError(f"its definition cannot be read: {str(error)[:100]}") from None
+    except Exception:  # whatever the library raises for a damaged definition
+        raise ValueError("its definition cannot be read") from None
     known = {**get_typestore(Stores.ROS2_JAZZY).fielddefs, **known}
     if channel.type not in known:
         raise ValueError("the bag does not define its type; record it as MCAP")
