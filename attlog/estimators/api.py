@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from attlog.core import rotation
+from attlog.core.brief import brief
 from attlog.core.errors import PluginError, UsageError
 from attlog.estimators import run as loop
 from attlog.estimators.aids import Aids
@@ -44,6 +45,7 @@ class EstimatorSpec:
     estimator: Estimator
     preset: str | None = None
     params: Mapping[str, float | str] = field(default_factory=dict)
+    __repr__ = brief
 
     @property
     def name(self) -> str:

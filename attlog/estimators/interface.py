@@ -256,6 +256,7 @@ class Estimator:
     aliases: Mapping[str, str] = field(default_factory=dict)
     not_offered: Mapping[str, str] = field(default_factory=dict)
     process: PluginProcess | None = None
+    __repr__ = brief
 
     @property
     def aided(self) -> bool:

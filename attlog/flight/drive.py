@@ -13,6 +13,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import brief
+
 Array = NDArray[np.float64]
 
 
@@ -170,6 +172,7 @@ class Esc:
     current: Array
     temperature: Array
     motor: int | None = None
+    __repr__ = brief
 
 
 # Temperatures above these are in K, and in hundredths.
@@ -211,6 +214,7 @@ class MotorOutputs:
     geometry: Geometry | None = None
     reports: list[MotorReport] = field(default_factory=list)
     changes: list[tuple[float, str]] = field(default_factory=list)
+    __repr__ = brief
 
     @property
     def motors(self) -> int:

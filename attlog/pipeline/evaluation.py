@@ -12,7 +12,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from attlog import estimators, metrics, reference, segments, story
-from attlog.core.errors import AttlogError, PluginError, PluginTimeout, UsageError
+from attlog.core.errors import AttlogError, PluginError, PluginTimeout, UsageError, suggestion
 from attlog.core.log_cache import log_cache
 from attlog.core.machine import versions
 from attlog.estimators.filters.smoother import OWN_HEADING
@@ -319,6 +319,7 @@ def evaluate(
     """
     if isinstance(specs, str):
         specs = estimators.items(specs)
+    only = _known_metrics(only)
     settings = case.settings if specs is None else case.settings | {"estimators": list(map(str, specs))}
     stage = Stages(case.timing, samples_of(case.log))
     with log_cache():
@@ -446,6 +447,16 @@ def has_a_story(log: FlightLog) -> bool:
     """Return whether a log has an attitude, GNSS data or arming times."""
     armed = log.state.armed is not None and len(log.state.armed.t) > 1 and log.state.armed.t[-1] > log.state.armed.t[0]
     return bool(log.attitudes or log.gnss or armed)
+
+
+def _known_metrics(only: Collection[str]) -> Collection[str]:
+    """Return names of metrics, one as a list. UsageError for an unknown one."""
+    asked = [only] if isinstance(only, str) else only
+    known = dict.fromkeys(part for name in metrics.definitions() for part in (name, name.partition(".")[0]))
+    for name in asked:
+        if name not in known:
+            raise UsageError(f"only: no metric {name!r}{suggestion(name, known)}")
+    return asked
 
 
 @per_case

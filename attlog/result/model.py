@@ -141,6 +141,7 @@ class ReferenceSummary:
     caveat: str = ""
     refused: dict[str, str] = field(default_factory=dict)
     fit: TruthFit | None = None
+    __repr__ = brief
 
 
 # Most common times of :class:`AttitudeTracks`, and the highest rate in Hz at which they are kept.
@@ -157,6 +158,7 @@ class AttitudeTracks:
 
     t: NDArray[np.float64]
     q: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    __repr__ = brief
 
     @classmethod
     def at_times_of(cls, t: NDArray[np.float64]) -> AttitudeTracks:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import spans
+from attlog.core.brief import brief
 from attlog.core.spans import Span
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
@@ -104,6 +105,7 @@ class InAir:
     power_source: str
     why: str
     known: bool = True
+    __repr__ = brief
 
     @property
     def climb(self) -> Array:

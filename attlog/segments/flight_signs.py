@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.brief import brief
 from attlog.flight.model import FlightLog, Imu, Stream
 
 Array = NDArray[np.float64]
@@ -109,6 +110,7 @@ class Grid:
     speed: Array
     down: Array
     slow: bool
+    __repr__ = brief
 
     def index(self, t: float) -> int:
         """Return the grid index nearest to a time in s."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from attlog.core.brief import brief
 from attlog.flight.model import FlightLog, Stream
 from attlog.segments.flight_signs import MAX_AGE_S, STEP_S, Grid, hold_last, seconds_to_nearest, true_runs
 
@@ -50,6 +51,7 @@ class HeightLevel:
     source: str
     above: Array
     jumps: bool = False
+    __repr__ = brief
 
     @property
     def hint(self) -> Mask:

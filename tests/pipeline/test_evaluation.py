@@ -319,3 +319,8 @@ def test_a_log_that_is_not_enough_for_a_filter_is_no_trouble(
     row = EstimatorRow("mine", "replay", "mine", "failed", str(error))
     found = problems_of_reference_and_filters(SOUND, [row], {} if error is None else {"mine": error}, {}, [])
     assert [(p.code, p.severity) for p in found] == [(code, severity)]
+
+
+def test_an_unknown_metric_is_an_error_that_names_the_nearest(case: Case) -> None:
+    with pytest.raises(UsageError, match="no metric 'tilt_rms_deg'; did you mean tilt_rmse_deg"):
+        attlog.evaluate(case, "gyro", only="tilt_rms_deg")
