@@ -15,7 +15,13 @@ from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageErr
 from attlog.core.limits import MAX_FETCH_S, MAX_LISTING_DEPTH, MAX_UNPACKED_BYTES, STALLED_S
 
 _URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
-_SECRET = re.compile(r"x-(amz|goog|ms)-.*|sig(nature)?|.*token|password|key", re.IGNORECASE)
+# Names of values in a query that open a door, in the spellings of S3, Google, Azure and web servers.
+_SECRET = re.compile(
+    r"x-(amz|goog|ms)-.*|sig|.*(signature|token|secret|passw|passphrase|pwd|credential|auth|key|accessid|session).*|pass",
+    re.IGNORECASE,
+)
+# Where a URL names what it lies behind.
+_BEHIND = re.compile(rf"::(?={_URL.pattern})", re.IGNORECASE)
 _WITH_USERS = frozenset(("http", "https", "ftp", "sftp", "ssh", "smb"))
 
 
@@ -26,17 +32,33 @@ def is_url(text: str) -> bool:
 
 def without_secrets(place: str) -> str:
     """Return a path unchanged, and a URL without user, password and signature."""
+    if len(behind := _BEHIND.split(place)) > 1:  # zip://a.ulg::https://...
+        return "::".join(map(without_secrets, behind))
     if not is_url(place):
         return place
     try:
         parts = urlsplit(place)
     except ValueError:  # as of http://[::1
         raise UsageError(f"{place.partition('://')[0]}://…: not a URL that can be read") from None
-    host = parts.netloc.rpartition("@")[2] if parts.scheme.lower() in _WITH_USERS else parts.netloc
+    user, _, host = parts.netloc.rpartition("@")
+    if parts.scheme.lower() not in _WITH_USERS and ":" not in user:  # abfs://container@account
+        host = parts.netloc
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     kept = [pair for pair in pairs if not _SECRET.fullmatch(pair[0])]
     query = parts.query if len(kept) == len(pairs) else urlencode(kept)
     return urlunsplit(parts._replace(netloc=host, query=query, fragment=""))
+
+
+def hide_secrets(text: str) -> str:
+    """Return a text with every URL in it as by :func:`without_secrets`, what follows a wrong one cut off."""
+
+    def hidden(url: re.Match[str]) -> str:
+        try:
+            return without_secrets(url[0])
+        except UsageError:
+            return f"{url[0].partition('://')[0]}://…"
+
+    return re.sub(rf"{_URL.pattern}\S+", hidden, text, flags=re.IGNORECASE)
 
 
 # Waits before the second and third attempt at an interrupted download.

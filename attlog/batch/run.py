@@ -38,6 +38,8 @@ from attlog.pipeline.config import Config
 
 # Windows refuses to read a locked byte: this one is beyond the end of the file.
 LOCKED_BYTE = 1 << 30
+# Beginning of a lock file.
+LOCK_START = b"process "
 PLAN_SCHEMA = "attlog-batch/1"
 # Shortest time between two writes of the index, and the largest share of the run spent on them.
 INDEX_EVERY_S = 10.0
@@ -163,8 +165,11 @@ def lock_folder(folder: Path) -> Iterator[str]:
     place = folder / RECORDS_FOLDER / "lock"
     try:
         place.parent.mkdir(parents=True, exist_ok=True)
-        if os.path.islink(place):  # of a stranger's folder: what it leads to would be emptied
-            raise OutputError(f"{place}: is a link, so it is not written; choose another place with -o")
+        for own in (place.parent, place):  # of a stranger's folder: what it leads to would be emptied
+            if os.path.islink(own):
+                raise OutputError(f"{own}: is a link, so it is not written; choose another place with -o")
+        if place.exists() and place.read_bytes()[: len(LOCK_START)] not in (b"", LOCK_START):
+            raise OutputError(f"{place}: exists and is not of attlog; choose another place with -o")
         file = place.open("a+")
     except OSError as error:
         raise _not_written(folder, error) from error
@@ -182,7 +187,7 @@ def lock_folder(folder: Path) -> Iterator[str]:
             warning = f"{folder}: no locks on this file system ({error.strerror}); let no other batch write there"
         try:
             file.truncate(0)
-            file.write(f"process {os.getpid()} on {socket.gethostname()}\n")
+            file.write(f"{LOCK_START.decode()}{os.getpid()} on {socket.gethostname()}\n")
             file.flush()
         except OSError as error:
             raise _not_written(folder, error) from error

@@ -243,7 +243,9 @@ def _is_log(path: str) -> bool:
 
 
 def command_line() -> str:
-    """Return the command as typed, without the place of a private key: results are passed on."""
+    """Return the command as typed, without secrets of URLs and the place of a private key: results are passed on."""
+    from attlog.batch.remote import hide_secrets
+
     kept, words = ["attlog"], iter(sys.argv[1:])
     for word in words:
         if word == "--":
@@ -252,4 +254,4 @@ def command_line() -> str:
             next(words, None)
         elif not word.startswith("--key="):
             kept.append(word)
-    return " ".join(kept)
+    return hide_secrets(" ".join(kept))

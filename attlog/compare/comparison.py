@@ -293,6 +293,11 @@ class Comparison:
             if all(d.value is None for d in found)
         }
 
+    @property
+    def answers(self) -> bool:
+        """Return whether a log answers a question."""
+        return len(self.used) > len(self.without_answer)
+
     def to_json(self) -> str:
         """Return the JSON text; characters that cannot be encoded are replaced."""
         text = json.dumps(to_plain(self), ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"

@@ -68,7 +68,7 @@ def parse_truth(given: str) -> TruthRequest:
 def check_truth(given: str) -> None:
     """Check a value of ``--truth``. UsageError as :func:`parse_truth`, LogUnreadable for a missing file."""
     found = parse_truth(given)
-    if found.path is None and _meant_as_file(found.name):
+    if found.path is None and meant_as_file(found.name):
         raise LogUnreadable(f"{found.name}: {missing_file(found.name)}")
 
 
@@ -99,7 +99,7 @@ def _flag(given: str, values: dict[str, str]) -> bool:
     return text in YES
 
 
-def _meant_as_file(name: str) -> bool:
+def meant_as_file(name: str) -> bool:
     """Return whether a name looks like a file: topics contain slashes, but no dots except ``name.N``."""
     last = re.split(r"[/\\]", name)[-1]
     return "." in last and not re.fullmatch(r"\w+\.\d+", last)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
@@ -14,6 +15,8 @@ from attlog.core.errors import UsageError
 from attlog.core.files import parse_toml, read_settings_text
 from attlog.core.settings import NumberRange, ParsedBy, validated
 
+# Filters and attitudes from files, in any case and with any settings behind them.
+NAMES_A_FILE = re.compile(r"\.(py|csv)", re.IGNORECASE)
 REFERENCES = ("auto", "truth", "smoother", "onboard", "none")
 
 
@@ -126,13 +129,16 @@ class Config:
     def load(cls, path: Path, **options: Any) -> Config:
         """Read a configuration from a TOML or JSON file, overridden by ``options``.
 
-        A JSON file is an object of option names, or a result of ``attlog analyze`` with its configuration. Filter files
-        named in a result run only where ``options`` name ``estimators``, because results come from others.
+        A JSON file is an object of option names, or a result of ``attlog analyze`` with its configuration. Files named
+        in a result (filters, truth, parameters) are opened only where ``options`` name them: results come from others.
         LogUnreadable if the file cannot be opened, UsageError for everything wrong in it.
         """
         text = read_settings_text(path)
-        values = _from_json(text, path, options) if text.lstrip().startswith("{") else parse_toml(text, path)
-        return cls.build(values | options, origin=str(path))
+        values, of_others = _from_json(text, path) if text.lstrip().startswith("{") else (parse_toml(text, path), False)
+        config = cls.build(values | options, origin=str(path))
+        if of_others:
+            _refuse_files(config, path, options)
+        return config
 
     @property
     def truth_place(self) -> str:
@@ -163,25 +169,39 @@ def _is_default(name: str, value: Any) -> bool:
     return name in DEFAULTS and type(value) is type(DEFAULTS[name]) and value == DEFAULTS[name]
 
 
-def _from_json(text: str, path: Path, options: Mapping[str, Any]) -> dict[str, Any]:
-    """Extract configuration options from their own JSON object or from a result.
+def _from_json(text: str, path: Path) -> tuple[dict[str, Any], bool]:
+    """Return configuration options of their own JSON object or of a result, and whether it is a result.
 
-    UsageError for other JSON, and for a result with filter files that ``options`` do not name.
+    UsageError for other JSON.
     """
     try:
         document: dict[str, Any] = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise UsageError(f"{path}: not valid JSON: {error}") from error
     if "schema" not in document:
-        return document
+        return document, False
     if not isinstance(document.get("config"), dict):
         raise UsageError(f"{path}: holds no configuration: it has a schema but no object named config")
-    found = dict(document["config"])
-    rows = [] if "estimators" in options else found.get("estimators", [])
-    code = [item for item in rows if isinstance(item, str) and ".py" in item.lower()] if isinstance(rows, list) else []
-    if code:
+    return dict(document["config"]), True
+
+
+def _refuse_files(config: Config, path: Path, options: Mapping[str, Any]) -> None:
+    """Raise UsageError if the configuration of a result names a file that ``options`` do not name."""
+    if "estimators" not in options and any(NAMES_A_FILE.search(item) for item in config.estimators):
         raise UsageError(
-            f"{path}: is a result that ran a filter from a file, {', '.join(code)}; it is not run because a result "
-            f"names it. If you trust it: --estimators {shlex.quote(','.join(map(str, rows)))}"
+            f"{path}: is a result that ran a filter from a file, {', '.join(config.estimators)}; it is not run because "
+            f"a result names it. If you trust it: --estimators {shlex.quote(','.join(config.estimators))}"
         )
-    return found
+    for name, value in (("truth", config.truth), ("params", config.params)):
+        if name not in options and value is not None and (name == "params" or _is_a_file(value)):
+            raise UsageError(
+                f"{path}: is a result that used a file, {value}; it is not read because a result names it. If you "
+                f"trust it: --{name} {shlex.quote(value)}"
+            )
+
+
+def _is_a_file(truth: str) -> bool:
+    from attlog.external.read import meant_as_file, parse_truth
+
+    found = parse_truth(truth)
+    return found.path is not None or meant_as_file(found.name)

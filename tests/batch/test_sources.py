@@ -20,6 +20,7 @@ import pytest
 
 from attlog.batch import archive, remote
 from attlog.batch.sources import Source, find, sources
+from attlog.cli.arguments import command_line
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
 from tests.batch.servers import Web, serving
 from tests.conftest import SAMPLES
@@ -296,6 +297,28 @@ def test_passwords_and_signatures_are_not_shown() -> None:
     source = Source("https://me:pw@host/a.ulg?X-Amz-Signature=abc&X-Amz-Date=1&v=2")
     assert source.name == "https://host/a.ulg?v=2"
     assert source.file_name == "a.ulg_v=2"
+
+
+@pytest.mark.parametrize(
+    ("word", "shown"),
+    [
+        ("https://me:pw@host/a.ulg?sig=abc&sv=2", "https://host/a.ulg?sv=2"),
+        ("--truth=https://me:pw@host/t.csv", "--truth=https://host/t.csv"),
+        ("https://h/a?api_key=1&AWSAccessKeyId=2&Signature=3&v=4#pw", "https://h/a?v=4"),
+        ("https://h/a?PASSWD=1&auth=2&client_secret=3", "https://h/a"),
+        ("zip://a.ulg::https://me:pw@host/x.zip", "zip://a.ulg::https://host/x.zip"),
+        ("http://me:pw@[::1", "http://…"),
+        ("http://me:pw@[::1]:80/a.ulg", "http://[::1]:80/a.ulg"),
+        ("abfs://container@account/a.ulg", "abfs://container@account/a.ulg"),
+        ("webdav://me:pw@host/a.ulg", "webdav://host/a.ulg"),
+        ("flights/a.ulg", "flights/a.ulg"),
+    ],
+)
+def test_a_command_that_is_kept_shows_no_secret_of_a_url(
+    monkeypatch: pytest.MonkeyPatch, word: str, shown: str
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["attlog", "analyze", "--key", "k.pem", word, "-q"])
+    assert command_line() == f"attlog analyze {shown} -q"
 
 
 @pytest.fixture

@@ -116,3 +116,30 @@ def test_all_units_and_those_that_were_read_can_be_asked_of_a_flight_and_no_othe
     for settings in ({"mag": 1}, {"mag": "none"}, {"boot": 1}, {"params": "x.param"}):
         with pytest.raises(UsageError, match="is chosen when the log is read"):
             flight_of(log, Config.build(settings))
+
+
+@pytest.mark.parametrize(
+    "named",
+    [
+        {"estimators": "evil.py"},
+        {"estimators": ["gyro", "./evil.PY:gain=1"]},
+        {"estimators": "gyro,evil.py,kp=3"},
+        {"estimators": ["table.csv"]},
+        {"truth": "/etc/passwd"},
+        {"truth": "evil.py:offset=1"},
+        {"params": "evil.py"},
+    ],
+)
+def test_the_configuration_of_a_result_opens_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: dict[str, Any]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "evil.py").write_text("from pathlib import Path\nPath('ran').touch()\n")
+    result = tmp_path / "result.json"
+    result.write_text("\ufeff " + json.dumps({"schema": "attlog-result/7", "config": named}), encoding="utf-8")
+    with pytest.raises(UsageError, match=r"is a result that .* because a result names it"):
+        Config.load(result)
+    assert not (tmp_path / "ran").exists()
+    Config.load(result, **named)  # the caller trusts it
+    result.write_text(json.dumps({"schema": "attlog-result/7", "config": {"truth": "vehicle_attitude_groundtruth"}}))
+    assert Config.load(result).truth == "vehicle_attitude_groundtruth"

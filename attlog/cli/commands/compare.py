@@ -125,7 +125,7 @@ def compare_command(
         codes |= {line.code for line in result.logs}
         page = _write_comparison(result, options.output, own.name)
         _print_comparison(result, page, options, common)
-        if own.open_page:
+        if own.open_page and page is not None:
             typer.launch(str(page))
     end_command(codes)
 
@@ -155,19 +155,24 @@ class LogReport:
         self._stages.before = f"[{min(self._done + 1, self._total)}/{self._total}] "
 
 
-def _write_comparison(result: Comparison, folder: Path, name: str) -> Path:
-    """Write the page, with JSON and CSV beside it."""
+def _write_comparison(result: Comparison, folder: Path, name: str) -> Path | None:
+    """Write the page, with JSON and CSV beside it.
+
+    None where no log could be used, and where no log answers a question and an earlier page is there: it is kept.
+    """
     from attlog.compare import comparison_page
     from attlog.compare import tables as export
     from attlog.core.files import write_all_atomic
 
     place = folder / f"{name}.html"
+    if not result.used or (not result.answers and place.exists()):
+        return None
     data = {folder / f"{name}.json": result.to_json(), folder / f"{name}.csv": export.comparison_text(result, "csv")}
     write_all_atomic({place: comparison_page.render_comparison(result)} | data, COMPARISON)
     return place
 
 
-def _print_comparison(result: Comparison, page: Path, options: ComparisonOptions, common: CommonOptions) -> None:
+def _print_comparison(result: Comparison, page: Path | None, options: ComparisonOptions, common: CommonOptions) -> None:
     if options.json:
         json_to_stdout(result.to_json())
     if options.form is not None:
@@ -179,7 +184,7 @@ def _print_comparison(result: Comparison, page: Path, options: ComparisonOptions
         if not result.used:  # the reasons were printed log by log
             return
         say(comparison_lines(result, out.width, common.verbose > 0), out)
-        say([f"page: {page}"], out)
+        say(["no page: an earlier one is kept" if page is None else f"page: {page}"], out)
 
 
 # Lines of a table behind which what is above it has scrolled away.
@@ -302,6 +307,8 @@ def diff_command(
     else:
         words = diff_report.diff_lines if form is None else diff_report.diff_markdown
         lines = list(words(differences, alone, common.verbose > 0))
+    if not found.pairs and not alone and found.wrong:
+        end_command(found.wrong)  # nothing was compared, and an earlier file is kept
     if output is not None and (json or form is not None):
         write_atomic(output, "\n".join(lines) + "\n", DIFFERENCE)
     else:

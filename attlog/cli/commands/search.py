@@ -73,15 +73,13 @@ def sweep_command(
         logs = PreparedLogs(asked.logs, options, _reproduction_check(base, options))
         found = sweep(asked.filter, grid, _on_logs(logs, base, metric, [axis.name for axis in grid.axes]))
         about = logs.about()
-        files = _write(
-            SWEEP,
-            stem,
-            html=sweep_report.sweep_page(found, about),
-            json=_json_text(sweep_report.sweep_document(found, about)),
-            csv=sweep_report.sweep_csv(found),
-        )
+        document = _json_text(sweep_report.sweep_document(found, about))
+        files = []
+        if any(c.single is not None for c in found.columns) or not stem.with_name(f"{stem.name}.html").exists():
+            page, csv = sweep_report.sweep_page(found, about), sweep_report.sweep_csv(found)
+            files = _write(SWEEP, stem, html=page, json=document, csv=csv)
     if options.json:
-        json_to_stdout(files[1].read_text(encoding="utf-8"))
+        json_to_stdout(document)
     if options.form is not None:
         table_to_stdout(options.form, *sweep_report.sweep_rows(found))
     if not common.quiet:
@@ -149,7 +147,10 @@ def _sweep_lines(found: Sweep, files: Sequence[Path], about: dict[str, Any], eve
         head, rows = sweep_report.sweep_log_rows(found, found.columns[0])
         yield from table(rows, head, left=(0, -1), indent="  ")
     yield TextLine("")
-    yield TextLine(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")
+    if files:
+        yield TextLine(f"page: {files[0]}   data: {files[1].name}, {files[2].name}")
+    else:
+        yield TextLine("no page: an earlier one is kept")
 
 
 TUNE_EXAMPLE = "attlog tune *.bin mahony kp=0.05..5log ki=0.001..0.1log"
