@@ -2,7 +2,8 @@
 // printed whole, or two beside each other on a page that sums up
 let fits = 1; // share of their height that figures keep on a page that sums up
 const summed = () => printing && root.dataset.print !== 'all' && document.querySelector('.summary');
-const width = (id) => (printing ? (summed() ? PRINT_WIDTH / 2 - 8 : PRINT_WIDTH) : Math.max(260, $(id).clientWidth));
+const beside = () => summed() && document.querySelectorAll('.summary').length > 1;
+const width = (id) => (printing ? (beside() ? PRINT_WIDTH / 2 - 8 : PRINT_WIDTH) : Math.max(260, $(id).clientWidth));
 const narrow = (id) => width(id) < 520;
 const tall = (id) => Math.round(+$(id).dataset.height * (summed() ? 0.44 * fits : printing ? 0.55 : 1)) + (moded(D.figures[id]) ? MODE_PX : 0);
 // height of the flight modes below a figure over time
@@ -15,10 +16,10 @@ const off = (r) => hidden.has(r) || (focus !== null && !focus.includes(r));
 const CONFIG = { responsive: false, displaylogo: false, displayModeBar: false, doubleClick: false, scrollZoom: false };
 
 function axis(title, more) {
-  const muted = css('--mu'), border = css('--bd');
+  const muted = css('--mu'), border = css('--bd'), size = summed() ? 9 : 12;
   return Object.assign({
-    title: { text: title, font: { size: 12, color: muted }, standoff: 6 }, gridcolor: border, zerolinecolor: muted,
-    zerolinewidth: 1, linecolor: border, tickfont: { size: 12, color: muted }, automargin: false, exponentformat: 'none',
+    title: { text: title, font: { size, color: muted }, standoff: 6 }, gridcolor: border, zerolinecolor: muted,
+    zerolinewidth: 1, linecolor: border, tickfont: { size, color: muted }, automargin: false, exponentformat: 'none',
     ticklabeloverflow: 'allow', // else plotly measures every label
   }, more || {});
 }
@@ -116,6 +117,7 @@ function styled(id, a, L) {
   const { title, fit, rows, named, heading, narrow: few, ...more } = a, made = axis(safe(title), more);
   if (few && narrow(id)) made.ticktext = few;
   if (more.side === 'right') L.margin.r += 40;
+  if (summed() && more.domain) made.nticks = 3;
   if (rows) {
     const here = rows.filter((r) => !off(r)), longest = Math.max(1, ...here.map((r) => Math.min(D.rows[r].name.length, 22)));
     L.margin.l = Math.min(24 + 6.6 * longest, width(id) * 0.42);
