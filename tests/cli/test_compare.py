@@ -62,7 +62,7 @@ def test_two_settings_on_one_log(attlog, tmp_path: Path) -> None:
         (["{log}", "mahony", "vqf", "--metric", "lagms"], 2, "did you mean lag_ms?"),
         (["{log}", "mahony", "vqf", "--format", "xls"], 2, "'md', 'csv', 'tex'"),
         (["{log}", "mahony", "vqf", "--reference", "thruth"], 2, "must be auto, truth"),
-        (["{log}", "none.toml"], 66, "cannot be read"),
+        (["{log}", "none.toml"], 66, "no such file"),
         (["none.bin", "mahony", "vqf"], 66, "none.bin"),
     ],
 )
@@ -244,7 +244,7 @@ def test_wrong_usage_is_2_and_files_that_cannot_be_used_are_65_and_66(
         ((*two, "--window", "flight"), 2, "airborne"),
         ((two[0], tmp_path), 2, "two folders"),
         ((two[0], tmp_path / "no.json"), 65, "no schema"),
-        ((two[0], tmp_path / "none.json"), 66, "cannot be read"),
+        ((two[0], tmp_path / "none.json"), 66, "no such file"),
     ):
         done = attlog("diff", *arguments)
         assert (done.code, word in done.err, done.out) == (code, True, ""), (arguments, done)

@@ -150,7 +150,7 @@ def test_values_and_parameters_are_taken_from_the_command_line(attlog, tmp_path)
         (("static", "-o", "x.ulg", "--set", "seconds.x=3"), 2, "has nothing below it"),
         (("static", "-o", "x.ulg", "--param", "A=b"), 2, "NAME=VALUE with a number"),
         (("static", "-o", "x.ulg", "--estimator", "smoother"), 2, "cannot fly"),
-        (("none.toml", "-o", "x.ulg"), 66, "none.toml: cannot be read"),
+        (("none.toml", "-o", "x.ulg"), 66, "none.toml: no such file"),
         (("static", *SHORT, "-o", "/proc/none/x.ulg"), 73, "cannot be written"),
     ],
 )

@@ -291,7 +291,7 @@ def test_what_cannot_be_compared_is_told_apart(tmp_path: Path) -> None:
     (tmp_path / "x.json").write_text("[]")
     with pytest.raises(LogUnreadable, match="without a result"):
         pair_results(one, tmp_path / "none")
-    with pytest.raises(LogUnreadable, match="cannot be read"):
+    with pytest.raises(LogUnreadable, match="no such file"):
         pair_results(one / "a.json", tmp_path / "missing.json")
     with pytest.raises(LogUnusable, match="no schema"):
         pair_results(one / "a.json", tmp_path / "x.json")
