@@ -134,3 +134,14 @@ def test_the_page_holds_what_is_off_with_the_sensors_and_what_to_set_without_sig
     assert sensors["a.ulg"][:2] == [1, 2]
     assert sensors["b.bin"] == [0, 0, []]
     assert "\x1b" not in sensors["a.ulg"][2][0]
+
+
+def test_agreement_with_onboard_is_a_column_apart_from_errors() -> None:
+    sound, against = flown("a.ulg"), flown("b.ulg", reference="onboard")
+    for column in against.row["columns"]:
+        if column["metric"] == "tilt_rmse_deg":
+            column |= {"title": "Agreement with onboard", "agreement": True}
+    columns = page_data(index_rows([sound, against]))[0]["columns"]
+    tilt = {c["title"]: c for c in columns if c["metric"] == "tilt_rmse_deg"}
+    assert [c["agreement"] for c in tilt.values()] == [False, True]
+    assert all(sum(x is not None for x in c["values"]["vqf"]) == 1 for c in tilt.values())
