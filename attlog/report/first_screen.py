@@ -6,6 +6,7 @@ Positions are percentages of the width, so that both fit any screen.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median
@@ -34,6 +35,8 @@ MARGIN_PCT = 3.0
 # Smallest range of a scale about zero, so that half a millisecond looks small.
 MIN_RANGE = {"ms": 10.0, "deg/min": 1.0}
 TICK_STEPS = (1.0, 2.0, 5.0)
+# Start of a sentence about values that are not ranked.
+NOT_RANKED = re.compile(r"Not ranked \((?P<reason>[^()]*)\)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,13 +192,20 @@ def accuracy_title(result: Result) -> str:
 
 
 def repeat_reasons_once(found: list[QuestionColumn]) -> list[QuestionColumn]:
-    """Replace a repeated reason of an empty column by the earlier column's title."""
+    """Replace a repeated reason of an empty or unranked column by the earlier column's title."""
     first: dict[str, str] = {}
     out = []
     for one in found:
-        title = first.setdefault(one.sentence, one.title)
-        again = one.empty and title != one.title
-        out.append(replace(one, sentence=f"{NO_ANSWER}same reason as {title.lower()}.") if again else one)
+        unranked = NOT_RANKED.match(one.sentence)
+        reason = unranked["reason"] if unranked and not one.empty else one.sentence
+        title = first.setdefault(reason, one.title)
+        same = f"same reason as {title.lower()}"
+        sentence = one.sentence
+        if title != one.title and one.empty:
+            sentence = f"{NO_ANSWER}{same}."
+        elif title != one.title and unranked and len(reason) > len(same):
+            sentence = f"Not ranked ({same}){sentence[unranked.end() :]}"
+        out.append(replace(one, sentence=sentence))
     return out
 
 

@@ -12,12 +12,14 @@ from attlog.metrics.metric import missing
 from attlog.report.figures.style import row_styles
 from attlog.report.first_screen import (
     LABEL_LEVELS,
+    QuestionColumn,
     StripMark,
     clear_of_marks,
     compare_filters,
     flight_strip,
     log_scale,
     place_labels,
+    repeat_reasons_once,
     zero_scale,
 )
 from attlog.result import Result, Trace
@@ -126,6 +128,19 @@ def test_the_columns_of_dots_are_as_reviewed() -> None:
                 assert dot.x is None or dot.low <= dot.x <= dot.high
                 lines.append(f"  {row}: {'*' * dot.best}{'~' * dot.pale}{dot.text} | {dot.hint}")
     check_golden(GOLDEN / "first_screen.txt", lines)
+
+
+def test_a_long_reason_is_given_once_also_where_values_are_not_ranked() -> None:
+    why = "the onboard attitude is unproven, because the smoother was refused"
+    columns = [
+        QuestionColumn("accuracy", "Accuracy", "", "", f"Not ranked ({why}): tilt 1 to 2°.", False),
+        QuestionColumn("noise", "Static noise", "", "", "Not ranked (too short): 0.1°.", False),
+        QuestionColumn("lag", "Step response", "", "", f"Not ranked ({why}): −1 to 0 ms.", False),
+        QuestionColumn("yaw_drift", "Yaw drift", "", "", "Not ranked (too short): 3°/min.", False),
+    ]
+    sentences = [one.sentence for one in repeat_reasons_once(columns)]
+    assert sentences[2] == "Not ranked (same reason as accuracy): −1 to 0 ms."
+    assert [sentences[0], sentences[1], sentences[3]] == [columns[k].sentence for k in (0, 1, 3)]
 
 
 # The strip of a flight: places across, what gets a mark, labels that do not collide.
