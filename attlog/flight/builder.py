@@ -230,8 +230,10 @@ class LogBuilder:
         kept = plausible_records(whole[index], partial(isolated_timestamps, self.messages), whole)
         self._report_false_stamps(kept, source, len(t_us))
         index = index[kept.index]
-        if self.t0_us:
-            near = self.near(whole[index])
+        if self.t0_us or (len(index) and whole[index[-1]] - whole[index[0]] > 1e6 * limits.MAX_LOG_S):
+            # Before t = 0 is known, a flight's length around the middle record.
+            middle = whole[index[len(index) // 2]] if len(index) else 0
+            near = self.near(whole[index]) if self.t0_us else np.abs(whole[index] - middle) <= 0.5e6 * limits.MAX_LOG_S
             if not near.all():
                 far = int(np.count_nonzero(~near))
                 text = (

@@ -327,6 +327,15 @@ def test_of_groups_that_are_equally_small_none_is_taken_for_false() -> None:
     assert plausible_records(bursts[:5], lambda t: np.ones(len(t), bool)).false == 2
 
 
+def test_a_clock_of_another_unit_gives_no_flight_of_months() -> None:
+    """Steps of 5,000 s, as of nanoseconds read as microseconds: what is left spans three days at most."""
+    times = 5_000 * SECOND * np.arange(1, 2400, dtype=np.int64)
+    builder = log_with_stamps(times)
+    kept = builder.select_records(times, "judged")
+    assert 0 < np.ptp(times[kept]) <= 3 * 86_400 * SECOND
+    assert [(p.code, p.count) for p in builder.problems] == [("false_times", len(times) - len(kept))]
+
+
 def test_a_few_records_a_microsecond_apart_are_no_stream() -> None:
     builder = log_with_stamps(np.arange(5, dtype=np.int64) + SECOND)
     t = builder.messages["judged", 0]["timestamp"]
