@@ -320,7 +320,8 @@ def evaluate(
     if isinstance(specs, str):
         specs = estimators.items(specs)
     only = _known_metrics(only)
-    settings = case.settings if specs is None else case.settings | {"estimators": list(map(str, specs))}
+    names = [spec if isinstance(spec, str) else spec.name for spec in specs or ()]
+    settings = case.settings if specs is None else case.settings | {"estimators": names}
     stage = Stages(case.timing, samples_of(case.log))
     with log_cache():
         with stage("estimators"):

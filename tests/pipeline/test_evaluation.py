@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import attlog
+from attlog import estimators
 from attlog.core.errors import AttlogError, PluginError, PluginTimeout, UsageError
 from attlog.estimators.interface import Estimate
 from attlog.metrics.metric import Case
@@ -324,3 +325,8 @@ def test_a_log_that_is_not_enough_for_a_filter_is_no_trouble(
 def test_an_unknown_metric_is_an_error_that_names_the_nearest(case: Case) -> None:
     with pytest.raises(UsageError, match="no metric 'tilt_rms_deg'; did you mean tilt_rmse_deg"):
         attlog.evaluate(case, "gyro", only="tilt_rms_deg")
+
+
+def test_a_row_given_as_an_object_is_kept_by_its_name(case: Case) -> None:
+    result = attlog.evaluate(case, [estimators.parse("mahony:kp=0.3")], only="lag_ms")
+    assert result.config["estimators"] == ["mahony:kp=0.3"]
