@@ -120,6 +120,13 @@ def test_a_log_that_fails_now_keeps_its_earlier_report_which_is_replaced_later(t
     assert outcome.codes == {0}
 
 
+def test_a_log_that_times_out_again_decides_the_exit_code_again(tmp_path: Path) -> None:
+    log = cut(tmp_path / "a", "x.bin")
+    for resume in (False, True, True):
+        outcome, told = run(tmp_path / "out", log, resume=resume, timeout=0.001)
+        assert (outcome.codes, told[0].known) == ({75}, False)
+
+
 @pytest.mark.slow
 def test_other_options_do_all_logs_again(tmp_path: Path) -> None:
     log = cut(tmp_path / "a", "x.bin")
