@@ -318,7 +318,7 @@ def test_none_is_found_where_nothing_can_be_written(homes: Path) -> None:
 
 def test_a_file_that_is_not_there_and_a_folder_cannot_be_read(tmp_path: Path) -> None:
     for path in (tmp_path / "none.toml", tmp_path):
-        with pytest.raises(LogUnreadable, match="cannot be read|no such file"):
+        with pytest.raises(LogUnreadable, match=r"cannot be read|no such file"):
             read_settings_text(path)
 
 

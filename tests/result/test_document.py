@@ -109,7 +109,7 @@ def test_a_file_cut_anywhere_is_refused(written: Path, tmp_path: Path) -> None:
 
 def test_a_file_that_is_not_there_cannot_be_read(tmp_path: Path) -> None:
     for path in (tmp_path / "missing.json", tmp_path):
-        with pytest.raises(LogUnreadable, match="cannot be read|no such file"):
+        with pytest.raises(LogUnreadable, match=r"cannot be read|no such file"):
             Result.load(path)
 
 
