@@ -84,7 +84,11 @@ else:
     def __getattr__(name: str) -> object:
         """Import a public name when it is first used: ``import attlog`` stays light."""
         if name not in _HOMES:
-            raise AttributeError(f"module 'attlog' has no attribute {name!r}")
+            from difflib import get_close_matches
+
+            near = get_close_matches(name, __all__, n=1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise AttributeError(f"module 'attlog' has no attribute {name!r}{hint}")
         from importlib import import_module
 
         return getattr(import_module(_HOMES[name]), name) if _HOMES[name] else import_module(f"attlog.{name}")

@@ -34,6 +34,12 @@ def test_every_public_name_is_there_and_no_other(room: str) -> None:
         module.nothing_of_that_name  # noqa: B018
 
 
+def test_a_mistyped_public_name_is_answered_with_the_nearest() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'analyse'; did you mean analyze"):
+        attlog.analyse  # type: ignore[attr-defined]  # noqa: B018
+    assert not hasattr(attlog, "__wrapped__")
+
+
 def test_completion_shows_the_public_names_and_nothing_of_how_they_are_imported() -> None:
     assert set(dir(attlog)) == {*attlog.__all__, "__version__"}
     code = "import attlog; from attlog.rotation import to_euler; print(attlog.rotation.to_euler is to_euler)"

@@ -127,6 +127,8 @@ def rate_doubt(t: Array, gyr: Array, acc: Array) -> str:
     if not rows or t[-1] - t[0] < WINDOW_S:
         return ""
     windows = _busiest_windows(t, size)
+    if not len(windows):
+        return ""
     as_given, in_degrees = (_coherence(t, gyr - bias, acc, windows, scale) for scale in (1.0, np.pi / 180.0))
     if in_degrees < MIN_COHERENCE_DEG or not any(as_given <= c and in_degrees >= as_given + r for _, c, r in rows):
         return ""
@@ -136,11 +138,12 @@ def rate_doubt(t: Array, gyr: Array, acc: Array) -> str:
 
 def _busiest_windows(t: Array, size: Array) -> Array:
     """Return the starts (k,) of the windows in which the gyro deviates most."""
-    window = ((t - t[0]) // WINDOW_S).astype(np.int64)
-    whole = int((t[-1] - t[0]) // WINDOW_S)
-    keep = (window >= 0) & (window < whole)
-    total = np.bincount(window[keep], size[keep], minlength=whole) / np.maximum(np.bincount(window[keep]), 1)
-    return np.asarray(t[0] + WINDOW_S * np.sort(np.argsort(total)[-MAX_WINDOWS:]))
+    window = (t - t[0]) // WINDOW_S
+    keep = (window >= 0.0) & (window < window[-1])
+    # Only windows that hold samples: a stray time after years is no reason to count the windows before it.
+    present, index = np.unique(window[keep], return_inverse=True)
+    mean = np.bincount(index, size[keep]) / np.maximum(np.bincount(index), 1)
+    return np.asarray(t[0] + WINDOW_S * np.sort(present[np.argsort(mean)[-MAX_WINDOWS:]]))
 
 
 def _coherence(t: Array, gyr: Array, acc: Array, windows: Array, scale: float) -> float:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import brief
 from attlog.flight.model import FlightLog, guarded_part
 from attlog.reference import choose
 from attlog.reference.model import Reference
@@ -76,6 +77,7 @@ class Check:
     why_no_setting: str = ""
     action: str = ""
     other_compass: str = ""
+    __repr__ = brief
 
     @property
     def is_trouble(self) -> bool:

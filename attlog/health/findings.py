@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+from attlog.core.brief import brief
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.health.check import BUG, TROUBLE, Check, Weight, agreed_settings, as_sentence, settings_sentence
 from attlog.health.gravity import MEAN_GRAVITY
@@ -60,6 +61,7 @@ class Finding:
     evidence: list[str] = field(default_factory=list)
     cause: str = ""
     action: str = ""
+    __repr__ = brief
 
     @property
     def is_trouble(self) -> bool:

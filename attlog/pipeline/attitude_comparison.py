@@ -152,8 +152,10 @@ def compare_attitude(
     """
     if align not in ("auto", "none", "heading"):
         raise UsageError(f"align={align!r}: use auto, none or heading")
-    if not np.isfinite(delta_s) or delta_s <= 0.0:
-        raise UsageError(f"delta_s={delta_s}: give a time in s above 0")
+    if not isinstance(delta_s, int | float | np.number) or not np.isfinite(delta_s) or delta_s <= 0.0:
+        raise UsageError(f"delta_s={delta_s!r}: give a time in s above 0")
+    if not isinstance(window, str):
+        raise UsageError(f"window={window!r}: give a name as all or airborne, or T0:T1 in s, as a text")
     times, own = _samples(t, q)
     ref, case = _reference_of(log_or_reference)
     if case is None and window != "all":

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.brief import brief
 from attlog.core.spans import Span, between, inside, merge
 from attlog.flight.model import VIBRATION_LIMITS, FlightLog, Stream
 from attlog.segments.airborne import FLIGHT_SHARE, InAir
@@ -99,6 +100,7 @@ class Event:
     part: str = ""
     motor: int | None = None
     position: str = ""
+    __repr__ = brief
 
     @property
     def is_crash(self) -> bool:

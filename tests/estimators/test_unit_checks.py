@@ -68,6 +68,20 @@ def test_samples_that_are_too_few_broken_or_zero_are_not_judged() -> None:
     assert unit_doubts(t, zero, zero) == unit_doubts(t, broken, broken) == unit_doubts(t, zero, None) == []
 
 
+@pytest.mark.parametrize("late", [np.arange(55.0, 57.0, 0.01), np.array([1.7e9]), np.array([1e300])])
+@pytest.mark.parametrize("scale", [1.0, 180.0 / np.pi])
+def test_a_gap_or_a_stray_time_at_the_end_keeps_the_verdict(late: np.ndarray, scale: float) -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(0.0, 40.0, 0.005)
+    turn = 1.5 * np.sin(2.0 * t)
+    gyr = np.column_stack([turn, 0.1 * rng.normal(size=(len(t), 2))])
+    angle = 0.75 * (1.0 - np.cos(2.0 * t))
+    acc = -9.80665 * np.column_stack([0.0 * t, np.sin(angle), np.cos(angle)])
+    rest = np.zeros((len(late), 3))
+    found = unit_doubts(np.r_[t, late], np.r_[scale * gyr, rest], np.r_[acc, rest - [0.0, 0.0, 9.8]])
+    assert ["deg/s" in text for text in found] == ([] if scale == 1.0 else [True])
+
+
 def test_estimate_warns_at_the_line_of_the_caller_and_runs() -> None:
     t = np.arange(0.0, 20.0, 0.01)
     gyr, acc = np.zeros((len(t), 3)), np.tile([0.0, 0.0, -1.0], (len(t), 1))

@@ -171,6 +171,9 @@ def test_times_on_another_clock_are_refused_with_the_one_that_fits(case: Case) -
         (lambda q: attlog.compare_attitude((T, q), T, q, window="hover"), "give the log"),
         (lambda q: attlog.compare_attitude((T, q), T, q, align="all"), "auto, none or heading"),
         (lambda q: attlog.compare_attitude((T, q), T, q, delta_s=0.0), "delta_s"),
+        (lambda q: attlog.compare_attitude((T, q), T, q, delta_s="a"), "delta_s='a'"),  # type: ignore[arg-type]
+        (lambda q: attlog.compare_attitude((T, q), T, q, window=None), "window=None: give"),  # type: ignore[arg-type]
+        (lambda q: attlog.compare_attitude((T, q), T, q, window=5), "window=5: give"),  # type: ignore[arg-type]
         (lambda q: attlog.compare_attitude(7, T, q), "not int"),  # type: ignore[arg-type]
         (lambda q: attlog.compare_attitude((T, q), T, np.nan * q), "0 usable attitudes"),
     ],

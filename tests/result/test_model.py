@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from attlog.core.errors import UsageError
-from attlog.result import Result, model
+from attlog.result import Check, Event, Finding, Result, model
 from tests.words.made import row, tilt
 
 
@@ -54,3 +54,15 @@ def test_a_result_is_printed_in_ten_lines() -> None:
     assert len(repr(result).splitlines()) <= 10
     assert len(result._repr_html_()) < 5000
     assert "a.ulg" in repr(result)
+
+
+def test_checks_findings_and_events_are_printed_in_ten_lines() -> None:
+    long = "The compass is off. " * 100
+    for one in (
+        Check("compass_offset", "warning", long, evidence=[long] * 50),
+        Finding("compass", "warning", long, evidence=[long] * 50),
+        Event("crash", 1.0, "serious", long, evidence=[long] * 50),
+    ):
+        lines = repr(one).splitlines()
+        assert len(lines) <= 10
+        assert max(map(len, lines)) <= 110
