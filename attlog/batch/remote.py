@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
-from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
+from urllib.parse import SplitResult, parse_qsl, urlencode, urlsplit, urlunsplit
 
 from attlog.batch.log_file import BLOCK, copy
 from attlog.core.errors import AttlogError, LogUnreadable, LogUnusable, UsageError
@@ -17,7 +17,7 @@ from attlog.core.limits import MAX_FETCH_S, MAX_LISTING_DEPTH, MAX_UNPACKED_BYTE
 _URL = re.compile(r"[a-z][a-z0-9+.-]+://", re.IGNORECASE)
 # Names of values in a query that open a door, in the spellings of S3, Google, Azure and web servers.
 _SECRET = re.compile(
-    r"x-(amz|goog|ms)-.*|sig|.*(signature|token|secret|passw|passphrase|pwd|credential|auth|key|accessid|session).*|pass",
+    r"x-(amz|goog|ms)-.*|sig|.*(signature|token|secret|passw|passphrase|pwd|credential|auth|key|accessid|session).*|pass|jwt|code|policy",
     re.IGNORECASE,
 )
 # Where a URL names what it lies behind.
@@ -36,10 +36,7 @@ def without_secrets(place: str) -> str:
         return "::".join(map(without_secrets, behind))
     if not is_url(place):
         return place
-    try:
-        parts = urlsplit(place)
-    except ValueError:  # as of http://[::1
-        raise UsageError(f"{place.partition('://')[0]}://…: not a URL that can be read") from None
+    parts = _parts(place)
     user, _, host = parts.netloc.rpartition("@")
     if parts.scheme.lower() not in _WITH_USERS and ":" not in user:  # abfs://container@account
         host = parts.netloc
@@ -190,7 +187,15 @@ def _file_system(url: str) -> tuple[Any, str]:
 
 
 def _is_web(url: str) -> bool:
-    return urlsplit(url).scheme.lower() in ("http", "https")
+    return _parts(url).scheme.lower() in ("http", "https")
+
+
+def _parts(url: str) -> SplitResult:
+    """Return the parts of a URL. UsageError, without its text, if it has none, as ``http://[::1``."""
+    try:
+        return urlsplit(url)
+    except ValueError:
+        raise UsageError(f"{url.partition('://')[0]}://…: not a URL that can be read") from None
 
 
 def _cause(error: BaseException) -> BaseException:

@@ -13,7 +13,7 @@ import shutil
 import socket
 import sys
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
@@ -99,7 +99,8 @@ def run_batch(
     ``commands``: for each log the command that reproduces its report. ``fresh``: remove an earlier batch first.
     ``options``: ``deterministic``, ``timeout``, ``memory`` and ``resume`` of :class:`attlog.batch.job.Job`. OutputError
     if the folder cannot be written or another batch uses it. UsageError if it holds a batch and neither ``resume`` nor
-    ``fresh`` is set. After an interrupt (KeyboardInterrupt) index and results hold the finished logs.
+    ``fresh`` is set. After an interrupt (KeyboardInterrupt) index and results hold the finished logs; where none has a
+    report, those of an earlier run that gave some are kept.
     """
     with lock_folder(folder) as warning:
         if warning:
@@ -141,12 +142,14 @@ def run_batch(
             )
         outcome.records = [found[k] for k in sorted(found)]
         outcome.seconds = time.monotonic() - started
-        if outcome.records:
+        if index.may_write(outcome.records):
             try:
                 index.write_all(outcome.records)
             except OutputError:
                 if not stopped:
                     raise
+        elif outcome.records:
+            outcome.ended = outcome.ended or f"no log gave a report; {index.page} of the earlier run is kept"
         return outcome
 
 
@@ -292,13 +295,21 @@ def _moved(sources: Sequence[Source], folder: Path, earlier: dict[str, str]) -> 
 
 
 def _remove_batch(folder: Path, names: Iterable[str]) -> None:
-    """Remove the files of an earlier batch, and no others."""
+    """Remove the files of an earlier batch, and no others.
+
+    OutputError, before the first is removed, where a file of another is in the place of a report.
+    """
+    names, own = list(names), []
+    for name in names:
+        record = read_record(folder, name)
+        for file, kept in record.files.items() if record else ():
+            if size_and_hash(folder / file) != kept:
+                require_replaceable(folder / file, REPORT)
+            own.append(folder / file)
     try:
+        for report in own:
+            report.unlink(missing_ok=True)
         for name in names:
-            record = read_record(folder, name)
-            for file, kept in record.files.items() if record else ():
-                if size_and_hash(folder / file) == kept or REPORT.includes(folder / file):
-                    (folder / file).unlink()
             record_path(folder, name).unlink(missing_ok=True)
         for page in (_plan_path(folder), folder / INDEX, folder / PARQUET, folder / CSV):
             if any(kind.includes(page) for kind in (RECORD, INDEX_PAGE, RESULTS)):
@@ -353,10 +364,17 @@ class Index:
         self._folder = folder
         self._due = time.monotonic() + INDEX_EVERY_S
         self._results = ""
+        self.page = folder / INDEX
+
+    def may_write(self, found: Collection[Record]) -> bool:
+        """Return whether logs have a report, or an earlier run left none: a run without any answer replaces none."""
+        if not found or any(record.done for record in found):
+            return bool(found)
+        return not self.page.exists() or not any(record.files for record in records(self._folder))
 
     def write_if_due(self, found: dict[int, Record]) -> None:
         """Write the index of finished logs if the last write is old enough."""
-        if time.monotonic() >= self._due:
+        if time.monotonic() >= self._due and self.may_write(found.values()):
             self._write([found[k] for k in sorted(found)])
 
     def _write(self, found: Sequence[Record]) -> None:

@@ -120,6 +120,30 @@ def test_a_log_that_fails_now_keeps_its_earlier_report_which_is_replaced_later(t
     assert outcome.codes == {0}
 
 
+def test_a_run_without_any_report_keeps_index_and_table_of_an_earlier_one(tmp_path: Path) -> None:
+    log, out = cut(tmp_path / "a", "x.bin"), tmp_path / "out"
+    run(out, log)
+    pages = [out / "index.html", *out.glob("results.*")]
+    before = [page.read_bytes() for page in pages]
+    log.unlink()
+    outcome, _ = run(out, log, resume=True)
+    assert outcome.codes == {66}
+    assert "index.html of the earlier run is kept" in outcome.ended
+    assert [page.read_bytes() for page in pages] == before
+    outcome, _ = run(tmp_path / "never", log)
+    assert (tmp_path / "never" / "index.html").exists(), "what failed is listed where nothing is lost"
+
+
+def test_fresh_removes_nothing_where_a_report_was_replaced_by_a_file_of_another(tmp_path: Path) -> None:
+    first, second, out = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "y.bin"), tmp_path / "out"
+    run(out, first, second)
+    (out / "y.bin.html").write_text("mine")
+    before = content(out)
+    with pytest.raises(OutputError, match=r"y\.bin\.html: exists and is not"):
+        run(out, first, second, fresh=True)
+    assert content(out) == before
+
+
 def test_a_log_that_times_out_again_decides_the_exit_code_again(tmp_path: Path) -> None:
     log = cut(tmp_path / "a", "x.bin")
     for resume in (False, True, True):

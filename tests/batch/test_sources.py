@@ -306,6 +306,7 @@ def test_passwords_and_signatures_are_not_shown() -> None:
         ("--truth=https://me:pw@host/t.csv", "--truth=https://host/t.csv"),
         ("https://h/a?api_key=1&AWSAccessKeyId=2&Signature=3&v=4#pw", "https://h/a?v=4"),
         ("https://h/a?PASSWD=1&auth=2&client_secret=3", "https://h/a"),
+        ("https://h/a?jwt=1&code=2&Policy=3&Key-Pair-Id=4&v=5", "https://h/a?v=5"),
         ("zip://a.ulg::https://me:pw@host/x.zip", "zip://a.ulg::https://host/x.zip"),
         ("http://me:pw@[::1", "http://…"),
         ("http://me:pw@[::1]:80/a.ulg", "http://[::1]:80/a.ulg"),
@@ -319,6 +320,16 @@ def test_a_command_that_is_kept_shows_no_secret_of_a_url(
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["attlog", "analyze", "--key", "k.pem", word, "-q"])
     assert command_line() == f"attlog analyze {shown} -q"
+
+
+@pytest.mark.parametrize(
+    "place", ["http://[::1", "https://me:pw@[::1/a.zip", "HTTP://[::1/a.ulg", "zip://a::http://[::1"]
+)
+def test_what_is_no_url_is_one_sentence_without_its_text(place: str) -> None:
+    found, wrong = sources([place])
+    assert found == []
+    assert "not a URL that can be read" in str(wrong[0])
+    assert "pw" not in str(wrong[0])
 
 
 @pytest.fixture
