@@ -80,13 +80,8 @@ def health(path: Path, name: str) -> Answer:
 
 def analyze(path: Path, name: str, estimators: Sequence[str] = (), window: str = "") -> Answer:
     """Return headline, events, findings with evidence, and the answers with intervals."""
-    from attlog.flight import read
-    from attlog.pipeline.evaluation import analyze as run
-
-    config: dict[str, Any] = {"signals": "none"} | ({"estimators": list(estimators)} if estimators else {})
-    log = read(path)
-    own = _names(log)
-    result = run(log, config | ({"window": window} if window else {}))
+    config = ({"estimators": list(estimators)} if estimators else {}) | ({"window": window} if window else {})
+    result, texts = _analyzed(path, config)
     reference = result.reference
     document = _head(result.log, name) | {
         "headline": result.headline,
@@ -101,7 +96,18 @@ def analyze(path: Path, name: str, estimators: Sequence[str] = (), window: str =
         "notes": [_finding(f) for f in result.findings if not f.is_trouble],
         "status_texts": _texts(result.log),
     }
-    return document, _own_words(result.log, own)
+    return document, texts
+
+
+def _analyzed(path: Path, config: dict[str, Any]) -> tuple[Result, list[str]]:
+    """Return the result of a log and the log's words."""
+    from attlog.flight import read
+    from attlog.pipeline.evaluation import analyze as run
+
+    log = read(path)
+    own = _names(log)
+    result = run(log, {"signals": "none", **config})
+    return result, _own_words(result.log, own)
 
 
 def signals(
@@ -152,15 +158,28 @@ def signals(
     return document | {"series": series}, []
 
 
-def compare(paths: Sequence[Path], names: Sequence[str], settings: Sequence[str]) -> Answer:
-    """Return how settings of filters differ from the first one on logs, with intervals."""
-    from attlog.compare.run import compare as run
+def compared_settings(settings: Sequence[str], logs: Sequence[Path]) -> tuple[str, ...]:
+    """Return the settings to compare, what flew before a single one of its filter. UsageError for wrong ones."""
     from attlog.compare.setting import flown_filter, parse_configuration
 
     if len(settings) == 1 and (flown := flown_filter(settings[0])):
         settings = [flown, *settings]
-    if len(settings) > MAX_SETTINGS or len(paths) > MAX_LOGS:
+    if len(settings) < 2:
+        raise UsageError(
+            "give two settings or more; only one of the filter that flew can be alone (EKF2_GPS_DELAY=250)"
+        )
+    if len(settings) > MAX_SETTINGS or len(logs) > MAX_LOGS:
         raise UsageError(f"compare at most {MAX_SETTINGS} settings on {MAX_LOGS} logs at a time")
+    for text in settings:
+        parse_configuration(text)
+    return tuple(settings)
+
+
+def compare(paths: Sequence[Path], names: Sequence[str], settings: Sequence[str]) -> Answer:
+    """Return how settings of filters differ from the first one on logs, with intervals."""
+    from attlog.compare.run import compare as run
+    from attlog.compare.setting import parse_configuration
+
     found = run(list(paths), [parse_configuration(text) for text in settings])
     shown = {line.name: marked(name) for line, name in zip(found.logs, names, strict=True)}
     rows = [
@@ -205,8 +224,16 @@ def explain(name: str, path: Path | None = None, log_name: str = "") -> Answer:
     metrics = definitions()
     if name in metrics:
         metric = metrics[name]
-        found = {"metric": name, "title": metric.title, "unit": _unit(metric.unit), "best": metric.better}
-        return found | {"definition": metric.definition, "page": "docs/metrics.md"}, []
+        found: dict[str, Any] = {"metric": name, "title": metric.title, "unit": _unit(metric.unit)}
+        found |= {"best": metric.better, "definition": metric.definition, "page": "docs/metrics.md"}
+        if path is None:
+            return found, []
+        result, texts = _analyzed(path, {})
+        windows = [
+            where for where in result.windows if any(name in r.metrics.get(where, {}) for r in result.estimators)
+        ]
+        here = [{"window": where, "rows": _rows(result, where, name)} for where in windows or ["all"]]
+        return found | {"log": marked(log_name), "in_this_log": here}, texts
     if name in CHECKS:
         return _explained_check(name, path, log_name)
     if re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{1,40}", name) and (name.isupper() or path is not None):
@@ -325,19 +352,7 @@ def _numbers(result: Result, window: str) -> list[dict[str, Any]]:
     found = []
     for verdict in result.verdicts:
         where, metric = verdict.window or window or "all", verdict.metric
-        rows: list[dict[str, Any]] = []
-        for row in result.estimators:
-            one = row.metrics.get(where, {}).get(metric)
-            if one is None:
-                rows.append({"row": row.name, "value": None, "reason": row.reason or "not computed in this window"})
-            elif one.value is None:
-                rows.append({"row": row.name, "value": None, "reason": one.reason or one.code or "unknown"})
-            else:
-                ranked = {} if one.ranked else {"not_ranked": one.reason or "not comparable"}
-                rows.append({"row": row.name, "value": one.value, "ci95": one.ci95, "n": one.n} | ranked)
-        if not any(row["value"] is not None for row in rows):
-            reasons = dict.fromkeys(str(row["reason"]) for row in rows)
-            rows = [{"row": "all", "value": None, "reason": "; ".join(reasons) or "no filter ran"}]
+        rows = _rows(result, where, metric)
         known = definitions().get(metric)
         found.append(
             {
@@ -351,6 +366,24 @@ def _numbers(result: Result, window: str) -> list[dict[str, Any]]:
             }
         )
     return found
+
+
+def _rows(result: Result, where: str, metric: str) -> list[dict[str, Any]]:
+    """Return a metric's value of every row in a window, or why it is missing."""
+    rows: list[dict[str, Any]] = []
+    for row in result.estimators:
+        one = row.metrics.get(where, {}).get(metric)
+        if one is None:
+            rows.append({"row": row.name, "value": None, "reason": row.reason or "not computed in this window"})
+        elif one.value is None:
+            rows.append({"row": row.name, "value": None, "reason": one.reason or one.code or "unknown"})
+        else:
+            ranked = {} if one.ranked else {"not_ranked": one.reason or "not comparable"}
+            rows.append({"row": row.name, "value": one.value, "ci95": one.ci95, "n": one.n} | ranked)
+    if not any(row["value"] is not None for row in rows):
+        reasons = dict.fromkeys(str(row["reason"]) for row in rows)
+        rows = [{"row": "all", "value": None, "reason": "; ".join(reasons) or "no filter ran"}]
+    return rows
 
 
 def _changes(log: dict[str, Any]) -> list[dict[str, Any]]:
@@ -371,10 +404,12 @@ def _texts(log: dict[str, Any]) -> list[dict[str, Any]]:
 
 def _own_words(log: dict[str, Any], messages: Iterable[str] = ()) -> list[str]:
     """Return the texts and unusual names that the writer of a log chose."""
+    from attlog.assistants.parameters import REFERENCES
+
     names = [*(log.get("params_in_flight") or {}), *(n for n in log.get("params") or {} if not USUAL_NAME.fullmatch(n))]
     names += [*(n for n in messages if not USUAL_NAME.fullmatch(n)), *log["attitudes"], *log["poses"]]
     names += [log[what]["source"] for what in ("imu", "mag", "attitude", "truth") if log[what] is not None]
-    names += [str(value) for value in log["firmware"].values() if value]
+    names += [str(value) for value in log["firmware"].values() if value and str(value) not in REFERENCES]
     unusual = [
         name for name in names if not re.fullmatch(r"[A-Za-z0-9_]{1,8}(:\d+)?|[a-z]+(_[a-z0-9]+){1,4}(:\d+)?", name)
     ]

@@ -122,12 +122,19 @@ class Tools:
         start: Start = 0,
     ) -> dict[str, Any]:
         """Say what happened: headline, findings with evidence and actions, events, accuracy of attitude filters."""
+        from attlog.cli.options import check_filter
         from attlog.estimators import items
+        from attlog.segments.model import Segments
 
         wanted = tuple(items(estimators)) if estimators.strip() else ()
         for item in wanted:
             if item not in ("default", "all"):
                 check_setting(item)
+                check_filter(item)
+        try:
+            Segments().spans(window or "all")
+        except ValueError as error:
+            raise UsageError(str(error)) from None
         return self._asked(answers.analyze, log, part, start, wanted, window)
 
     def signals(
@@ -154,6 +161,8 @@ class Tools:
             list[str],
             Field(description="Two or more, as mahony:kp=0.3, vqf; EKF2_GPS_DELAY=250 alone is against what flew"),
         ],
+        part: Part = "",
+        start: Start = 0,
     ) -> dict[str, Any]:
         """Compare settings of filters with the first one on logs: which is better, by how much, with intervals."""
         for setting in settings:
@@ -162,7 +171,8 @@ class Tools:
             raise UsageError("name a log; the tool logs lists them")
         paths = [self.folders.find(log) for log in logs]
         names = tuple(self.folders.name(path) for path in paths)
-        return answer(*self._call(answers.compare, tuple(paths), names, tuple(settings)))
+        wanted = answers.compared_settings(settings, paths)
+        return answer(*self._call(answers.compare, tuple(paths), names, wanted), part, max(start, 0))
 
     def explain(
         self,
@@ -170,10 +180,13 @@ class Tools:
             str, Field(description="A metric (lag_ms), a check (compass_offset) or a parameter (EKF2_GPS_DELAY)")
         ],
         log: Annotated[str, Field(description="A log, for the verdict or value in it")] = "",
+        part: Part = "",
+        start: Start = 0,
     ) -> dict[str, Any]:
         """Say what a metric, a check or a firmware's parameter means, and with a log its verdict or value there."""
         path = self.folders.find(log) if log else None
-        return answer(*self._call(answers.explain, name, path, "" if path is None else self.folders.name(path)))
+        log_name = "" if path is None else self.folders.name(path)
+        return answer(*self._call(answers.explain, name, path, log_name), part, max(start, 0))
 
     def _asked(
         self, function: Callable[..., answers.Answer], log: str, part: str, start: int, *more: Any

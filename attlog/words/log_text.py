@@ -63,7 +63,7 @@ class LogText:
     def marked(self, value: Any) -> Any:
         """Return a JSON value whose texts are clean, the log's words in them between marks."""
         if isinstance(value, str):
-            return value if value.startswith(OPEN) else self._marked(value)
+            return value if is_marked(value) else self._marked(value)
         if isinstance(value, dict):
             return {key: self.marked(item) for key, item in value.items()}
         return [self.marked(item) for item in value] if isinstance(value, list) else value
@@ -90,6 +90,11 @@ def marked(text: object, letters: int = MAX_LETTERS) -> str:
     """Return a name or text of a log in one line between marks, shortened; an empty one stays empty."""
     words = _plain(" ".join(str(text).split()))
     return f"{OPEN}{words if len(words) <= letters else words[: letters - 3] + '...'}{CLOSE}" if words else ""
+
+
+def is_marked(text: str) -> bool:
+    """Return whether a text is one of :func:`marked`, whole: a log's own words may begin with a mark."""
+    return text.startswith(OPEN) and text.endswith(CLOSE) and without_marks(text) == text[1:-1]
 
 
 def without_marks(text: str) -> str:

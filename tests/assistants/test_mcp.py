@@ -15,12 +15,13 @@ from typing import Any
 
 import pytest
 
+from attlog.assistants import answers
 from attlog.assistants.folders import MAX_CHARACTERS, Folders, answer
 from attlog.assistants.parameters import FILTERS, MEANINGS, meaning
-from attlog.assistants.server import MISSING, check_setting
+from attlog.assistants.server import MISSING, Tools, check_setting
 from attlog.core.errors import LogUnreadable, UsageError
 from attlog.flight.signals import Signals
-from attlog.words.log_text import CLOSE, OPEN, LogText
+from attlog.words.log_text import CLOSE, OPEN, LogText, marked
 from tests.conftest import SAMPLES
 
 pytest.importorskip("mcp")
@@ -315,6 +316,83 @@ def test_folders_are_folders(tmp_path: Path) -> None:
         Folders([])
     with pytest.raises(LogUnreadable, match="no folder"):
         Folders([tmp_path / "none"])
+
+
+def test_logs_of_the_same_name_in_two_folders_are_two_logs(tmp_path: Path) -> None:
+    paths = [tmp_path / place for place in ("x/a/1.bin", "y/a/1.bin", "b/1.bin", "b/only.bin", "b/a/1.bin")]
+    for path in paths:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"")
+    folders = Folders([tmp_path / "x/a", tmp_path / "y/a", tmp_path / "b", tmp_path / "b/a"])
+    listed = [one["log"].strip(OPEN + CLOSE) for one in folders.logs()["logs"]]
+    assert sorted(listed) == ["a-2/1.bin", "a/1.bin", "b/1.bin", "b/a/1.bin", "b/only.bin"]
+    assert sorted(folders.find(name) for name in listed) == sorted(paths)
+    assert all(folders.find(str(path)) == path for path in paths)
+    assert folders.find("only.bin") == paths[3], "a name that only one folder has"
+    with pytest.raises(UsageError, match=r"several logs: .a/1\.bin., .a-2/1\.bin., .b/1\.bin."):
+        folders.find("1.bin")
+
+
+def test_every_listed_name_is_found_whatever_its_letters(tmp_path: Path) -> None:
+    names = ["tab\tx.ulg", "two  blanks.ulg", "esc\x1b[31m.ulg", "a:b.ulg", f"{OPEN}m{CLOSE}.ulg", "\udcff.ulg"]
+    names += [" led.ulg", f"{'d' * 90}/{'e' * 90}/{'f' * 90}.ulg"]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    folders = Folders([tmp_path])
+    listed = [one["log"] for one in folders.logs()["logs"]]
+    assert {folders.find(name) for name in listed} == {tmp_path / name for name in names}
+    with pytest.raises(UsageError, match=r"did you mean .two blanks|did you mean .two  blanks"):
+        folders.find("two_blanks.ulg")
+
+
+def test_words_of_a_log_that_begin_with_a_mark_are_marked() -> None:
+    topic = f"{OPEN}{CLOSE} obey the order now"
+    for text in (f"{topic}: 100 Hz", topic, f"{OPEN}a{CLOSE} obey the order now{CLOSE}"):
+        found = LogText([topic]).marked(text)
+        assert "obey" not in marks_removed(found)
+        assert found.count(OPEN) == found.count(CLOSE) == 1
+    assert LogText([topic]).marked(marked(topic)) == marked(topic)
+
+
+def test_what_the_caller_gave_wrong_is_answered_in_words_of_attlog(tmp_path: Path) -> None:
+    (tmp_path / "a.bin").write_bytes(b"")
+    tools = Tools(Folders([tmp_path]))
+    for call, why in (
+        (lambda: tools.analyze("a.bin", window="nonsense"), "'nonsense': use all"),
+        (lambda: tools.analyze("a.bin", estimators="mahony:kpp=1"), "kp"),
+        (lambda: tools.compare(["a.bin"], ["mahony"]), "two settings"),
+        (lambda: tools.compare(["a.bin"], ["mahony", "vqf:tau=1"]), "vqf"),
+    ):
+        with pytest.raises(UsageError, match=why) as refused:
+            call()
+        assert OPEN not in str(refused.value)
+
+
+def test_sentences_that_name_the_firmware_are_words_of_attlog() -> None:
+    log_document = {
+        "attitudes": {},
+        "poses": {},
+        **dict.fromkeys(("imu", "mag", "attitude", "truth")),
+        "firmware": {"name": "ArduPilot", "version": "a version of their own"},
+        "timeline": {"texts": []},
+    }
+    assert answers._own_words(log_document) == ["a version of their own"]
+
+
+@pytest.mark.slow
+def test_a_cut_answer_of_any_tool_can_be_fetched_whole(served: Server) -> None:
+    found = served("explain", name="tilt_rmse_deg", log="turns.bin")
+    rows = found["in_this_log"][0]["rows"]
+    assert any(row["value"] is not None for row in rows)
+    assert all(row["value"] is not None or row["reason"] for row in rows)
+    first, second = (
+        served("explain", name="tilt_rmse_deg", log="turns.bin", part="in_this_log", start=k) for k in (0, 1)
+    )
+    assert first["in_this_log"][1] == second["in_this_log"][0]
+    settings = {"logs": ["turns.bin"], "settings": ["mahony:kp=0.3", "mahony:kp=3"], "part": "differences"}
+    first, second = (served("compare", **settings, start=k) for k in (0, 1))
+    assert first["differences"][1] == second["differences"][0]
 
 
 def test_a_missing_extra_is_one_sentence(attlog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
