@@ -10,6 +10,7 @@ import re
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,7 +19,7 @@ from pydantic import Field
 from attlog import __version__
 from attlog.assistants import answers
 from attlog.assistants.folders import MAX_CHARACTERS, UNTRUSTED, Folders, answer
-from attlog.core.errors import AttlogError, UsageError, bug_sentence, shortened_message
+from attlog.core.errors import AttlogError, PluginError, UsageError, bug_sentence, shortened_message
 from attlog.core.limits import MAPPED
 from attlog.core.workers import Died, Worker
 from attlog.words.log_text import LogText, marked
@@ -122,15 +123,15 @@ class Tools:
         start: Start = 0,
     ) -> dict[str, Any]:
         """Say what happened: headline, findings with evidence and actions, events, accuracy of attitude filters."""
-        from attlog.cli.options import check_filter
-        from attlog.estimators import items
+        from attlog.estimators import items, select
         from attlog.segments.model import Segments
 
         wanted = tuple(items(estimators)) if estimators.strip() else ()
         for item in wanted:
             if item not in ("default", "all"):
                 check_setting(item)
-                check_filter(item)
+                with suppress(PluginError):  # of a package's filter: its row has the reason
+                    select(item)
         try:
             Segments().spans(window or "all")
         except ValueError as error:
