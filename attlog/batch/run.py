@@ -28,6 +28,7 @@ from attlog.batch.process import SCRATCH, run_one, start_fork_server
 from attlog.batch.report_files import report_names
 from attlog.batch.results_file import CSV, PARQUET, write_results
 from attlog.batch.sources import Source
+from attlog.core.brief import counted
 from attlog.core.errors import EXIT_INTERRUPTED, ClusterError, OutputError, UsageError
 from attlog.core.files import file_name, remove_unfinished, write_atomic
 from attlog.core.machine import cores
@@ -137,7 +138,7 @@ def run_batch(
             outcome.codes |= {error.exit_code}
         if stopped:
             outcome.ended = (
-                f"stopped: {stopped}, {len(jobs) - len(found)} of {len(jobs)} logs were not reached; "
+                f"stopped: {stopped}, {len(jobs) - len(found)} of {counted(len(jobs), 'log')} not reached; "
                 "--resume goes on when there is room"
             )
         outcome.records = [found[k] for k in sorted(found)]
@@ -263,7 +264,7 @@ def _earlier_names(folder: Path, fresh: bool, resume: bool) -> dict[str, str]:
     if not resume:
         done = sum(record_path(folder, name).exists() for name in names.values())
         raise UsageError(
-            f"{folder} holds a batch ({done} of {len(names)} logs were reached): --resume goes on with it "
+            f"{folder} holds a batch ({done} of {counted(len(names), 'log')} reached): --resume goes on with it "
             "(what is done and unchanged is not done again), --fresh removes its reports and begins again, "
             "-o chooses another folder"
         )

@@ -197,7 +197,9 @@ class Bar:
         return self
 
     def _tell_time(self, seconds: float) -> None:
-        write_line(f"attlog: {self._done} of {self._all} logs{self._more()}, {seconds:.0f} s")
+        from attlog.words.numbers import counted
+
+        write_line(f"attlog: {self._done} of {counted(self._all, 'log')}{self._more()}, {seconds:.0f} s")
 
     def __exit__(self, *_: object) -> None:
         self._life.close()

@@ -46,15 +46,26 @@ def table_html(title: str, rows: Sequence[tuple[str, str]]) -> str:
     return f"<table><caption{style}><b>{cell(title)}</b></caption>{''.join(lines)}</table>"
 
 
-def counted(items: Collection[Any], one: str) -> str:
-    """Return ``3 checks`` and the like."""
-    return f"{len(items)} {one}{'' if len(items) == 1 else 's'}"
+def counted(items: Collection[Any] | int, one: str) -> str:
+    """Format a number, or that of items, with its noun: ``1 step``, ``28 steps``."""
+    n = len(items) if isinstance(items, Collection) else items
+    return f"{n:,} {one}{'' if n == 1 else 's'}"
 
 
 def listed(names: Collection[str], most: int = MAX_NAMED) -> str:
     """Return names separated by commas, the first of many."""
     shown = [str(name) for name, _ in zip(names, range(most), strict=False)]
     return ", ".join(shown) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def first_part(text: str, *ends: str) -> str:
+    """Return the text before the first of ``ends``, brackets whole."""
+    depth = 0
+    for k, sign in enumerate(text):
+        if not depth and text.startswith(ends, k):
+            return text[:k]
+        depth = max(depth + (sign in "([") - (sign in ")]"), 0)
+    return text
 
 
 def _said(value: Any) -> list[tuple[str, Any]]:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from attlog import formats
+from attlog.core.brief import counted
 from attlog.core.errors import LogUnusable, TooLittleMemory, UsageError
 from attlog.core.limits import MAX_ATTITUDES
 from attlog.core.machine import available_bytes
@@ -222,11 +223,12 @@ def damage_problems(messages: Messages, seconds: float) -> list[Problem]:
         return [Problem("cut_at_end", "warning", text, offset=first.offset, remedy="Copy it again, or log longer.")]
     where = f"{first.lost} at byte {first.offset}"
     if places > 1:
-        text = f"The file is damaged in {places} places, {lost} bytes are not usable; the first is {where}."
-    elif first.lost.startswith(f"{lost} bytes"):
-        text = f"The file is damaged in one place: {where} are not usable."
+        text = f"The file is damaged in {places} places, {counted(lost, 'byte')} are not usable; the first is {where}."
+    elif first.lost.startswith(counted(lost, "byte")):
+        text = f"The file is damaged in one place: {where} {'is' if lost == 1 else 'are'} not usable."
     else:
-        text = f"The file is damaged in one place, {lost} bytes are not usable: {where}."
+        text = f"The file is damaged in one place, {counted(lost, 'byte')} "
+        text += f"{'is' if lost == 1 else 'are'} not usable: {where}."
     severity: Severity = "warning" if lost > SERIOUS_DAMAGE_SHARE * messages.size else "note"
     return [Problem("damage", severity, text, offset=first.offset, count=places)]
 

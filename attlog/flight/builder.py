@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.brief import counted
 from attlog.core.errors import call_guarded
 from attlog.core.limits import LAST_TIME_US, READ_BYTES
 from attlog.core.timestamps import Stamps, ValidRecords, plausible_records
@@ -180,7 +181,9 @@ class LogBuilder:
         count = int(np.count_nonzero(beyond))
         if count == 0:
             return x
-        text = f"{source}: left out {count:,} of {x.size:,} values of {quantity.name}, outside {quantity.limits}"
+        text = (
+            f"{source}: left out {count:,} of {counted(x.size, 'value')} of {quantity.name}, outside {quantity.limits}"
+        )
         severity: Severity = "note" if quantity.minor else "warning"
         self.problem("values_out_of_range", severity, f"{text} ({quantity.why}).", count=count)
         return np.where(beyond, np.nan, x)
@@ -224,7 +227,7 @@ class LogBuilder:
         index = np.arange(len(t_us)) if good is None else np.flatnonzero(good)
         values = len(t_us) - len(index)
         if values:
-            text = f"{source}: left out {values:,} of {len(t_us):,} records, {wrong}."
+            text = f"{source}: left out {values:,} of {counted(len(t_us), 'record')}, {wrong}."
             self.problem("values_out_of_range", "warning", text, count=values)
         whole = np.asarray(t_us, np.int64)
         kept = plausible_records(whole[index], partial(isolated_timestamps, self.messages), whole)
@@ -236,9 +239,8 @@ class LogBuilder:
             near = self.near(whole[index]) if self.t0_us else np.abs(whole[index] - middle) <= 0.5e6 * limits.MAX_LOG_S
             if not near.all():
                 far = int(np.count_nonzero(~near))
-                text = (
-                    f"{source}: left out {far:,} of {len(t_us):,} records, whose times are days away from the flight."
-                )
+                text = f"{source}: left out {far:,} of {counted(len(t_us), 'record')}, "
+                text += "whose times are days away from the flight."
                 self.problem("false_times", "warning", text, count=far)
                 index = index[near]
         rate = burst_rate(whole[index])
@@ -259,7 +261,7 @@ class LogBuilder:
         )
         for code, severity, count, why in reasons:
             if count:
-                left_out = f"{source}: left out {count:,} of {records:,} records"
+                left_out = f"{source}: left out {count:,} of {counted(records, 'record')}"
                 text = f"{left_out}, {why}." if why else f"{left_out}: nothing else in the log has such times."
                 self.problem(code, severity, text, count=count)
 

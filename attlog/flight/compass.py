@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.brief import counted
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder
@@ -54,8 +55,8 @@ def build_mag(
         stream.x[bad] = np.nan
         count = int(bad.sum())
         severity: Severity = "warning" if count > max(MAX_NOTE_SPIKE_SHARE * len(bad), MAX_NOTE_SPIKES) else "note"
-        text = f"{source}: left out {count} of {len(bad)} records of the magnetometer, zero or more than a factor "
-        text += f"{SPIKE_FACTOR:.0f} off their neighbours."
+        text = f"{source}: left out {count} of {counted(len(bad), 'record')} of the magnetometer, "
+        text += f"zero or more than a factor {SPIKE_FACTOR:.0f} off their neighbours."
         builder.problem("mag_spikes", severity, text, t=float(stream.t[np.flatnonzero(bad)[0]]), count=count)
     return Mag(index, stream, calibrated, device, enabled)
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.brief import counted
 from attlog.core.timestamps import Stamps, plausible_records
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, finite_within
@@ -360,8 +361,9 @@ def drop_unpaired(candidate: ImuCandidate) -> ImuCandidate:
     known = rotation.finite_rows(candidate.acc)
     missing, n = int(np.count_nonzero(~known)), len(candidate.acc)
     if missing > MAX_SILENT_SHARE * n:
-        text = f"{candidate.source}: left out {missing:,} of {n:,} records, for which {candidate.acc_source} has no "
-        candidate.problems.append(Problem("values_out_of_range", "warning", text + "value.", count=missing))
+        text = f"{candidate.source}: left out {missing:,} of {counted(n, 'record')}, "
+        text += f"for which {candidate.acc_source} has no value."
+        candidate.problems.append(Problem("values_out_of_range", "warning", text, count=missing))
     return candidate.rows(np.flatnonzero(known))
 
 

@@ -17,6 +17,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import counted
 from attlog.core.errors import RAISE_VARIABLE, AttlogError, bug_sentence
 from attlog.core.limits import MAX_DAMAGE
 from attlog.core.timestamps import Offsets, Timeline, restarts
@@ -230,7 +231,9 @@ class Table:
         return column in self.fields or (isinstance(column, str) and self._element(column) is not None)
 
     def __repr__(self) -> str:
-        return f"<Table {self.name}:{self.instance} {len(self)} records, {len(self.fields)} fields>"
+        return (
+            f"<Table {self.name}:{self.instance} {counted(len(self), 'record')}, {counted(len(self.fields), 'field')}>"
+        )
 
     def __getitem__(self, column: str) -> NDArray[Any]:
         """Return the column as stored, (n,) or (n, k).

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import counted
 from attlog.core.kinematics import known_earth_force
 from attlog.core.spans import Span, inside
 from attlog.flight.model import VIBRATION_LIMITS, Array, Burst, FlightLog, Imu, OnboardVibration, Stream
@@ -174,7 +175,7 @@ def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
         check = Check(
             "clipping",
             "fault" if count > MANY_CLIPS and seconds >= LASTING_S else "warning",
-            f"The accelerometer of IMU {one.unit} clipped {count:,} samples in {seconds} s of flight.",
+            f"The accelerometer of IMU {one.unit} clipped {counted(count, 'sample')} in {seconds} s of flight.",
             float(count),
             "samples",
             limit,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from attlog.core.brief import counted
 from attlog.metrics import correction_noise, drift, lag
 from attlog.metrics.accuracy import ERRORS
 from attlog.metrics.metric import Answer, Case, MetricGroup, named, per_case
@@ -86,7 +87,7 @@ def step_lag(case: Case) -> Availability:
     if answer.value is None:
         return refused(answer)
     name = case.reference.name or case.reference.source
-    return Availability((f"{answer.n} steps, compared with {name} at {case.reference.rate:.0f} Hz",))
+    return Availability((f"{counted(answer.n, 'step')}, compared with {name} at {case.reference.rate:.0f} Hz",))
 
 
 def yaw_drift(case: Case) -> Availability:

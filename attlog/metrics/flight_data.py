@@ -26,6 +26,8 @@ LONGER, ROUNDING_S = 1.5, 0.2
 FAST = {"overturn", "tumble", "impact", "hard_landing", "oscillation", "clipping", "rate_tracking"}
 FAST |= {"motor_no_thrust", "motor_off", "motor_frozen", "motors_off", "no_thrust_left", "yaw_backwards"}
 MAX_FAST, BEFORE_S, AFTER_S, MAX_NEAR = 8, 2.0, 4.0, 6000
+# Smallest share of that time that is kept, the gravest event's in any case.
+MIN_SHARE = 0.25
 # Panels with such detail.
 DETAILED = {*RATE_PANELS, "motors", "outputs", "commands"}
 AXES = ("x", "y", "z")
@@ -64,16 +66,22 @@ def flight_data(log: FlightLog, flights: list[Span], events: Sequence[Event] = (
 
 
 def near_events(events: Sequence[Event]) -> Array:
-    """Return the spans (n, 2) s around the gravest events of the vehicle's motion, apart and in time order."""
+    """Return the spans (n, 2) s around the gravest events of the vehicle's motion, the gravest first."""
     grave = sorted((e for e in events if e.kind in FAST), key=lambda e: (e.severity != "serious", e.t))[:MAX_FAST]
-    return np.array(merge([(e.t - BEFORE_S, e.t + AFTER_S) for e in grave])).reshape(-1, 2)
+    return np.array([(e.t - BEFORE_S, e.t + AFTER_S) for e in grave]).reshape(-1, 2)
 
 
 def _detailed(t: Array, x: Array, keep: int, near: Array) -> tuple[Array, Array]:
-    """Return an envelope with every sample near events, of which those are left out for which a line has no room."""
-    edges = np.searchsorted(t, near)
-    room = np.cumsum(edges[:, 1] - edges[:, 0]) <= MAX_NEAR
-    return detailed(t, x, keep, near[room])
+    """Return an envelope with every sample near events, of a shorter time for those that a line has little room for."""
+    chosen: list[Span] = []
+    room = float(MAX_NEAR)
+    for (start, _), count in zip(near, np.diff(np.searchsorted(t, near), axis=1)[:, 0], strict=True):
+        share = min(1.0, room / max(count, 1))
+        if share >= MIN_SHARE or not chosen:
+            at = start + BEFORE_S
+            chosen.append((at - share * BEFORE_S, at + share * AFTER_S))
+            room -= share * count
+    return detailed(t, x, keep, np.array(merge(chosen)).reshape(-1, 2))
 
 
 def _stops(log: FlightLog) -> Array:

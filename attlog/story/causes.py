@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from attlog.core.brief import counted, first_part
 from attlog.core.spans import between
 from attlog.flight.model import FlightLog
 from attlog.story.drive_events import BROKEN, LASTING
@@ -76,9 +77,9 @@ def effect_phrase(text: str, t: float, lasts: bool = False) -> str:
 
     ``lasts``: the sentence gives a span or a duration, of which the clause has the begin alone.
     """
-    text = text.rstrip(".").partition(". ")[0].partition(": ")[0]
+    text = first_part(text.rstrip("."), ". ", ": ")
     if lasts:
-        text = re.split(" for | from ", text)[0] + f" from {t:.1f} s"
+        text = first_part(text, " for ", " from ") + f" from {t:.1f} s"
     elif not re.search(r"\b(at|from) [\d.]+", text):
         text += f" at {t:.1f} s"
     return text[:1].lower() + text[1:] if text[1:2].islower() or text[1:2] == " " else text
@@ -188,7 +189,7 @@ def _shaking(log: FlightLog, source: Event, switch: Event) -> str:
         count = _clipped(log, unit, switch.t - SHAKEN_S, switch.t + SETTLE_S)
         usual = SHAKEN_S * _clipped(log, unit, source.t, source.t + seconds) / seconds
         if count and (began or count > usual):
-            return f"{count:,} samples clipped in the {SHAKEN_S:.0f} s before"
+            return f"{counted(count, 'sample')} clipped in the {SHAKEN_S:.0f} s before"
     return ""
 
 

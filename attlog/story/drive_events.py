@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from attlog.core.brief import first_part
 from attlog.flight.model import FlightLog
 from attlog.segments.model import Segments
 from attlog.story.control_faults import study_control
@@ -58,7 +59,7 @@ def crash_cause(events: Sequence[Event]) -> Event | None:
 def drive_phrase(events: Sequence[Event]) -> str:
     """Return the broken part behind a crash, else the first one, as a sentence for the headline; empty for none."""
     found = _broken(events)
-    return "" if found is None else f"{found.text.partition(': ')[0].rstrip('.')}."
+    return "" if found is None else f"{first_part(found.text, ': ').rstrip('.')}."
 
 
 def _broken(events: Sequence[Event]) -> Event | None:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from attlog.core import rotation
-from attlog.core.brief import brief
+from attlog.core.brief import brief, counted
 from attlog.core.spans import Span, between, inside, merge
 from attlog.flight.model import VIBRATION_LIMITS, FlightLog, Stream
 from attlog.segments.airborne import FLIGHT_SHARE, InAir
@@ -446,8 +446,11 @@ def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, l
     t = float(flags[0].t[inside(flags[0].t, within) & (flags[0].new > 0)][0]) if flags else min(first)
     most = max(counts.values())
     said = [x for x in matching_texts(log, CLIPS) if -1.0 <= x[0] - t <= max(last) - t + 5.0]
-    text = f"The accelerometer clipped from {t:.1f} s to {max(last):.1f} s: {most:,} samples."
-    evidence = [*(f"{source}: {n:,} samples" for source, n in counts.items()), *(quote_text(x) for x in said[:1])]
+    text = f"The accelerometer clipped from {t:.1f} s to {max(last):.1f} s: {counted(most, 'sample')}."
+    evidence = [
+        *(f"{source}: {counted(n, 'sample')}" for source, n in counts.items()),
+        *(quote_text(x) for x in said[:1]),
+    ]
     weight: EventSeverity = "warning" if most > MAX_NOTE_CLIPS else "note"
     return Event("clipping", t, weight, text, max(last), float(most), "samples", evidence), said
 

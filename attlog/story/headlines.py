@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.brief import first_part
 from attlog.core.spans import Span, inside
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
@@ -390,8 +391,8 @@ def _first_fault(segments: Segments, events: Sequence[Event]) -> list[str]:
         "device_error": first.quote,
         "parameter_changed": _changed_parameters(first),
         "sensor_fault": first.text.rstrip("."),
-        **dict.fromkeys(drive_events.LASTING, first.text.partition(": ")[0].rstrip(".")),
-        "gnss_jump": first.text.partition(",")[0].rstrip("."),
+        **dict.fromkeys(drive_events.LASTING, first_part(first.text, ": ").rstrip(".")),
+        "gnss_jump": first_part(first.text, ",").rstrip("."),
     }[first.kind]
     more = f" (vibration {format_significant(shaken.value or 0.0)} m/s²)" if first.kind == "clipping" and shaken else ""
     so = _effect_phrase(first, events)
@@ -448,7 +449,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
         impact = next((e for e in crashes[0] if e.kind == "impact"), crashes[0][0])
         full, short = _crash_phrases(crashes[0], _crash_target(log.kind, segments, impact))
         if len(crashes) == 1:
-            bare = re.sub(r"^Struck .*?, hit", "Hit", short.partition(", then ")[0])
+            bare = re.sub(r"^Struck .*?, hit", "Hit", first_part(short, ", then "))
             return list(dict.fromkeys((f"{full}.", f"{short}.", f"{bare}.")))
         again = f"; crashed again at {crashes[1][0].t:.1f} s"
         sizes = f"{again}{_size(crashes[1])}"
@@ -467,7 +468,7 @@ def _ending_phrases(log: FlightLog, segments: Segments, events: Sequence[Event],
             f"{hit}.",
         ]
     if has_open_end(events):
-        return [next(e.text for e in events if e.kind == "ends_in_air").partition(",")[0] + "."]
+        return [first_part(next(e.text for e in events if e.kind == "ends_in_air"), ",") + "."]
     unknown = segments.air is not None and not (segments.air.known and log.imus)
     cannot = "Impacts cannot be determined." if segments.spans("airborne") and (unknown or _too_slow(log)) else ""
     if sound and not warned and segments.spans("airborne"):

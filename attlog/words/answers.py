@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 
+from attlog.core.brief import first_part
 from attlog.health.gravity import is_usable_gravity
 from attlog.result import Check, EstimatorRow, Result, Verdict
 from attlog.words.names import (
@@ -355,7 +356,7 @@ def _unranked(found: ColumnRanking, what: str = "") -> AnswerLine:
     """Return why filters were not compared, with their values."""
     sound = [j for j in found.filters if j.row.status == "ok"]
     if sound:
-        why = typeset(reason_unranked(sound[0])).partition(":")[0].removesuffix(" to rank")
+        why = typeset(first_part(reason_unranked(sound[0]), ":")).removesuffix(" to rank")
         lost = [j for j in found.filters if j.row.status == "diverged"]
         gone = f"; {_counted(lost)} diverged" if lost else ""
         return AnswerLine(f"Not ranked ({why}): {what}{_range(sound)}{gone}.", found, _onboard_value(found))
@@ -366,7 +367,7 @@ def _unranked(found: ColumnRanking, what: str = "") -> AnswerLine:
         return AnswerLine(f"{NO_ANSWER}{why or f'all {len(rows)} filters {NOT_JUDGED[rows[0].status]}'}.", found)
     nothing = ONLY_BASELINE if any(is_baseline(j.row) for j in found.judged) else NO_FILTER_RAN
     why = reasons_unranked(found) if found.filters else commonest_reason(found.absent)[1] or nothing
-    return AnswerLine(f"{NO_ANSWER}{why.partition(';')[0]}.", found, _onboard_value(found))
+    return AnswerLine(f"{NO_ANSWER}{first_part(why, ';')}.", found, _onboard_value(found))
 
 
 def advice(result: Result, found: ColumnRanking) -> list[str]:
@@ -400,7 +401,7 @@ def reasons_unranked(found: ColumnRanking) -> str:
     groups: dict[str, list[str]] = {}
     for judged in found.filters:
         if not judged.ranked:
-            short = reason_unranked(judged).partition(":")[0].partition(";")[0].partition(",")[0]
+            short = first_part(reason_unranked(judged), ":", ";", ",")
             groups.setdefault(NOT_JUDGED.get(judged.row.status, typeset(short)), []).append(judged.name)
     for absent in found.absent:
         if absent.row.kind == "replay" and not is_baseline(absent.row):

@@ -117,7 +117,8 @@ def no_problem_text(shown: list[ShownFinding], hidden: int = 0) -> str:
 def _shown_finding(finding: Finding) -> ShownFinding:
     label, style = SEVERITY.get(finding.severity, ("Note", "note"))
     text = typeset(finding.text)
-    if finding.offset is not None and str(finding.offset) not in finding.text:
+    places = () if finding.offset is None else (str(finding.offset), f"{finding.offset:,}")
+    if places and not any(re.search(rf"(?<![\d,]){place}(?!,?\d)", finding.text) for place in places):
         text = f"{text.rstrip('.')}, at byte {finding.offset:,}."
     t = round(finding.t, 3) if finding.t is not None and math.isfinite(finding.t) else None
     told = any(f" {n} " in f" {text} " for n in (str(finding.count), f"{finding.count:,}"))

@@ -148,7 +148,7 @@ def _parameters(lines: list[ParameterLine], said: str) -> Iterator[str]:
         yield f"**Set during the log:** {_shortened(during)}"
         yield ""
     if not any(line.kind in ("set", "airframe", "default") for line in lines):
-        yield f"**Changed parameters:** unknown, the log holds {len(lines):,} parameters but not their defaults."
+        yield f"**Changed parameters:** unknown, the log holds {counted(len(lines), 'parameter')} but no defaults."
         return
     known.sort(key=lambda line: (line.name not in said, WIRING.match(line.name) is not None))
     changed = [f"`{line.name} {line.value}` ({line.default})" for line in known if line.kind == "set"]

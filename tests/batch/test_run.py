@@ -92,7 +92,7 @@ def test_a_folder_with_a_batch_is_neither_mixed_nor_lost(tmp_path: Path) -> None
     first, second = cut(tmp_path / "a", "x.bin"), cut(tmp_path / "b", "x.bin")
     run(tmp_path / "out", first)
     before = content(tmp_path / "out")
-    with pytest.raises(UsageError, match=r"holds a batch \(1 of 1 logs .*--resume .*--fresh .*-o"):
+    with pytest.raises(UsageError, match=r"holds a batch \(1 of 1 log reached.*--resume .*--fresh .*-o"):
         run(tmp_path / "out", first)
     assert content(tmp_path / "out") == before
     outcome, told = run(tmp_path / "out", second, first, resume=True)
@@ -215,7 +215,7 @@ def test_a_batch_stops_where_the_disk_is_full(tmp_path: Path) -> None:
 
     outcome, _ = run(tmp_path / "out", *logs, resume=True, runner=no_room)
     assert reached == ["0.bin", "1.bin", "2.bin"]
-    assert outcome.ended.startswith(f"stopped: {tmp_path / 'out'} takes no more files, 2 of 5 logs were not reached")
+    assert outcome.ended.startswith(f"stopped: {tmp_path / 'out'} takes no more files, 2 of 5 logs not reached")
     assert outcome.codes == {0, 73}
     after = content(tmp_path / "out")
     assert {name: after[name] for name in before if "0.bin" in name} == {

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from attlog.core.brief import brief, table_html, table_text
+from attlog.core.brief import brief, counted, first_part, table_html, table_text
 
 
 @dataclass(slots=True)
@@ -43,3 +43,14 @@ def test_text_of_a_log_is_neither_a_terminal_sequence_nor_markup() -> None:
     assert "<script" not in page
     assert len(text.splitlines()) == 10
     assert page.count("<tr>") == 9
+
+
+def test_a_number_of_one_has_a_noun_of_one() -> None:
+    assert [counted(n, "record") for n in (0, 1, 2, 4000)] == ["0 records", "1 record", "2 records", "4,000 records"]
+    assert counted([7], "check") == "1 check"
+
+
+def test_a_sentence_is_never_cut_inside_brackets() -> None:
+    assert first_part("Hit the ground (at 3 s, 4.0 g), then it lay", ",") == "Hit the ground (at 3 s, 4.0 g)"
+    assert first_part("Lost (from 3 s: none) from 5 s", " for ", " from ") == "Lost (from 3 s: none)"
+    assert first_part("whole (at least 4.0", ",") == "whole (at least 4.0"

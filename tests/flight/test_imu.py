@@ -144,7 +144,7 @@ def test_damage_is_a_warning_from_a_thousandth_of_the_file_on() -> None:
     for lost, severity in ((990, "note"), (1010, "warning")):
         (found,) = damaged(lost)
         assert (found.code, found.severity, found.count) == ("damage", severity, 2)
-        assert f"{lost} bytes are not usable" in found.text
+        assert f"{lost:,} bytes are not usable" in found.text
     (cut,) = damaged(4000, places=1, at=996_000)
     assert (cut.code, cut.severity) == ("cut_at_end", "note")
     (early,) = damaged(4000, places=1, at=996_000, seconds=0.2)

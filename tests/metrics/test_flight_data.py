@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from attlog.flight.model import Firmware, FlightLog, Imu, Stream
-from attlog.metrics.flight_data import MAX_FAST, MAX_NEAR, MAX_SAMPLES, broken_intervals, flight_data, near_events
+from attlog.metrics.flight_data import (
+    MAX_FAST,
+    MAX_NEAR,
+    MAX_SAMPLES,
+    _detailed,
+    broken_intervals,
+    flight_data,
+    near_events,
+)
 from attlog.story.flight_events import Event
 
 RNG = np.random.default_rng(5)
@@ -70,6 +78,17 @@ def test_detail_near_events_has_a_limit() -> None:
     assert len(near) == MAX_FAST
     assert np.all(near[1:, 0] > near[:-1, 1])
     assert len(near_events([Event("armed", 5.0, "note", "Armed.")])) == 0
+
+
+@pytest.mark.parametrize("rate", [400, 1000, 4000])
+def test_the_gravest_event_has_detail_at_any_rate(rate: int) -> None:
+    t = np.arange(0.0, 100.0, 1.0 / rate)
+    kinds = (("clipping", 10.0, "warning"), ("oscillation", 20.0, "warning"), ("impact", 60.0, "serious"))
+    near = near_events([Event(kind, at, severity, "Made.") for kind, at, severity in kinds])
+    kept, _ = _detailed(t, RNG.normal(size=(len(t), 3)), MAX_SAMPLES, near)
+    inside = (t > 59.6) & (t < 60.8)
+    assert np.isin(t[inside], kept).all()
+    assert len(kept) <= MAX_SAMPLES + MAX_NEAR + 10
 
 
 def test_a_height_above_sea_level_is_set_beside_gnss_and_left_out_without_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -92,6 +92,14 @@ def test_links_lead_to_places_of_the_page() -> None:
     assert {name for name in re.findall(r'href="#([\w-]+)"', page)} <= places
 
 
+def test_what_leads_to_a_figure_by_its_name_alone_is_not_printed() -> None:
+    result = made()
+    result.findings = [Finding("supply", "serious", "The battery sags.", about="battery")]
+    links = re.findall(r"<a [^>]*>Figure</a>", render(result, bundle()))
+    assert links
+    assert all('class="noprint"' in link for link in links)
+
+
 def test_a_link_draws_the_figure_at_its_time_with_the_span_shaded(visit: Any, tmp_path: Path) -> None:
     path = tmp_path / "report.html"
     write_report(made(), path)

@@ -126,3 +126,11 @@ def test_flight_data_is_drawn_when_scrolled_to(visit: Any, tmp_path: Any) -> Non
     assert not before
     assert page.figures()["battery"]
     assert page.complaints == []
+
+
+def test_what_is_scrolled_to_is_drawn_even_if_the_observer_missed_it(visit: Any, tmp_path: Any) -> None:
+    path = tmp_path / "report.html"
+    write_report(result_with(volts={"battery": 12.0 + np.sin(T)}), path)
+    silent = "<script>window.IntersectionObserver = class { observe() {} unobserve() {} };</script>"
+    path.write_text(path.read_text().replace("<script>", f"{silent}<script>", 1))
+    assert visit(path, bypass_csp=True).figures()["battery"]

@@ -193,6 +193,16 @@ def test_a_result_from_json_has_the_figures_that_need_no_lines() -> None:
         loaded.figure("attitude")
 
 
+def test_flight_modes_are_below_the_time_axis_as_on_the_page(album: Album) -> None:
+    layout = album.drawn("attitude", span=(50.0, 100.0))["layout"]
+    spans = [(s["x0"], s["x1"]) for s in layout["shapes"] if s.get("ysizemode") == "pixel" and s["y1"] < s["y0"] < 0.0]
+    assert spans == [(50.0, 75.0), (75.0, 100.0)]
+    assert {n["text"] for n in layout["annotations"]} >= {"STABILIZE", "LOITER"}
+    assert "RTL" not in {n["text"] for n in layout["annotations"]}
+    timeless = album.drawn("lag")["layout"]["shapes"]
+    assert not any(s.get("ysizemode") == "pixel" and s["y1"] < s["y0"] < 0.0 for s in timeless)
+
+
 def test_the_text_of_a_log_is_never_markup() -> None:
     result = make_result(NAMES[:1], with_traces=False)
     result.log["timeline"]["modes"] = [[0, 200, "<b>A</b>%{x}$"]]

@@ -55,6 +55,14 @@ FOUND = (
 )
 
 
+def test_a_byte_is_said_once_however_it_is_written() -> None:
+    for text in ("Cut at byte 958,441, as after a power cut.", "Cut at byte 958441."):
+        (shown,) = shown_findings([Finding("cut_at_end", "note", text, offset=958441)])
+        assert shown.line == text
+    (shown,) = shown_findings([Finding("damage", "note", "Damaged, 1958,441 bytes.", offset=41)])
+    assert shown.line == "Damaged, 1958,441 bytes, at byte 41."
+
+
 def test_the_first_screen_has_first_sentences_and_few_words() -> None:
     long = Finding(
         "x", "warning", f"It shook at 53.7 s{' very' * 30}. It rolled. It fell.", t=53.7, evidence=["By IMU."]

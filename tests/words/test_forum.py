@@ -115,7 +115,7 @@ def test_what_happened_findings_versions_and_changed_parameters_are_there() -> N
 def test_a_log_without_defaults_or_parameters_says_that_changes_are_unknown() -> None:
     result = made()
     result.log["params_changed"] = {}
-    assert "unknown, the log holds 5 parameters but not their defaults" in forum_text(result)
+    assert "unknown, the log holds 5 parameters but no defaults" in forum_text(result)
     result.log["params"], result.log["params_in_flight"] = {}, {}
     assert "unknown, the log holds no parameter" in forum_text(result)
 

@@ -222,7 +222,9 @@ def check_estimator_command(name: FilterToCheck) -> None:
     outcomes = check_estimator(subject, show)
     failed = sum(not o.passed for o in outcomes)
     if failed:
-        out.print(f"\n{name}: {failed} of {len(outcomes)} checks failed.", markup=False)
+        from attlog.words.numbers import counted
+
+        out.print(f"\n{name}: {failed} of {counted(len(outcomes), 'check')} failed.", markup=False)
         raise typer.Exit(FAILED)
     out.print(f"\n{name}: all {len(outcomes)} checks passed; {speed_ns(subject):.0f} ns per update.", markup=False)
 

@@ -132,9 +132,10 @@ def _messages(messages: Sequence[dict[str, Any]], width: int, verbose: int) -> I
     rows = [
         (
             m["name"] + (f".{m['instance']}" if m["instance"] else ""),
-            f"{m['records']:>7} records",
+            f"{m['records']:>7} record{'s' if m['records'] != 1 else ' '}",
             "" if m["rate_hz"] is None else f"{m['rate_hz']:>8.2f} Hz",
-            f"{m['fields']:>3} fields" + (f": {', '.join(m['signals'])}" if m["signals"] else ""),
+            f"{m['fields']:>3} field{'s' if m['fields'] != 1 else ''}"
+            + (f": {', '.join(m['signals'])}" if m["signals"] else ""),
         )
         for m in messages
     ]
@@ -392,10 +393,12 @@ def extract_command(
     if str(own.output) == "-":
         extraction.write_stream(tables, flight, sys.stdout.buffer, kind)
         return
+    from attlog.words.numbers import counted
+
     written = extraction.write(tables, flight, own.output, kind)
     if not common.quiet:
         for path, extract in zip(written, tables, strict=True):
-            to_stdout(f"{path}: {len(extract)} rows, {len(extract.columns)} columns")
+            to_stdout(f"{path}: {counted(len(extract), 'row')}, {counted(len(extract.columns), 'column')}")
 
 
 def _extracts(

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import counted
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, columns
@@ -368,10 +369,10 @@ def gyro_mask_problem(builder: TopicBuilder, source: str, table: Table, column: 
     mask = table[column].astype(np.int64)
     if not mask.any() or mask.max() > MAX_CLIPPING_MASK:
         return []
-    counted = any(c.sensor == "gyro" and c.whole and c.new.any() for c in clippings(builder))
-    if not counted and not np.nanmax(np.abs(rate), initial=0.0) > NEAR_RANGE_RAD_S:
+    flagged = any(c.sensor == "gyro" and c.whole and c.new.any() for c in clippings(builder))
+    if not flagged and not np.nanmax(np.abs(rate), initial=0.0) > NEAR_RANGE_RAD_S:
         return []
     count = int(np.count_nonzero(mask))
-    text = f"{source}: the gyro was at the end of its range in {count} samples ({column})."
+    text = f"{source}: the gyro was at the end of its range in {counted(count, 'sample')} ({column})."
     cause = "An impact, vibration, or a range that is set too small."
     return [Problem("gyro_clipped", "warning", text, count=count, cause=cause)]

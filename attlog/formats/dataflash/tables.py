@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import counted
 from attlog.core.limits import LAST_TIME_US, MAX_INSTANCES, MAX_PARAM_CHANGES, MAX_TEXT_LENGTH, MAX_TEXTS
 from attlog.core.timestamps import Offsets, Timeline, false_times, merge_timelines, times_before
 from attlog.formats.dataflash.layout import HEADER_BYTES, LETTER_DTYPES, LETTER_SCALES, MessageFormat
@@ -206,8 +207,12 @@ def report_unreadable(index: RecordIndex) -> None:
     counts = np.bincount(index.layout, minlength=len(index.layouts)).tolist()
     for fmt, count in zip(index.layouts, counts, strict=True):
         if count and not fmt.readable:
-            why = f"the format {fmt.letters!r} does not have {fmt.length} bytes" if fmt.letters else "no format is read"
-            lost = f"{count} {fmt.name} records: {why}"
+            why = (
+                f"the format {fmt.letters!r} does not have {counted(fmt.length, 'byte')}"
+                if fmt.letters
+                else "no format is read"
+            )
+            lost = f"{counted(count, f'{fmt.name} record')}: {why}"
             index.losses.add_kind(
                 fmt.offset, count * fmt.length, lost, "framing goes on by the declared length", counted=True
             )

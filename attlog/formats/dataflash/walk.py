@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import counted
 from attlog.core.timestamps import Offsets
 from attlog.formats.dataflash.layout import FMT_LENGTH, FMT_TYPE, HEADER_BYTES, Definitions, MessageFormat
 from attlog.formats.file_bytes import gather, offset_type
@@ -190,9 +191,9 @@ def _report_holes(
                 first.setdefault(kind, begin)
                 continue
         if stop == size:
-            losses.add(begin, length, f"{length} bytes at the end of the file", "end of file")
+            losses.add(begin, length, f"{counted(length, 'byte')} at the end of the file", "end of file")
         else:
-            losses.add(begin, length, f"{length} bytes that are no records", f"next record at {stop}")
+            losses.add(begin, length, f"{counted(length, 'byte')} outside records", f"next record at {stop}")
     for kind, count in sorted(unknown.items()):
-        lost = f"{count} records of type {kind}, whose FMT record is missing"
+        lost = f"{counted(count, 'record')} of type {kind}, whose FMT record is missing"
         losses.add_kind(first[kind], unknown_bytes[kind], lost, "next record of a known type")

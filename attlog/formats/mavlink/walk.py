@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import jit
+from attlog.core.brief import counted
 from attlog.core.jit import Cells, IOut1
 from attlog.core.limits import MAX_SENDERS
 from attlog.core.timestamps import Offsets
@@ -79,7 +80,7 @@ def _drop_rare_senders(packets: Packets, end: Offsets) -> None:
     wanted[np.argsort(-counts, kind="stable")[:MAX_SENDERS]] = True
     kept = wanted[packets.senders]
     packets_lost = len(kept) - int(np.count_nonzero(kept))
-    lost = f"{packets_lost} packets of {senders - MAX_SENDERS} senders beyond the {MAX_SENDERS} with most"
+    lost = f"{counted(packets_lost, 'packet')} of {senders - MAX_SENDERS} senders beyond the {MAX_SENDERS} with most"
     length = int((end[~kept] - packets.offsets[~kept]).sum())
     packets.losses.add_kind(int(packets.offsets[~kept][0]), length, lost, "next packet")
     packets.offsets, packets.ids, packets.senders = packets.offsets[kept], packets.ids[kept], packets.senders[kept]
@@ -106,10 +107,13 @@ def _account_for_holes(data: NDArray[np.uint8], packets: Packets, end: Offsets, 
         if chain:
             continue
         resumed = "end of file" if stop == size else f"next packet at {stop}"
-        packets.losses.add(begin, stop - begin, f"{stop - begin} bytes without a packet of right checksum", resumed)
+        packets.losses.add(
+            begin, stop - begin, f"{counted(stop - begin, 'byte')} without a packet of right checksum", resumed
+        )
     for number, found in wrong.items():
         length = sum(after - offset for offset, after in found)
-        lost = f"{len(found)} packets of message {number} with a wrong checksum (damaged, or of another dialect)"
+        lost = f"{counted(len(found), 'packet')} of message {number} with a wrong checksum "
+        lost += "(damaged, or of another dialect)"
         packets.losses.add_kind(found[0][0], length, lost, "next packet")
 
 

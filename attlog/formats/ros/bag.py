@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import counted
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.core.limits import LAST_TIME_US, MAX_FORMATS, MAX_UNPACKED_BYTES, MAX_UNPACKED_RATIO, UNPACKED_ANYWAY_BYTES
 from attlog.formats.table import DamageLog
@@ -124,16 +125,16 @@ class _McapReader:
             held = ", ".join(sorted(self.encodings))
             raise LogUnusable(f"{path}: an MCAP file without messages of ROS 2 (it holds {held}); record with ros2 bag")
         if self.undefined:
-            text = f"Left out {self.undefined:,} messages of the bag, whose channels nothing defines."
+            text = f"Left out {counted(self.undefined, 'message')} of the bag, whose channels nothing defines."
             self.losses.add_remark("unreadable_message", text, count=self.undefined)
         if self.false_times:
-            text = f"Left out {self.false_times:,} messages of the bag, whose recorder times lie after 2100."
+            text = f"Left out {counted(self.false_times, 'message')} of the bag, whose recorder times lie after 2100."
             self.losses.add_remark("false_times", text, count=self.false_times)
         kept = [channel for channel in self.channels.values() if channel is not None]
         return Bag(kept, self.types, self.losses, ended)
 
     def _lose(self, at: int, length: int, what: str, resumed: str) -> None:
-        self.losses.add(at, length, f"{length} bytes of {what}", resumed)
+        self.losses.add(at, length, f"{counted(length, 'byte')} of {what}", resumed)
 
     def _read_chunk(self, at: int, body: memoryview, whole: bool) -> int:
         """Read the records of a chunk, of a truncated one as many as possible. Returns its bytes without a record."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.brief import counted
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.formats.ros.bag import MISSING_PACKAGES, Bag, BagChannel, read_bag
 from attlog.formats.ros.cdr import decode_table
@@ -129,7 +130,7 @@ def _channel_table(path: Path, name: str, channel: BagChannel, bag: Bag) -> Tabl
             reason = f" ({error})"
     left = count - (0 if table is None else len(table))
     if left:
-        text = f"{channel.topic}: {left} of {count} messages cannot be decoded{reason}."
+        text = f"{channel.topic}: {left:,} of {counted(count, 'message')} cannot be decoded{reason}."
         bag.losses.add_remark("unreadable_message", text, count=left)
     return table
 

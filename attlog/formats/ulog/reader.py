@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from attlog.core.brief import counted
 from attlog.core.errors import LogUnusable, NotALog
 from attlog.core.limits import MAX_BOOTS, MAX_COLUMNS, MAX_GUESSES, MAX_IDS_FOLLOWED, MAX_LAYOUTS
 from attlog.core.timestamps import Offsets
@@ -105,7 +106,7 @@ class _Reader:
         self.appended: list[int] = []  # starts of appended data
         self.last, self.low = 0, 0  # last data record, and the place from which anchors are searched
         if begin:
-            self.losses.add(0, begin, f"{begin} erased bytes before the log", f"at byte {begin}")
+            self.losses.add(0, begin, f"{counted(begin, 'erased byte')} before the log", f"at byte {begin}")
         self._start_log(begin)
 
     def messages(self) -> Messages:
@@ -157,8 +158,8 @@ class _Reader:
                     tables[name, multi] = table
             if topic.left_out:
                 self.losses.add_limit(
-                    f"{name} has more than {MAX_LAYOUTS} layouts; {topic.left_out} records of further ones are "
-                    "left out.",
+                    f"{name} has more than {MAX_LAYOUTS} layouts; {counted(topic.left_out, 'record')} of further ones "
+                    f"{'is' if topic.left_out == 1 else 'are'} left out.",
                     offset,
                     topic.left_out,
                 )
@@ -273,7 +274,7 @@ class _Reader:
             self._drop_last()
         here = self.framing.anchor(max(begin + 1, self.low), stop)
         self.low = here
-        lost = f"{here - begin} bytes that are no records"
+        lost = f"{counted(here - begin, 'byte')} outside records"
         self.losses.add(
             begin, here - begin, lost, f"at byte {here}" if here < stop else "nothing behind it is readable"
         )
@@ -309,7 +310,7 @@ class _Reader:
             if found is not None:
                 name, layout = found
                 self._add((name, 0), layout, starts)
-                lost = f"the subscription of id {identifier}; its {len(starts)} records can only be {name}"
+                lost = f"the subscription of id {identifier}; its {counted(len(starts), 'record')} can only be {name}"
                 self.losses.add(first, 0, lost, f"read as {name}")
                 continue
             name, why = self.definitions.why_not.get(identifier, ("", ""))
@@ -318,7 +319,7 @@ class _Reader:
                 if name
                 else (f"id {identifier}, which no readable definition describes")
             )
-            lost = f"{len(starts)} records ({lengths.sum()} bytes) of {what}"
+            lost = f"{counted(len(starts), 'record')} ({counted(int(lengths.sum()), 'byte')}) of {what}"
             self.losses.add(first, 0, lost, "skipped one by one")
             self.losses.bytes += int(lengths.sum())
         self.unknown.clear()

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.report.figures.figure import PageFigure, quantile
 from attlog.report.figures.legend import INK, PT, TEXT, WIDTH, Key, legend, shortened, text_width
-from attlog.report.figures.style import PRINT_DASHES, RowStyle, palette, print_dash
+from attlog.report.figures.style import PRINT_DASHES, RowStyle, palette, print_dash, safe
 
 Array = NDArray[np.float64]
 Layout = dict[str, Any]
@@ -28,6 +28,8 @@ DASHES = {"dash": "4px,2px", "dot": "1.2px,1.8px"}
 # Ratio of print to page: heights, line widths, markers.
 HEIGHT_SHARE, LINE_SHARE, MARKER_SHARE = 0.46, 0.67, 0.6
 LEFT, RIGHT, BOTTOM = 54.0, 11.0, 34.0
+# Height of flight modes below the time axis, pixels: a line of text.
+MODE_HEIGHT = 13.0
 # Buckets of a thinned line: two per pixel of the column.
 BUCKETS = 600
 # In a calm figure a row may leave the axis if its range exceeds the median one by this factor.
@@ -53,7 +55,7 @@ class PrintedFigure:
         self.data = figure.data | view
         self.rows, self.shown, self.marks, self.span = rows, shown, marks, span
         self.keys: dict[str, Key] = {}
-        self.left, self.right, self.above = LEFT, RIGHT, 0.0
+        self.left, self.right, self.above, self.below = LEFT, RIGHT, 0.0, BOTTOM
         self.height = max(HEIGHT_SHARE * figure.height, 66.0)
         if "size" in self.data:
             self.height = float(self.data["size"])
@@ -92,6 +94,8 @@ class PrintedFigure:
             self.special(trace)
         if self.data.get("phases"):
             self.phases()
+            if self.timed and self.marks["modes"]:
+                self.modes()
         if self.data.get("alarms"):
             self.alarms()
         for trace in sorted(self.traces, key=lambda t: t["meta"].get("row", len(self.rows))):
@@ -335,6 +339,33 @@ class PrintedFigure:
             elif word == "in the air":
                 self.key(Key(word, "mu", fill=True))
 
+    def modes(self) -> None:
+        """Draw flight modes below the time axis, with their names where they fit."""
+        low, high = self.span
+        names = list(dict.fromkeys(name for *_, name in self.marks["modes"]))
+        self.below += MODE_HEIGHT
+        self.axes["xaxis"] |= {"ticklen": MODE_HEIGHT, "tickcolor": "rgba(0,0,0,0)"}
+        place = {"xref": "x", "yref": "paper", "ysizemode": "pixel", "yanchor": 0, "y0": -1, "y1": -MODE_HEIGHT}
+        written = {
+            "y": 0,
+            "xref": "x",
+            "yref": "paper",
+            "xanchor": "left",
+            "yanchor": "middle",
+            "font": {"color": "tx"},
+        }
+        shift = -(MODE_HEIGHT + 1.0) / 2.0
+        for a, b, name in self.marks["modes"]:
+            text = safe(name)
+            start, end = max(a, low), min(b, high)
+            width = (end - start) / (high - low) * self.inside
+            if width < 1.0:
+                continue
+            fill = {"fillcolor": f"m{names.index(name) % 4}", "line": {"width": 0}, "layer": "below"}
+            self.shapes.append({"type": "rect", "x0": start, "x1": end} | place | fill)
+            if width > text_width(text) + 4.0:
+                self.notes.append(written | {"x": start, "yshift": shift, "text": text, "font": {"color": "tx"}})
+
     def alarms(self) -> None:
         """Mark failsafes and critical messages with dashed lines."""
         times = [t for t, level, _ in self.marks["texts"] if level == 2 and self.span[0] <= t <= self.span[1]]
@@ -382,9 +413,9 @@ class PrintedFigure:
         axes = {name: print_axis(name, axis, several) for name, axis in self.axes.items()}
         layout: Layout = {
             "width": WIDTH,
-            "height": round(self.height + top + BOTTOM),
+            "height": round(self.height + top + self.below),
             "font": {"family": FONT, "size": TEXT, "color": INK},
-            "margin": {"l": self.left, "r": self.right, "t": top, "b": BOTTOM, "pad": 0},
+            "margin": {"l": self.left, "r": self.right, "t": top, "b": self.below, "pad": 0},
             "paper_bgcolor": "#ffffff",
             "plot_bgcolor": "#ffffff",
             "showlegend": False,

@@ -163,15 +163,19 @@ function jumps() {
     if (!link) return;
     const place = document.getElementById(link.hash.slice(1));
     if (place && place.tagName === 'DETAILS') place.open = true;
+    const id = link.hash.slice(5);
     if (link.dataset.view !== undefined) {
-      const id = link.hash.slice(5);
       chosen(id, +link.dataset.view);
       if (!waiting.has(id)) draw(id);
     }
-    if (link.dataset.t === undefined) return;
+    if (link.dataset.t === undefined) {
+      if (waiting.has(id)) draw(id);
+      return;
+    }
     const t = +link.dataset.t, end = Math.max(+(link.dataset.end || t), t), around = Math.max(5, (full[1] - full[0]) / 60, 0.5 * (end - t));
     pointed = [t, end];
     zoom([t - around, end + around]);
+    if (waiting.has(id)) draw(id);
   });
 }
 
@@ -206,13 +210,24 @@ function resized() {
 const idle = () => new Promise((done) => setTimeout(done, 0));
 const painted = () => new Promise((done) => { requestAnimationFrame(() => setTimeout(done, 0)); setTimeout(done, 300); });
 
+// draws what waits and is near; a figure that fails does not keep the others from being drawn
+const NEAR_PX = 600;
+function near() {
+  const places = [...waiting].map((id) => [id, $(id).getBoundingClientRect()]); // all before any is drawn: one layout
+  for (const [id, at] of places) {
+    if (at.height && at.bottom > -NEAR_PX && at.top < innerHeight + NEAR_PX) try { draw(id); } catch (error) { setTimeout(() => { throw error; }, 0); }
+  }
+}
+
 // figures in view first, those near when they come near, the rest when nothing else is to be done; flight data near only
 async function drawAll() {
   for (const id of ids()) { $(id).style.height = tall(id) + 'px'; waiting.add(id); }
   const watch = new IntersectionObserver((seen) => {
-    for (const s of seen) if (s.isIntersecting && waiting.has(s.target.id)) { watch.unobserve(s.target); draw(s.target.id); }
-  }, { rootMargin: '600px' });
+    if (seen.some((s) => s.isIntersecting)) near();
+  }, { rootMargin: NEAR_PX + 'px' });
   ids().forEach((id) => watch.observe($(id)));
+  // an observer reports changes alone: what a shift of the page moved in and out meanwhile is near without one
+  addEventListener('scroll', near, { passive: true });
   await idle();
   for (const id of ids()) { if (waiting.has(id) && !D.figures[id].lazy) { await idle(); if (waiting.has(id)) draw(id); } }
   root.dataset.drawn = failures.length ? 'failed ' + failures.join(' ') : 'all';

@@ -141,7 +141,7 @@ def test_a_lost_format_costs_its_message_only(raw: bytes, clean: RecordIndex, tm
         key: len(table) for key, table in before.items() if key not in {("IMU", 0), ("FMT", 0)}
     }
     told = [d.lost for d in after.damage if "FMT record is missing" in d.lost]
-    assert told == [f"{len(before['IMU', 0])} records of type {kind.type}, whose FMT record is missing"]
+    assert told == [f"{len(before['IMU', 0]):,} records of type {kind.type}, whose FMT record is missing"]
 
 
 def test_a_format_whose_letters_have_another_length_drops_its_message_and_keeps_framing(
@@ -344,7 +344,7 @@ def test_records_behind_too_many_definitions_of_a_message_are_told_and_never_rea
     assert len(log["IMU", 0]) == MAX_LAYOUTS_OF_A_NAME
     assert len(log["ATT", 0]) == 1
     assert any("definitions beyond" in d.lost for d in log.damage)
-    assert any(f"{3000 - MAX_LAYOUTS_OF_A_NAME} IMU records" in d.lost for d in log.damage)
+    assert any(f"{3000 - MAX_LAYOUTS_OF_A_NAME:,} IMU records" in d.lost for d in log.damage)
 
 
 def test_lengths_that_cannot_be_and_formats_of_formats_cost_their_message_only(tmp_path: Path) -> None:

@@ -48,6 +48,7 @@ def logs(draw: st.DrawFn) -> dict[str, dict[str, np.ndarray]]:
 @given(messages=logs())
 def test_random_logs_come_back(messages: dict[str, dict[str, np.ndarray]], tmp_path: Path) -> None:
     path = tmp_path / "random.bin"
+    path.unlink(missing_ok=True)
     formats.write(path, Recording(of_instance_0(messages)))
     log = reader.read_binary(path)
     assert (log.damage, log.damage_bytes) == ([], 0)
@@ -62,6 +63,7 @@ def test_random_logs_come_back(messages: dict[str, dict[str, np.ndarray]], tmp_p
 @given(messages=logs())
 def test_pymavlink_reads_the_same(messages: dict[str, dict[str, np.ndarray]], tmp_path: Path) -> None:
     path = tmp_path / "random.bin"
+    path.unlink(missing_ok=True)
     formats.write(path, Recording(of_instance_0(messages)))
     assert differences(path) == []
 

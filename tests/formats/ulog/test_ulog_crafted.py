@@ -242,8 +242,8 @@ def test_records_without_subscription_are_followed_not_asked_one_by_one(
     assert {name: len(table) for (name, _), table in found.items()} == {"a": 4000, "b": 4000, "c": 4000, "d": 2000}
     assert found["c", 0]["timestamp"].tolist() == [10_000 + k for k in range(4000)]
     assert sorted(d.lost.partition(" (")[0] for d in found.damage) == [
-        "2000 records",
-        "the subscription of id 3; its 4000 records can only be b",
-        "the subscription of id 4; its 4000 records can only be c",
+        "2,000 records",
+        "the subscription of id 3; its 4,000 records can only be b",
+        "the subscription of id 4; its 4,000 records can only be c",
     ]
     assert len(asked) < 100

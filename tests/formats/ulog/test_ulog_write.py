@@ -51,6 +51,7 @@ def test_random_logs_come_back(
     topics: dict[tuple[str, int], dict[str, np.ndarray]], texts: list[tuple[str, int, int]], tmp_path: Path
 ) -> None:
     path = tmp_path / "random.ulg"
+    path.unlink(missing_ok=True)
     params = [ParamChange("A_INT", 7), ParamChange("A_FLOAT", 0.5), ParamChange("A_FLOAT", 2.0, is_default=True)]
     written = [Text(text, level, t) for text, level, t in texts]
     formats.write(path, Recording(topics, params, written, {"sys_name": "PX4", "ver": 3}))
