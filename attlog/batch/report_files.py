@@ -26,7 +26,7 @@ from attlog.core.errors import (
     exit_code,
 )
 from attlog.core.files import is_disk_full, staging_folder
-from attlog.core.own_files import REPORT, FileKind, grown_from, log_of
+from attlog.core.own_files import REPORT, FileKind, grown_from, log_of, require_replaceable
 
 if TYPE_CHECKING:
     from attlog.pipeline.config import Config
@@ -71,20 +71,24 @@ def analyze_to_files(
     from attlog.pipeline import analyze
 
     name = name or log.name
+    report, document_path = folder / f"{name}.html", folder / f"{name}.json"
+    if document_path.is_file() and (now := size_and_hash(log)) is not None:  # before filters run for minutes
+        require_replaceable(document_path, kind_of_report(log, now[1], document_path))
     with require_unchanged(log):
         result = analyze(log, config, command=command)
-    files = ReportFiles(result, folder / f"{name}.html", folder / f"{name}.json")
+    files = ReportFiles(result, report, document_path)
     _keep_earlier_answer(result, (earlier or folder) / files.json.name)
     logging.getLogger("attlog.stages").info("writing the report")
     document = result.to_dict(deterministic)  # large: built once for both files
-    with staging_folder(folder, kind_of_report(log, result.log["sha256"], files.json)) as stage:
+    kind = kind_of_report(log, result.log["sha256"], files.json)
+    with staging_folder(folder, kind) as stage:
         result.to_html(stage / files.report.name, deterministic=deterministic, document=document)
         result.to_json(stage / files.json.name, whole=document)
     if figures is not None:
         from attlog.report.figures.files import write_figures
 
         logging.getLogger("attlog.stages").info("drawing the figures")
-        write_figures(result, figures)
+        write_figures(result, figures, kind.logs)
     return files
 
 

@@ -27,7 +27,7 @@ from attlog.pipeline.preparation import prepare
 from attlog.reference import alignment
 from attlog.reference.model import AlignmentStep, AttitudeErrors, Reference, Scoring
 from attlog.reference.scoring import attitude_errors, errors_against
-from attlog.result import REFERENCE_NAME, Result
+from attlog.result import Result
 from attlog.segments import model
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 Align = Literal["auto", "none", "heading"]
 # What an attitude is compared with: a log's reference, an attitude, or times (n,) and attitudes (n, 4).
-Compared: TypeAlias = FlightLog | Case | Result | Reference | Attitude | Path | str | tuple[ArrayLike, ArrayLike]
+Compared: TypeAlias = FlightLog | Case | Reference | Attitude | Path | str | tuple[ArrayLike, ArrayLike]
 # Fewest common samples.
 MIN_SAMPLES = 2
 # Attitudes that are tried in other conventions.
@@ -140,8 +140,8 @@ def compare_attitude(
 ) -> AttitudeComparison:
     """Compare attitudes ``q`` (n, 4) at times ``t`` (n,) s with a log's reference or another attitude.
 
-    ``log_or_reference``: a log, its path, a prepared log or a result: the reference that ``analyze`` would take, its
-    alignment (trim, scored time) and the log's clock; or an :class:`~attlog.Attitude` of a log, or a pair of times and
+    ``log_or_reference``: a log, its path or a prepared log: the reference that ``analyze`` would take, its alignment
+    (trim, scored time) and the log's clock; or an :class:`~attlog.Attitude` of a log, or a pair of times and
     attitudes. ``q``: scalar first, body FRD to earth NED, true north. The faster one is interpolated to the times of
     the slower, never across a gap.
 
@@ -211,7 +211,9 @@ def _samples(t: ArrayLike, q: ArrayLike, what: str = "") -> tuple[Array, Array]:
     except (TypeError, ValueError) as error:
         raise UsageError(f"{what}t and q must be arrays of numbers ({error})") from None
     if times.ndim != 1 or own.shape != (len(times), 4):
-        hint = "; attlog.rotation.from_euler makes q from angles in rad" if own.shape == (len(times), 3) else ""
+        hint = (
+            "; attlog.rotation.from_euler(*angles.T) makes q from angles in rad" if own.shape == (len(times), 3) else ""
+        )
         raise UsageError(f"{what}t must have shape (n,) and q (n, 4), not {times.shape} and {own.shape}{hint}")
     times, own = model.select_rising(times, rotation.normalize(own))
     if len(times) < MIN_SAMPLES:
@@ -231,17 +233,11 @@ def _reference_of(given: Compared) -> tuple[Reference, Case | None]:
     if isinstance(given, Reference):
         return given, None
     if isinstance(given, Result):
-        held = given.tracks
-        if held is None or REFERENCE_NAME not in held.q:
-            raise UsageError("this result holds no attitude of a reference; give the log")
-        source = "reference" if given.reference is None else given.reference.source
-        return _plain_reference(source, held.t, held.q[REFERENCE_NAME]), None
+        raise UsageError("a result keeps no alignment of its reference; give the log, or attlog.prepare(log, ...)")
     if isinstance(given, Attitude):
         return _plain_reference(given.source, given.t if given.t_sample is None else given.t_sample, given.q), None
     if isinstance(given, Mapping) or not isinstance(given, tuple | list) or len(given) != 2:
-        raise UsageError(
-            f"compare_attitude takes a log, its path, a result, an attitude or (t, q), not {type(given).__name__}"
-        )
+        raise UsageError(f"compare_attitude takes a log, its path, an attitude or (t, q), not {type(given).__name__}")
     return _plain_reference("the attitude given", *given), None
 
 

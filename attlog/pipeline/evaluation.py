@@ -317,6 +317,8 @@ def evaluate(
     reference and filters. UsageError for an unknown estimator or parameter. A plug-in that fails becomes a row with
     ``status = "failed"``, the others finish.
     """
+    if not isinstance(case, Case):
+        raise UsageError(f"evaluate takes a prepared log, case = attlog.prepare(log), not {type(case).__name__}")
     if isinstance(specs, str):
         specs = estimators.items(specs)
     only = _known_metrics(only)

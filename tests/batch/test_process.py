@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import hashlib
 import json
 import os
 import socket
@@ -82,6 +83,31 @@ def test_of_several_codes_the_gravest_counts() -> None:
 def test_figures_begin_with_the_name_of_their_log_without_suffix_and_each_log_has_its_own() -> None:
     starts = figure_starts(Path("out"), ["a.ulg", "a.bin", "b.ulg.gz", ".bin"])
     assert [path.as_posix() for path in starts] == ["out/a", "out/a-2", "out/b", "out/_bin"]
+
+
+def test_a_report_of_another_log_is_refused_before_any_filter_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, out = tmp_path / "a.bin", tmp_path / "out"
+    log.write_bytes(COPTER_LOG.read_bytes()[:400_000])
+    analyze_to_files(log, GYRO, out)
+    log.write_bytes(COPTER_LOG.read_bytes()[:350_000])
+    monkeypatch.setattr("attlog.pipeline.analyze", lambda *_, **__: pytest.fail("filters ran"))
+    with pytest.raises(OutputError, match="is a report of another log"):
+        analyze_to_files(log, GYRO, out)
+
+
+def test_figures_of_a_log_of_which_more_has_come_are_replaced_with_its_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, seen = tmp_path / "a.bin", list[set[str]]()
+    monkeypatch.setattr("attlog.report.figures.files.write_figures", lambda _, __, logs: seen.append(set(logs)))
+    hashes = set()
+    for size in (350_000, 400_000):
+        log.write_bytes(COPTER_LOG.read_bytes()[:size])
+        hashes.add(hashlib.sha256(log.read_bytes()).hexdigest())
+        analyze_to_files(log, GYRO, tmp_path / "out", figures=tmp_path / "figures" / "a")
+    assert seen[1] == hashes
 
 
 def test_a_report_stays_where_its_figures_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

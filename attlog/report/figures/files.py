@@ -16,7 +16,7 @@ import struct
 import subprocess
 import sys
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -166,8 +166,10 @@ def _named(svg: str, name: str) -> str:
 # Files of every figure of a result: SVG for papers, PNG for slides.
 
 
-def write_figures(result: Result, start: Path) -> list[Path]:
+def write_figures(result: Result, start: Path, logs: Iterable[str] = ()) -> list[Path]:
     """Write ``START_NAME.svg`` and ``.png`` for every figure, all or none.
+
+    ``logs``: SHA-256 of earlier states of the log, whose figures are replaced too.
 
     Returns the files. OutputError if no browser is found, if it fails, or if a file cannot be written.
     """
@@ -177,7 +179,7 @@ def write_figures(result: Result, start: Path) -> list[Path]:
         for i, trace in enumerate(figure["data"]):
             trace["uid"] = str(i)  # otherwise plotly assigns random ids, and no two files are equal
     log = str(result.log.get("sha256") or "")
-    with staging_folder(start.parent, FIGURES.of(log)) as stage:
+    with staging_folder(start.parent, FIGURES.of(log, *logs)) as stage:
         for name, picture in draw_pictures(drawn, stage.parent).items():
             path, signed = stage / f"{start.name}_{name}", sign_picture(picture, log)
             _write(path.with_name(path.name + ".svg"), signed.svg.encode("utf-8"))
