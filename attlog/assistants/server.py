@@ -8,11 +8,14 @@ from __future__ import annotations
 import json
 import re
 import threading
+import time
 from collections import OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
+from contextvars import ContextVar
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from pydantic import Field
 
@@ -28,8 +31,11 @@ from attlog.words.text import clean
 if TYPE_CHECKING:
     from mcp.server.mcpserver import MCPServer
 
+T = TypeVar("T")
 # Time of one call: a log of hours on a slow machine. Documents kept for the next part.
 CALL_S, MAX_KEPT = 900.0, 16
+# Time between reports of progress, and between looks whether a waiting call was given up: clients give up after 60 s.
+PROGRESS_S, WAIT_S = 5.0, 0.5
 MISSING = "attlog mcp needs the package mcp (2.0 or newer) of the Model Context Protocol: pip install 'attlog[mcp]'"
 INSTRUCTIONS = f"""\
 attlog reads flight logs of ArduPilot and PX4: what happened, which sensors are off, how good the attitude is.
@@ -54,7 +60,8 @@ Start = Annotated[int, Field(description="First item of that list, from 0")]
 def server(folders: Sequence[Path]) -> MCPServer[Any]:
     """Return the server of some folders. UsageError without the SDK."""
     try:
-        from mcp.server.mcpserver import MCPServer
+        from anyio import get_cancelled_exc_class, to_thread
+        from mcp.server.mcpserver import Context, MCPServer
         from mcp.server.mcpserver.exceptions import ToolError
         from mcp.types import CallToolResult, TextContent, ToolAnnotations
     except ImportError as error:
@@ -65,9 +72,14 @@ def server(folders: Sequence[Path]) -> MCPServer[Any]:
     hints = ToolAnnotations(read_only_hint=True, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
 
     def add(tool: Callable[..., dict[str, Any]]) -> None:
-        def call(**arguments: Any) -> CallToolResult:
+        async def call(*, context: Context[Any, Any], **arguments: Any) -> CallToolResult:
+            current = Call(context.report_progress)
+            CALL.set(current)
             try:
-                document = tool(**arguments)
+                document = await to_thread.run_sync(partial(tool, **arguments), abandon_on_cancel=True)
+            except get_cancelled_exc_class():
+                current.given_up.set()
+                raise
             except AttlogError as error:
                 message = clean(tools.folders.hidden(shortened_message(str(error))))
                 raise ToolError(message[: MAX_CHARACTERS // 4]) from None
@@ -75,7 +87,7 @@ def server(folders: Sequence[Path]) -> MCPServer[Any]:
             return CallToolResult(content=[TextContent(type="text", text=text)], structured_content=document)
 
         call.__name__, call.__doc__ = tool.__name__, tool.__doc__
-        call.__annotations__ = {**tool.__annotations__, "return": CallToolResult}
+        call.__annotations__ = {**tool.__annotations__, "context": Context, "return": CallToolResult}
         import inspect
 
         signature = inspect.signature(tool, eval_str=True)
@@ -85,6 +97,28 @@ def server(folders: Sequence[Path]) -> MCPServer[Any]:
     for tool in (tools.logs, tools.info, tools.health, tools.analyze, tools.signals, tools.compare, tools.explain):
         add(tool)
     return found
+
+
+class Call:
+    """Call of a client: whether it gave up waiting, and how it hears of progress."""
+
+    def __init__(self, report: Callable[[float, None, str], Coroutine[Any, Any, None]] | None = None) -> None:
+        self.given_up = threading.Event()
+        self._report, self._begun = report, time.monotonic()
+        self._due = self._begun + PROGRESS_S
+
+    def tick(self, message: dict[str, Any]) -> None:
+        """Report progress if it is due. UsageError if the client gave up."""
+        if self.given_up.is_set():
+            raise UsageError("the client gave up this call")
+        if self._report is not None and (now := time.monotonic()) >= self._due:
+            from anyio import from_thread
+
+            self._due = now + PROGRESS_S
+            from_thread.run(self._report, round(now - self._begun, 1), None, "seconds so far")
+
+
+CALL: ContextVar[Call] = ContextVar("CALL")
 
 
 class Tools:
@@ -198,19 +232,28 @@ class Tools:
     def _call(self, function: Callable[..., answers.Answer], *arguments: Any) -> tuple[dict[str, Any], LogText]:
         """Return a document and the log's words, kept from the last call where no file has changed."""
         key = (function.__name__, *arguments, *_states(arguments))
-        with self._lock:
+        current = CALL.get(None) or Call()
+        while not self._lock.acquire(timeout=WAIT_S):
+            current.tick({})
+        try:
             if key not in self._kept:
-                self._kept[key] = self._in_process(function, *arguments)
+                self._kept[key] = self._in_process(current, function, *arguments)
             self._kept.move_to_end(key)
             while len(self._kept) > MAX_KEPT:
                 self._kept.popitem(last=False)
             return self._kept[key]
+        finally:
+            self._lock.release()
 
-    def _in_process(self, function: Callable[..., answers.Answer], *arguments: Any) -> tuple[dict[str, Any], LogText]:
+    def _in_process(
+        self, current: Call, function: Callable[..., answers.Answer], *arguments: Any
+    ) -> tuple[dict[str, Any], LogText]:
         if self._worker is None or not self._worker.alive:
             self._worker = Worker.start({MAPPED: "1"})
         try:
-            document, texts = self._worker.call(function, *arguments, seconds=CALL_S)
+            current.tick({})
+            done = self._worker.call(watched, function, *arguments, seconds=CALL_S, on_message=current.tick)
+            document, texts = done
         except AttlogError as error:  # with words of the log
             raise UsageError(f"no answer: {marked(self.folders.hidden(shortened_message(str(error))), 1000)}") from None
         except Died as died:
@@ -218,6 +261,11 @@ class Tools:
         except Exception as error:
             raise UsageError(marked(bug_sentence("The answer", error), 1000)) from None
         return document, LogText(texts)
+
+
+def watched(function: Callable[..., T], *arguments: Any, on_message: Callable[[dict[str, Any]], None]) -> T:
+    """Call a function in a process whose caller watches the time and may give up."""
+    return function(*arguments)
 
 
 def check_setting(text: str) -> None:

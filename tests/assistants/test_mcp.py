@@ -8,8 +8,11 @@ import re
 import shutil
 import struct
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +21,7 @@ import pytest
 from attlog.assistants import answers
 from attlog.assistants.folders import MAX_CHARACTERS, Folders, answer
 from attlog.assistants.parameters import FILTERS, MEANINGS, meaning
-from attlog.assistants.server import MISSING, Tools, check_setting
+from attlog.assistants.server import CALL, MISSING, Call, Tools, check_setting
 from attlog.core.errors import LogUnreadable, UsageError
 from attlog.flight.signals import Signals
 from attlog.words.log_text import CLOSE, OPEN, LogText, marked
@@ -393,6 +396,57 @@ def test_a_cut_answer_of_any_tool_can_be_fetched_whole(served: Server) -> None:
     settings = {"logs": ["turns.bin"], "settings": ["mahony:kp=0.3", "mahony:kp=3"], "part": "differences"}
     first, second = (served("compare", **settings, start=k) for k in (0, 1))
     assert first["differences"][1] == second["differences"][0]
+
+
+def test_a_call_that_was_given_up_ends_and_keeps_no_other_waiting(tmp_path: Path) -> None:
+    tools, given_up, refused = Tools(Folders([tmp_path])), Call(), list[UsageError]()
+
+    def long() -> None:
+        CALL.set(given_up)
+        try:
+            tools._call(time.sleep, 100)
+        except UsageError as error:
+            refused.append(error)
+
+    thread = threading.Thread(target=long)
+    thread.start()
+    time.sleep(0.5)
+    given_up.given_up.set()
+    thread.join(20)
+    assert len(refused) == 1
+    assert tools._worker is not None
+    assert not tools._worker.alive, "nothing computes on"
+    assert tools._lock.acquire(timeout=1.0)
+
+
+def test_a_client_that_waits_hears_of_progress(monkeypatch: pytest.MonkeyPatch) -> None:
+    import anyio.to_thread
+
+    monkeypatch.setattr("attlog.assistants.server.PROGRESS_S", 0.0)
+    heard: list[float] = []
+
+    async def hear(seconds: float, total: None, message: str) -> None:
+        heard.append(seconds)
+
+    async def work() -> None:
+        call = Call(hear)
+        await anyio.to_thread.run_sync(lambda: [call.tick({}), time.sleep(0.2), call.tick({})])
+
+    anyio.run(work)
+    assert len(heard) == 2
+    assert heard[1] >= heard[0] + 0.1
+
+
+@pytest.mark.slow
+def test_a_call_that_the_client_gives_up_computes_no_further(served: Server) -> None:
+    served("signals", log="turns.bin", names=["ATT.Roll"])
+    long = {"logs": ["2026/hover.ulg"], "settings": ["mahony", "vqf", "mekf", "px4_ekf2"]}
+    with pytest.raises(Exception, match=r"(?i)time"):
+        served.portal.call(partial(served.client.call_tool, "compare", long, read_timeout_seconds=1.0))
+    assert served("info", log="turns.bin")["log"] == f"{OPEN}turns.bin{CLOSE}"
+    begun = time.monotonic()
+    served("compare", **long)
+    assert time.monotonic() - begun > 0.5, "not an answer that was kept"
 
 
 def test_a_missing_extra_is_one_sentence(attlog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
