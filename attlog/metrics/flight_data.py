@@ -49,19 +49,21 @@ def flight_data(log: FlightLog, flights: list[Span], events: Sequence[Event] = (
     stops, near = _stops(log), near_events(events)
     if imu is not None and len(imu.gyro.t) > 1:
         t, rates = _detailed(imu.gyro.t, imu.gyro.x, keep, near)
-        ratio = len(imu.gyro.t) / len(t)
+        ratio, pauses = len(imu.gyro.t) / len(t), broken_spans(imu.gyro.t, stops)
         found += [
-            _trace(panel, ["gyro"], t, np.degrees(rates[:, [k]]), ratio, stops) for k, panel in enumerate(RATE_PANELS)
+            _trace(panel, ["gyro"], t, np.degrees(rates[:, [k]]), ratio, pauses) for k, panel in enumerate(RATE_PANELS)
         ]
         t, force = _detailed(imu.acc.t, imu.acc.x, keep, near)
-        found.append(_trace("acceleration", list(AXES), t, force, len(imu.acc.t) / max(len(t), 1), stops))
+        pauses, ratio = broken_spans(imu.acc.t, stops), len(imu.acc.t) / max(len(t), 1)
+        found.append(_trace("acceleration", list(AXES), t, force, ratio, pauses))
     grouped: dict[tuple[str, bytes], list[PanelLine]] = {}
     for line in lines:
         grouped.setdefault((line.panel, line.t.tobytes()), []).append(line)
     for same in grouped.values():
         values = np.column_stack([line.y for line in same])
         t, x = _detailed(same[0].t, values, keep, near if same[0].panel in DETAILED else near[:0])
-        found.append(_trace(same[0].panel, [line.label for line in same], t, x, len(same[0].t) / len(t), stops))
+        pauses, ratio = broken_spans(same[0].t, stops), len(same[0].t) / len(t)
+        found.append(_trace(same[0].panel, [line.label for line in same], t, x, ratio, pauses))
     return found
 
 
@@ -91,8 +93,8 @@ def _stops(log: FlightLog) -> Array:
     return np.column_stack([t[k], t[k + 1]])
 
 
-def broken_intervals(t: Array, stops: Array) -> NDArray[np.bool_]:
-    """Mark the intervals (n - 1,) that no line crosses.
+def broken_spans(t: Array, stops: Array) -> Array:
+    """Return the intervals (m, 2) s of a line's own times (n,) that it does not cross.
 
     Those are pauses, and for a slow line also intervals longer than usual with one of ``stops`` (k, 2) s in them.
     """
@@ -102,13 +104,13 @@ def broken_intervals(t: Array, stops: Array) -> NDArray[np.bool_]:
         inside = (k >= 0) & (k < len(dt))
         k, ends = k[inside], stops[inside, 1]
         broken[k[(t[k + 1] > ends - ROUNDING_S) & (dt[k] > LONGER * np.median(dt))]] = True
-    return broken
+    return np.column_stack([t[:-1][broken], t[1:][broken]])
 
 
-def _trace(panel: str, labels: list[str], t: Array, x: Array, ratio: float, stops: Array) -> Trace:
-    """Return lines (n, k) of a panel as a trace, broken at pauses of the logger."""
-    pauses = np.flatnonzero(broken_intervals(t, stops)) + 1
-    t, x = np.insert(t, pauses, t[pauses]), np.insert(x, pauses, np.nan, axis=0)
+def _trace(panel: str, labels: list[str], t: Array, x: Array, ratio: float, pauses: Array) -> Trace:
+    """Return thinned lines (n, k) of a panel as a trace, broken in ``pauses`` (m, 2) s of the logger."""
+    at, first = np.unique(np.searchsorted(t, pauses[:, 0], side="right"), return_index=True)
+    t, x = np.insert(t, at, pauses[first, 1]), np.insert(x, at, np.nan, axis=0)
     return Trace("data", "", t, {label: x[:, k] for k, label in enumerate(labels)}, panel, ratio=ratio)
 
 

@@ -13,7 +13,7 @@ from attlog.metrics.flight_data import (
     MAX_NEAR,
     MAX_SAMPLES,
     _detailed,
-    broken_intervals,
+    broken_spans,
     flight_data,
     near_events,
 )
@@ -91,6 +91,21 @@ def test_the_gravest_event_has_detail_at_any_rate(rate: int) -> None:
     assert len(kept) <= MAX_SAMPLES + MAX_NEAR + 10
 
 
+def test_detail_near_an_event_leaves_the_rest_of_a_long_line_whole() -> None:
+    t = np.concatenate([np.arange(0.0, 2000.0, 0.0025), np.arange(2100.0, 3600.0, 0.0025)])
+    log = log_with(stream(t[:2], t[:2]))
+    rates = Stream(t, np.column_stack([0.01 * np.sin(t)] * 3), "rad/s", "FRD", "made")
+    force = Stream(t, np.tile([0.0, 0.0, -9.8], (len(t), 1)), "m/s^2", "FRD", "made")
+    log.imus, log.imu = [Imu(0, rates, force)], 0
+    events = [Event("impact", at, "serious", "Hit.") for at in (100.0, 300.0)]
+    for trace in flight_data(log, [], events):
+        if trace.key in ("roll_rate", "acceleration"):
+            gaps = np.isnan(next(iter(trace.columns.values())))
+            assert np.count_nonzero(gaps) == 1
+            assert 2000.0 - 1e-6 < trace.t[gaps][0] <= 2100.0
+            assert np.all(np.diff(trace.t) >= 0.0)
+
+
 def test_a_height_above_sea_level_is_set_beside_gnss_and_left_out_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
     from attlog.flight.panels import PanelLine
     from attlog.metrics import flight_data as module
@@ -110,5 +125,5 @@ def test_a_height_above_sea_level_is_set_beside_gnss_and_left_out_without_it(mon
 def test_a_slow_line_is_broken_where_the_logger_paused_and_only_there() -> None:
     slow = np.array([3.0, 33.0, 43.0, 53.0, 78.0, 88.0])
     stops = np.array([[9.1, 30.4], [44.0, 51.0]])
-    assert broken_intervals(slow, stops).tolist() == [True, False, False, False, False]
-    assert not broken_intervals(slow, np.zeros((0, 2))).any()
+    assert broken_spans(slow, stops).tolist() == [[3.0, 33.0]]
+    assert len(broken_spans(slow, np.zeros((0, 2)))) == 0

@@ -157,6 +157,17 @@ def test_dots_in_words_are_value_and_interval():
     assert dots_words(found, FigureSource.of(make_result()), "ms") == "Onboard: +9 ms (+7 to +11); Gyro at rest: +1 ms"
 
 
+def test_the_lag_figure_holds_every_value_where_no_row_is_ranked():
+    result = make_result()
+    for k, row in enumerate(result.estimators):
+        found, value = row.metrics["airborne"].get("lag_ms"), (0.01, -8.2, -0.02, 4.7, 0.03)[k % 5]
+        if found is not None:
+            row.metrics["airborne"]["lag_ms"] = replace(found, value=value, ci95=(value - 2, value + 2), ranked=False)
+    low, high = figures(result)["lag"].data["views"][0]["axes"]["xaxis"]["range"]
+    assert low < -10.2
+    assert high > 6.7
+
+
 def test_the_lag_figure_shows_single_movements_of_ranked_rows_only():
     result = make_result()
     for row in result.estimators[1:]:

@@ -217,11 +217,12 @@ def _singles(view: View, d: AnswerDot, values: list[float], unit: str) -> None:
 
 
 def dot_range(source: FigureSource, dots: Sequence[AnswerDot]) -> tuple[float, float]:
-    """Return the axis range, set by ranked values.
+    """Return the axis range, set by ranked values, by all of rows that are not lost where none is ranked.
 
     Values and intervals far beyond them leave the figure.
     """
-    sound = [d for d in dots if d.ranked is not False and not source.rows[d.r].lost]
+    kept = [d for d in dots if not source.rows[d.r].lost]
+    sound = [d for d in kept if d.ranked is not False] or kept
     core = sorted(abs(d.value) for d in sound or dots)
     most = max(1e-3, core[-1] if sound else core[len(core) // 2])
     values = [v for d in dots for v in (d.value, *d.single)] + [v for d in sound or dots for v in d.ci95 or ()]
