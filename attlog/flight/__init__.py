@@ -20,6 +20,7 @@ from attlog.flight.model import FlightLog, Problem, Severity, guarded_part
 from attlog.flight.recalibration import recorrect
 from attlog.flight.timestamps import describe_other_boots, foreign_clocks, logged_seconds
 from attlog.formats import Messages
+from attlog.formats.table import OTHER_DIALECT
 
 __all__ = ["FlightLog", "flight_in", "read"]
 
@@ -36,6 +37,7 @@ MAX_CUT_BYTES = 4096
 MAX_SHORT_S = 10.0
 # Messages on another clock that are named, and what to do.
 MAX_NAMED_CLOCKS = 4
+DIALECT_REMEDY = "Check the MAVLink dialect of its sender; if it is right, take the vehicle's own log."
 CLOCK_REMEDY = "Compare nothing in it with the rest; have its writer use the autopilot's time since boot."
 # Bytes per inertial sample of the flight (with attitudes and truth), and of its analysis or ``info``. Measured on logs
 # of 2 to 18 million samples (``docs/formats.md``).
@@ -230,7 +232,9 @@ def damage_problems(messages: Messages, seconds: float) -> list[Problem]:
         text = f"The file is damaged in one place, {counted(lost, 'byte')} "
         text += f"{'is' if lost == 1 else 'are'} not usable: {where}."
     severity: Severity = "warning" if lost > SERIOUS_DAMAGE_SHARE * messages.size else "note"
-    return [Problem("damage", severity, text, offset=first.offset, count=places)]
+    dialect = sum(place.length for place in messages.damage if place.lost.endswith(OTHER_DIALECT))
+    remedy = DIALECT_REMEDY if dialect > 0.5 * lost else ""
+    return [Problem("damage", severity, text, offset=first.offset, count=places, remedy=remedy)]
 
 
 def foreign_clock_problems(messages: Messages) -> list[Problem]:

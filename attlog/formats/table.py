@@ -81,6 +81,10 @@ class Damage:
     resumed: str
 
 
+# End of a loss that another definition of a message explains as well as damage.
+OTHER_DIALECT = "(damaged, or of another dialect)"
+
+
 @dataclass(frozen=True, slots=True)
 class Remark:
     """Message of a reader about omitted content and its reason."""

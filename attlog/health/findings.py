@@ -21,6 +21,7 @@ from attlog.health.registry import CAUSES, CHECKS
 from attlog.reference.model import Reference
 from attlog.story import causes
 from attlog.story.estimator_events import is_estimator_jump
+from attlog.story.failsafe_events import KILL
 from attlog.story.flight_events import CRASHES, Event
 
 # Subject of signs that compare units, and kind of notes on sensors that are not in use.
@@ -33,7 +34,8 @@ SEPARATE_KINDS = (BUG, "estimator_failed", "estimator_timed_out")
 # Order of kinds among findings of equal severity.
 KINDS = (
     *("motor", "motor_output", "thrust", "propellers", "control"),
-    *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "vibration", "attitude", "mounting", "trim", "reset"),
+    *("gyro", "frozen_gyro", "gyro_spikes", "gyro_bias", "crash", "hard_landing"),
+    *("vibration", "attitude", "mounting", "trim", "reset"),
     *("coverage", "estimator", "accelerometer", "accelerometer_axes", "accelerometer_delay", "frozen_sensors"),
     *("device", "parameters", "arming", "gyro_range", "gnss", "imu_delay", "gyro_scale", "main_loop", "gaps"),
     *("jitter", "rate", "delay", "compass", "declination", "log_clock"),
@@ -305,6 +307,8 @@ EVENT_KINDS = {
     "failsafe": "failsafe",
     "battery": "battery",
 }
+# Kinds of events that only a flight has.
+FLOWN = ("liftoff", "landing", "hard_landing", "ends_in_air")
 # Kind of finding by the words of the autopilot's message.
 MESSAGE_KINDS = (
     (re.compile(r"\bmag|compass|yaw", re.I), "compass"),
@@ -393,6 +397,7 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
     pairs: list[tuple[Event, Finding]] = []
     reported: list[Event] = []
     wrecks = wreck_spans(events)
+    flown = any(event.is_crash or event.kind in FLOWN for event in events)
     explained = [report.t for report in reports if report.kind in EXPLAINED_FAILSAFES and report.t is not None]
     for event in events:
         if event.kind in CRASHES or event.severity not in ("warning", "serious"):
@@ -411,6 +416,10 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
                 sign = replace(sign, kind="estimator", value=None, unit="", cause=STEADY_GNSS_CAUSE)
             about = {"clipping": "clipping", "realigned": "heading", "vibration": "vibration"}.get(event.kind, "")
             action = ACTIONS_BY_ABOUT.get((event.kind, event.about), EVENT_ACTIONS.get(event.kind, ""))
+            if event.about == KILL:
+                about = KILL
+            if event.kind == "battery" and not flown:
+                action = "Charge or change the battery."
             sign = replace(sign, about=about, action=action)
             if event.kind == "hard_landing" and event.cause is None:
                 sign = replace(sign, action=landing_advice(log, event.t, events))
@@ -907,7 +916,8 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
     """Merge signs of a kind: the most severe leads, the others are evidence."""
     kinds: dict[tuple[str, str], Signs] = {}
     for sign in signs:
-        kinds.setdefault((sign.kind, sign.text if sign.kind in SEPARATE_KINDS else ""), []).append(sign)
+        apart = sign.text if sign.kind in SEPARATE_KINDS else KILL if sign.about == KILL else ""
+        kinds.setdefault((sign.kind, apart), []).append(sign)
     merged = []
     for same in kinds.values():
         lead = min(same, key=_lead_rank)

@@ -147,7 +147,7 @@ def wrong_onboard_heading(log: FlightLog, segments: Segments) -> str:
 
 def heading_error_words(found: HeadingOffset) -> str:
     """Return ``28 deg wrong (± 4 deg) by the motion that GNSS shows``."""
-    size, sigma = abs(found.offset_deg), max(found.sigma_deg, 1.0)
+    size, sigma = round(abs(found.offset_deg), 1), max(found.sigma_deg, 1.0)  # rounded as the check's value
     return f"{size:.0f} deg wrong (± {sigma:.0f} deg) by the motion that GNSS shows"
 
 

@@ -156,6 +156,7 @@ def drawn(
         plot=plot,
         result=result,
         look=look,
+        replayed=any(row.kind == "replay" and row.metrics for row in result.estimators),
         title=str(result.log.get("name") or "log"),
         subtitle=subtitle(result),
         headline=with_fixed_units(what_happened(result)),

@@ -148,8 +148,7 @@ def _low_battery_events(texts: Sequence[Text], found: Sequence[Event], quoted: l
             evidence, words = [quote_text(text)], clean_text(text[2])
             events.append(_failsafe_event("battery", text[0], LOW_BATTERY, evidence, words))
         elif before[-1] in events:
-            # each text is more urgent than the one before
-            events[-1] = replace(events[-1], t_end=text[0], quote=clean_text(text[2]))
+            events[-1] = replace(events[-1], t_end=text[0], evidence=[*events[-1].evidence, quote_text(text)])
     return events
 
 

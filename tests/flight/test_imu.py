@@ -16,6 +16,7 @@ from attlog.flight.compass import dead_reason
 from attlog.flight.frozen import turned_deg
 from attlog.flight.imu import ImuCandidate, validate_candidate
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
+from attlog.formats.table import OTHER_DIALECT
 from tests.flight import fake
 from tests.flight.fake import messages, micros
 
@@ -138,6 +139,17 @@ def damaged(lost: int, size: int = 1_000_000, places: int = 2, at: int = 500, se
     for _ in range(places):
         messages.losses.add(at, lost // places, "bytes that are no record", "later")
     return flight.damage_problems(messages, seconds)
+
+
+def test_messages_of_another_dialect_are_not_blamed_on_the_radio_link() -> None:
+    messages = fake.messages("tlog", {})
+    messages.size = 1_000_000
+    messages.losses.add(933, 8000, f"383 packets of message 132 with a wrong checksum {OTHER_DIALECT}", "later")
+    messages.losses.add(9000, 20, "20 bytes without a packet", "later")
+    (found,) = flight.damage_problems(messages, 60.0)
+    assert "dialect" in found.remedy
+    (plain,) = damaged(2000)
+    assert plain.remedy == ""
 
 
 def test_damage_is_a_warning_from_a_thousandth_of_the_file_on() -> None:

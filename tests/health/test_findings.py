@@ -165,6 +165,26 @@ def test_the_largest_of_a_kind_leads(log: FlightLog) -> None:
     assert findings(log, ratios)[0].text == "1.3 of the gate."
 
 
+def test_a_kill_switch_is_a_finding_of_its_own_and_a_hard_landing_goes_before_a_weak_one(log: FlightLog) -> None:
+    happened = [
+        Event("liftoff", 4.0, "info", "Lifted off."),
+        Event("failsafe", 51.5, "warning", "Failsafe at 51.5 s."),
+        Event("failsafe", 74.9, "warning", "Kill switch at 74.9 s.", about="kill switch"),
+        Event("hard_landing", 75.1, "warning", "Hard landing at 75.1 s: 10 g.", value=10.0, unit="g"),
+    ]
+    found = [f for f in findings(log, [check("vibration_level", "warning")], events=happened) if f.is_trouble]
+    assert [f.kind for f in found] == ["hard_landing", "vibration", "failsafe", "failsafe"]
+    assert "kill switch" in found[-1].action
+
+
+@pytest.mark.parametrize("flew", [False, True])
+def test_who_never_flew_is_not_asked_to_return_earlier(log: FlightLog, flew: bool) -> None:
+    happened = [Event("liftoff", 4.0, "info", "Lifted off.")] * flew
+    low = Event("battery", 22.4, "warning", "Low battery at 22.4 s.")
+    (found,) = (f for f in findings(log, [], events=[*happened, low]) if f.kind == "battery")
+    assert ("return earlier" in found.action) is flew
+
+
 def test_a_failsafe_that_harms_nobody_warns_nobody(log: FlightLog) -> None:
     report = Problem("err_7_1", "warning", "GNSS failsafe (ERR 7/1).", t=9.0)
     for weight in ("note", "warning"):

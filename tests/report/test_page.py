@@ -280,3 +280,14 @@ def test_a_page_of_a_flight_with_trouble_is_short(corpus: Path, name: str) -> No
     # findings of 75 words with their links, beside headline, strip and comparison of 120 words
     assert first <= 75 + 120
     assert whole <= WHOLE + 100
+
+
+def test_where_no_filter_ran_that_is_the_reason_for_missing_figures():
+    result = make_result()
+    result.estimators = [row for row in result.estimators if row.kind != "replay"]
+    result.traces = []
+    page = render(result, bundle())
+    assert page.count("No figure: no filter ran on this log.") >= 2
+    assert "No figure: no part of this log" not in page
+    assert re.search(r'id="all" hidden', page)
+    assert not re.search(r'id="all" hidden', render(make_result(), bundle()))

@@ -132,14 +132,15 @@ def test_a_battery_failsafe_by_its_code_stands_beside_a_radio_failsafe_of_the_sa
     assert [event.kind for event in found] == ["failsafe", "battery"]
 
 
-def test_warnings_of_a_battery_within_a_minute_are_one_event_with_the_last_words() -> None:
+def test_warnings_of_a_battery_within_a_minute_are_one_event_that_quotes_its_own_time() -> None:
     texts = [
         *said("Low battery level! Return advised", 40.0, level=4),
         *said("Dangerous battery level!, please land!", 42.0, level=3),
     ]
     (event,), quoted = failsafe_events.failsafe_events(log(texts=texts), spans((15.0, 80.0)))
     assert (event.kind, event.t, event.t_end, event.severity) == ("battery", 40.0, 42.0, "warning")
-    assert event.quote == "Dangerous battery level!, please land!"
+    assert event.quote == "Low battery level! Return advised"
+    assert "42.0" in event.evidence[-1]
     assert len(quoted) == 2
 
 

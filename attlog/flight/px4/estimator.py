@@ -102,7 +102,9 @@ def instance_changes(builder: TopicBuilder) -> tuple[int, ...]:
         t = np.where(changed > 0, changed, t)
     if len(at):
         changes = ", ".join(f"from {primary[i - 1]} to {primary[i]}" for i in at[:MAX_LISTED_CHANGES])
-        text = f"The EKF switched lanes {changes}: the onboard attitude steps there."
+        rest = f" and {len(at) - MAX_LISTED_CHANGES} more" if len(at) > MAX_LISTED_CHANGES else ""
+        times = "once" if len(at) == 1 else f"{len(at)} times"
+        text = f"The EKF switched lanes {times} ({changes}{rest}): the onboard attitude steps there."
         builder.problem("estimator_instance_changed", "note", text, count=len(at))
     return tuple(int(t[i]) for i in at)
 

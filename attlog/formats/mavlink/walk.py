@@ -21,7 +21,7 @@ from attlog.core.limits import MAX_SENDERS
 from attlog.core.timestamps import Offsets
 from attlog.formats.file_bytes import gather, offset_type
 from attlog.formats.mavlink.layout import MAVLINK_1, MAVLINK_2, STAMP_BYTES, Catalogue, byte_table
-from attlog.formats.table import DamageLog
+from attlog.formats.table import OTHER_DIALECT, DamageLog
 
 # MAVLink 2's incompatibility flag of a signature behind the checksum.
 SIGNED_FLAG, SIGNATURE_BYTES = 0x01, 13
@@ -113,7 +113,7 @@ def _account_for_holes(data: NDArray[np.uint8], packets: Packets, end: Offsets, 
     for number, found in wrong.items():
         length = sum(after - offset for offset, after in found)
         lost = f"{counted(len(found), 'packet')} of message {number} with a wrong checksum "
-        lost += "(damaged, or of another dialect)"
+        lost += OTHER_DIALECT
         packets.losses.add_kind(found[0][0], length, lost, "next packet")
 
 
