@@ -163,8 +163,8 @@ def _why(died: Died, changed: bool) -> tuple[int, str]:
 def publish(job: Job, before: Record | None, made: Mapping[str, Path | bytes]) -> None:
     """Move files into place, or write their content, each atomically and the JSON last.
 
-    They replace what the record ``before`` holds, and reports of the same log. OutputError on failure: then nothing is
-    replaced.
+    They replace what the record ``before`` holds, and reports of the same log. OutputError on failure: nothing is
+    replaced where a file is another's; where a disk fails in between, the JSON is still that of the earlier run.
     """
     known = before.files if before else {}
     result = made.get(f"{job.name}.json")

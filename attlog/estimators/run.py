@@ -315,7 +315,7 @@ def run(
     ``q0`` (4,) body to true north starts the first segment; of every ``every``-th sample the output is kept.
     """
     if estimator.run is not None:
-        return _whole_segments(estimator, samples, values, q0, aids or Aids())
+        return _whole_segments(estimator, samples, values, q0, aids or Aids(), every)
     params = estimator.pack(values)
     run_loop = runner(estimator)
     aiding = aid_rows(estimator, aids, samples.t, declination_rad(values))
@@ -425,7 +425,12 @@ def joined_aux(found: list[Estimate]) -> dict[str, Array]:
 
 
 def _whole_segments(
-    estimator: Estimator, s: PreparedSamples, values: Mapping[str, float | str], q0: ArrayLike | None, aids: Aids
+    estimator: Estimator,
+    s: PreparedSamples,
+    values: Mapping[str, float | str],
+    q0: ArrayLike | None,
+    aids: Aids,
+    every: int,
 ) -> Estimate:
     """Run a whole-run estimator on each segment of samples; its own count of ns per update wins.
 
@@ -465,12 +470,15 @@ def _whole_segments(
     for one in found:
         skipped.update(one.skipped)
     biases = [e.bias for e in found if e.bias is not None]
+    rows: NDArray[np.int64] | slice = slice(None)
+    if every != 1:
+        rows = np.concatenate([np.empty(0, np.int64), *(np.arange(a, b, every) for a, b in pairwise(bounds))])
     return Estimate(
-        t=s.t,
-        q=q,
-        bias=end_to_end(biases) if biases and len(biases) == len(found) else None,
-        aux=joined_aux(found),
-        segment=s.segment,
+        t=s.t[rows],
+        q=q[rows],
+        bias=end_to_end(biases)[rows] if biases and len(biases) == len(found) else None,
+        aux={name: x[rows] for name, x in joined_aux(found).items()},
+        segment=s.segment[rows],
         skipped=dict(skipped),
         ns_per_update=1e9 * spent / max(len(s.t), 1),
         causal=estimator.causal and all(one.causal for one in found),

@@ -171,6 +171,9 @@ PRIVATE = re.compile(
     """
 )
 LEFT_OUT = "…"
+# A number with decimals beside what was left out.
+DECIMALS = r"[-+\u2212]?\d+\.\d+°?[NSEW]?[,;:]?(?!\S)"
+BESIDE = re.compile(rf"{LEFT_OUT}\s+{DECIMALS}|(?<!\S){DECIMALS}\s+{LEFT_OUT}")
 # A telephone number, or a serial number in groups.
 NUMBERS = re.compile(r"(?<!\S)(?:(?=[^\s]*\d)[0-9A-Fa-f.,:()/+-]+\s+)+(?=[^\s]*\d)[0-9A-Fa-f.,:()/+-]+(?!\S)")
 # A time of :func:`attlog.words.numbers.moment`, which reads like a time of day.
@@ -189,6 +192,8 @@ def firmware_words(words: str) -> str:
     """Return words of a log with an ellipsis for those that firmware does not write, as names are."""
     kept = NUMBERS.sub(lambda run: LEFT_OUT if len(re.findall(r"\d", run[0])) > MAX_DIGITS else run[0], words)
     kept = re.sub(r"\S+", lambda word: word[0] if _is_firmware(word[0]) else LEFT_OUT, kept)
+    while kept != (shorter := BESIDE.sub(LEFT_OUT, kept)):  # what an unknown word says of a number may be a place
+        kept = shorter
     return re.sub(rf"{LEFT_OUT}(\s+{LEFT_OUT})+", LEFT_OUT, kept)
 
 

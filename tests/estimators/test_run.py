@@ -251,14 +251,17 @@ def test_a_positive_declination_turns_the_heading_east(name: str) -> None:
     assert np.allclose(turned, 10.0)
 
 
-def test_every_keeps_each_nth_output_of_every_run() -> None:
+@pytest.mark.parametrize("name", ["mahony", "vqf", "smoother"])
+def test_every_keeps_each_nth_output_of_every_run(name: str) -> None:
     x = turning(4.0)
     keep = np.r_[0:301, 700:1000]
     x = {k: v[keep] for k, v in x.items()}
-    whole, some = run("mahony", x), run("mahony", x, every=7)
+    whole, some = run(name, x), run(name, x, every=7)
     rows = np.r_[np.arange(0, 301, 7), np.arange(301, 601, 7)]
     assert np.array_equal(some.q, whole.q[rows])
     assert np.array_equal(some.t, whole.t[rows])
+    assert np.array_equal(some.segment, whole.segment[rows])
+    assert all(np.array_equal(some.aux[key], x[rows]) for key, x in whole.aux.items())
 
 
 @pytest.mark.parametrize("n", [0, 1, 2])

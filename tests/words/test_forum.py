@@ -140,6 +140,8 @@ def test_however_many_findings_there_are_it_is_one_screen() -> None:
         ("Home 473977420 85455940", "Home …"),
         ("PreArm: 0A373 4397", "PreArm: …"),
         ("syncore 003B001B 32335117 36343932", "…"),
+        ("lat 47.12 lon 8.54", "…"),
+        ("Base 47.12, -8.54 is set", "… is set"),
         ("GPS 1: Bad fix, needs 3D at 2.5 m", "GPS 1: Bad fix, needs 3D at 2.5 m"),
     ],
 )
