@@ -6,6 +6,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from attlog.cli import app
 from attlog.cli.arguments import COMMANDS
 from attlog.report.figures.files import BROWSER_NAMES
 from tests.conftest import ROOT, SAMPLES
+from tests.reproduce.made import paper
 
 LOG = SAMPLES / "copter_yaw_turns.bin"
 GYRO = ("--estimators", "gyro", "--reference", "onboard", "-q")
@@ -61,6 +63,7 @@ FAST = (
     ("diff", "--output"),
     ("table", "--output"),
     ("health", "--output"),
+    ("reproduce", "--output"),
 )
 # Writes a file that must not exist.
 ONCE = ("new", "file")
@@ -125,6 +128,8 @@ def test_a_command_replaces_its_own_files_and_no_others(
 ) -> None:
     param = "# attlog 0.20.0: what to set, found in a.bin (ArduPilot)\nEK3_ENABLE,1\n"
     monkeypatch.setattr("attlog.health.settings.param_file", lambda log, settings: param)
+    # Its experiments take minutes; what is written of them is of interest here.
+    monkeypatch.setattr("attlog.reproduce.lyu.paper", lambda options: replace(paper(), key="lyu", seeds=options.seeds))
     out = tmp_path / "out"
     out.mkdir()
     words = [str(word).replace(OUT, str(out)).replace(RESULT, str(result)) for word in WAYS[way]]

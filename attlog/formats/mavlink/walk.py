@@ -19,7 +19,7 @@ from attlog.core.brief import counted
 from attlog.core.jit import Cells, IOut1
 from attlog.core.limits import MAX_SENDERS
 from attlog.core.timestamps import Offsets
-from attlog.formats.file_bytes import gather, offset_type
+from attlog.formats.file_bytes import ERASED, KEPT_ERASED_BYTES, gather, offset_type
 from attlog.formats.mavlink.layout import MAVLINK_1, MAVLINK_2, STAMP_BYTES, Catalogue, byte_table
 from attlog.formats.table import OTHER_DIALECT, DamageLog
 
@@ -107,9 +107,11 @@ def _account_for_holes(data: NDArray[np.uint8], packets: Packets, end: Offsets, 
         if chain:
             continue
         resumed = "end of file" if stop == size else f"next packet at {stop}"
-        packets.losses.add(
-            begin, stop - begin, f"{counted(stop - begin, 'byte')} without a packet of right checksum", resumed
-        )
+        if stop - begin > KEPT_ERASED_BYTES and not np.isin(data[begin:stop], list(ERASED), invert=True).any():
+            lost = counted(stop - begin, "erased byte")
+        else:
+            lost = f"{counted(stop - begin, 'byte')} without a packet of right checksum"
+        packets.losses.add(begin, stop - begin, lost, resumed)
     for number, found in wrong.items():
         length = sum(after - offset for offset, after in found)
         lost = f"{counted(len(found), 'packet')} of message {number} with a wrong checksum "

@@ -68,13 +68,18 @@ def test_every_intact_packet_is_found_and_no_other(raw: bytes, kind: str) -> Non
         assert 0 < found.losses.bytes < 8 * 3000 + 9 * 300
 
 
-def test_damage_is_told_with_its_bytes(raw: bytes, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("added", "lost"), [(b"\xff", "erased"), (b"\0", "erased"), (b"ab", "without a packet of right checksum")]
+)
+@pytest.mark.parametrize("number", [0, 1000])
+def test_damage_is_told_with_its_bytes(raw: bytes, tmp_path: Path, number: int, added: bytes, lost: str) -> None:
     clean = index_packets(np.frombuffer(raw, np.uint8), message_catalogue())
-    at = int(clean.offsets[1000]) - 8
+    at = int(clean.offsets[number]) - 8
     path = tmp_path / "damaged.tlog"
-    path.write_bytes(raw[:at] + b"\xff" * 500 + raw[at:])
+    path.write_bytes(raw[:at] + added * (500 // len(added)) + raw[at:])
     log = reader.read_mavlink(path)
     assert (log.damage[0].offset, log.damage[0].length) == (at, 500)
+    assert lost in log.damage[0].lost
     assert sum(len(table) for table in log.values()) == len(clean.offsets)
 
 
