@@ -424,12 +424,13 @@ def clear_of_marks(peak: float, marks: Sequence[float]) -> float:
 def place_labels(marks: list[StripMark], peak: float | None = None) -> list[StripMark]:
     """Place labels, serious ones first; a mark without room keeps only its sentence.
 
-    ``peak``: position in % of the label of the largest height, at the second level.
+    ``peak``: position in % of the label of the largest height, between the first and the second level.
     """
     taken: list[list[tuple[float, float]]] = [[] for _ in range(LABEL_LEVELS)]
     if peak is not None:
         at, half = peak * STRIP_WIDTH_PX / 100.0, HALF_HEIGHT_LABEL_PX
-        taken[1].append((at - half, at + half))
+        for level in taken[:2]:
+            level.append((at - half, at + half))
     order = sorted(marks, key=lambda m: (-GRADES.get(m.style, 0), m.t))
     said: set[tuple[str, str]] = set()
     for mark in order:

@@ -193,6 +193,14 @@ def test_labels_of_what_is_serious_come_first_none_overlap_and_none_is_repeated(
     assert [m.label for m in place_labels(marks)] == ["clipping", "", ""]
 
 
+@pytest.mark.parametrize("label", ["no thrust", "impact"])
+def test_no_label_lies_on_that_of_the_largest_height(label: str) -> None:
+    (mark,) = place_labels([StripMark(10.0, 50.0, "bad", "x", label)], peak=52.6)
+    assert mark.level == 2 or mark.left
+    (far,) = place_labels([StripMark(10.0, 50.0, "bad", "x", label)], peak=90.0)
+    assert (far.level, far.left) == (0, False)
+
+
 @pytest.mark.parametrize("marks", [[], [50.0], [49.0, 51.5], [46.0, 50.0, 53.0]])
 def test_the_height_at_the_peak_is_written_on_no_mark(marks):
     at = clear_of_marks(50.0, marks)
