@@ -136,6 +136,8 @@ AROUND = 31
 MIN_APART_S, MIN_APART_SHARE = 30.0, 0.05
 # Least share of a message's records with the same difference.
 MIN_CLOCK_SHARE = 0.8
+# Least time that a clock counts, as share of the time that passes: a value that stays is no clock.
+MIN_CLOCK_RATE = 0.5
 # Column with the boot time in each record and its unit in us, by format.
 RECORD_CLOCKS = {
     "ulog": ("timestamp", 1),
@@ -160,7 +162,9 @@ def foreign_clocks(messages: Messages) -> dict[tuple[str, int], float]:
             stamps = read_stamps(some, column, us)
         except (KeyError, ValueError):
             continue
-        found.append((key, some.offsets.astype(np.int64), stamps))
+        known = stamps != 0  # 0 is unset
+        if np.count_nonzero(known) >= MIN_COMPARED:
+            found.append((key, some.offsets.astype(np.int64)[known], stamps[known]))
     if len(found) < MIN_CLOCKS:
         return {}
     offsets, seconds = (np.concatenate([row[k] for row in found]) for k in (1, 2))
@@ -172,9 +176,12 @@ def foreign_clocks(messages: Messages) -> dict[tuple[str, int], float]:
     apart[order] = at - usual
     least = max(MIN_APART_S, MIN_APART_SHARE * float(usual.max() - usual.min()))
     foreign, begin = {}, 0
-    for key, places, _ in found:
+    for key, places, stamps in found:
         own = apart[begin : begin + len(places)]
         begin += len(places)
+        ran = 1e-6 * stamps.astype(np.float64)
+        if np.ptp(ran) < MIN_CLOCK_RATE * np.ptp(ran - own):
+            continue
         typical = float(np.median(own))
         if abs(typical) > least and float(np.mean(np.abs(own - typical) < least)) > MIN_CLOCK_SHARE:
             foreign[key] = typical

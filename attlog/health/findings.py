@@ -6,12 +6,16 @@ readers and autopilot. :data:`RULES` give signs with a common cause the same kin
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
+import numpy as np
+
 from attlog.core.brief import brief
+from attlog.core.spans import between
 from attlog.flight.model import FlightLog, Problem, Severity
 from attlog.health.check import BUG, TROUBLE, Check, Weight, agreed_settings, as_sentence, settings_sentence
 from attlog.health.gravity import MEAN_GRAVITY
@@ -19,10 +23,11 @@ from attlog.health.gyro import UNUSABLE_DPS
 from attlog.health.innovations import REJECTED_POSITION
 from attlog.health.registry import CAUSES, CHECKS
 from attlog.reference.model import Reference
+from attlog.segments.heights import height_stream
 from attlog.story import causes
 from attlog.story.estimator_events import is_estimator_jump
 from attlog.story.failsafe_events import KILL
-from attlog.story.flight_events import CRASHES, Event
+from attlog.story.flight_events import CRASHES, QUOTED, Event
 
 # Subject of signs that compare units, and kind of notes on sensors that are not in use.
 COMPARED, UNUSED = "imu_instances", "unused_sensor"
@@ -434,12 +439,26 @@ def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: Flight
 
 
 # Modes that land by themselves, and the parameters of their final speed of descent with their unit.
-LANDING_MODES = re.compile(r"land|rtl|rth|return", re.I)
+LANDING_MODES = re.compile(r"land|rtl|rth|return|mission|^auto$", re.I)
 LANDING_SPEEDS = {"LAND_SPEED": "cm/s", "LAND_SPD_MS": "m/s", "MPC_LAND_SPEED": "m/s"}
 # Time from stopped motors to the impact of a fall from some metres.
 STOPPED_S = 2.0
+# Shortest time in a sentence of one decimal.
+JUST_BEFORE_S = 0.05
 # Time before the impact at which the mode counts: firmwares change it at touch-down.
 BEFORE_LANDING_S = 1.0
+# Span before the touch-down of a steady descent, and its speeds, as share of the set one, that are as set.
+SINKING_S, AS_SET = (4.0, 1.0), (0.5, 1.3)
+
+
+def _sink_speed(log: FlightLog, t: float) -> float:
+    """Return the speed of descent in m/s just before ``t`` s, infinity where no height is logged."""
+    height = height_stream(log)
+    if height is None:
+        return math.inf
+    use = between(height.t, t - SINKING_S[0], t - SINKING_S[1])
+    since = height.t[use] - t
+    return -float(np.polyfit(since, height.x[use, 0], 1)[0]) if len(since) > 2 else math.inf
 
 
 def landing_advice(log: FlightLog, t: float, events: Sequence[Event]) -> str:
@@ -447,7 +466,9 @@ def landing_advice(log: FlightLog, t: float, events: Sequence[Event]) -> str:
     inspect = "Inspect the frame, its legs and propellers"
     stopped = [e for e in events if (e.kind == "disarmed" or e.about == "kill switch") and 0.0 < t - e.t <= STOPPED_S]
     if stopped:
-        return f"{inspect}; stop the motors on the ground, not {t - stopped[-1].t:.1f} s before as here."
+        early = t - stopped[-1].t
+        before = f"{early:.1f} s" if early >= JUST_BEFORE_S else "just"
+        return f"{inspect}; stop the motors on the ground, not {before} before as here."
     mode = log.state.mode
     if mode is None or not LANDING_MODES.search(str(mode.at(t - BEFORE_LANDING_S))):
         return f"{inspect}, and sink slower near the ground."
@@ -455,6 +476,9 @@ def landing_advice(log: FlightLog, t: float, events: Sequence[Event]) -> str:
     if not speeds:
         return f"{inspect}, and lower the landing speed of the autopilot."
     name, value, unit = speeds[0]
+    speed = value * (0.01 if unit == "cm/s" else 1.0)
+    if AS_SET[0] * speed < _sink_speed(log, t) < AS_SET[1] * speed:
+        return f"Inspect frame and propellers; it sank as {name} ({value:g} {unit}) sets: lower it, or soften the legs."
     return f"{inspect}; check {name} ({value:g} {unit}) and the height near the ground."
 
 
@@ -922,7 +946,7 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
     for same in kinds.values():
         lead = min(same, key=_lead_rank)
         others = [sign for sign in same if sign is not lead]
-        texts = [*lead.evidence, *(text for sign in others for text in (sign.text, *sign.evidence))]
+        texts = [*lead.evidence, *(text for sign in others for text in _as_evidence(sign, lead))]
         evidence = [text for text in dict.fromkeys(texts) if text.rstrip(".") not in lead.text]
         count = sum(sign.count for sign in same if sign.text == lead.text)
         cause = next((sign.cause for sign in (lead, *others) if sign.cause), "")
@@ -930,6 +954,13 @@ def merge_causes(signs: Iterable[Finding]) -> list[Finding]:
         severity = min((sign.severity for sign in same), key=SEVERITY_ORDER.index)
         merged.append(replace(lead, severity=severity, count=count, evidence=evidence, cause=cause, action=action))
     return merged
+
+
+def _as_evidence(sign: Finding, lead: Finding) -> list[str]:
+    """Return text and evidence of a sign merged with ``lead``: of one that ``lead`` names, only quoted texts."""
+    if sign.text == lead.text or sign.text.rstrip(".") not in lead.text:
+        return [sign.text, *sign.evidence]
+    return [text for text in sign.evidence if text.startswith(QUOTED)]
 
 
 # What findings of test ratios are about.

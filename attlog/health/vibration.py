@@ -19,6 +19,7 @@ from attlog.health.gravity import imu_attitude
 from attlog.segments.heights import height_stream
 from attlog.segments.model import Segments
 from attlog.segments.rest import vibration_levels
+from attlog.story.flight_events import clipping_spans
 
 # Vibration level in flight.
 
@@ -54,7 +55,7 @@ def vibration_checks(case: HealthCase) -> list[Check]:
         imu, why = log.replay_imu, levels[0].text if levels else advise_vibration_level(log)
         levels = [] if imu is None else [logged_vibration(log, imu, case.segments.spans("airborne"))]
         levels = [check for check in levels if check.verdict != "unknown"] or [unknown("vibration_level", why)]
-    return [*levels, *clipping_checks(log, within)]
+    return [*levels, *clipping_checks(log, clipping_spans(case.segments))]
 
 
 def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:
@@ -148,7 +149,7 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
         found.t, found.verdict = float(t[since]), "fault" if verdict == "fault" else "warning"
         found.evidence.append(f"From {t[since]:.0f} s on it is {after:.1f} m/s^2 instead of {before:.1f}.")
     if found.verdict != "ok":
-        found.action = "Balance the propellers, look for loose parts and soften the autopilot's mounting."
+        found.action = log.remedy("vibration")
         found.why_no_setting = "No parameter removes vibration from the accelerometer."
     return found
 
@@ -187,7 +188,7 @@ def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
             source="ardupilot.org, Measuring Vibration",
         )
         check.why_no_setting = "No parameter brings clipped samples back."
-        check.action = "Balance the propellers and soften the autopilot's mounting before the next flight."
+        check.action = log.remedy("vibration")
         found.append(check)
     return found
 

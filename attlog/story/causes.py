@@ -186,7 +186,8 @@ def _shaking(log: FlightLog, source: Event, switch: Event) -> str:
     began = switch.t - SHAKEN_S <= source.t
     seconds = max((source.t_end or source.t) - source.t, SHAKEN_S)
     for unit in _left_units(log, switch):
-        count = _clipped(log, unit, switch.t - SHAKEN_S, switch.t + SETTLE_S)
+        settle = 0.0 if unit is None else SETTLE_S  # flags after a switch are those of the unit that took over
+        count = _clipped(log, unit, switch.t - SHAKEN_S, switch.t + settle)
         usual = SHAKEN_S * _clipped(log, unit, source.t, source.t + seconds) / seconds
         if count and (began or count > usual):
             return f"{counted(count, 'sample')} clipped in the {SHAKEN_S:.0f} s before"

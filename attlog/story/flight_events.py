@@ -11,7 +11,7 @@ import numpy as np
 from attlog.core import rotation
 from attlog.core.brief import brief, counted
 from attlog.core.spans import Span, between, inside, merge
-from attlog.flight.model import VIBRATION_LIMITS, FlightLog, Stream
+from attlog.flight.model import VIBRATION_LIMITS, Array, Clipping, FlightLog, Stream
 from attlog.segments.airborne import FLIGHT_SHARE, InAir
 from attlog.segments.flight_signs import G
 from attlog.segments.heights import height_stream
@@ -160,6 +160,10 @@ PREFIX = re.compile(r"^\[[\w ]+\]\s*")
 MAX_TEXT = 110
 
 
+# Begin of evidence that quotes the autopilot.
+QUOTED = "text at "
+
+
 def clean_text(text: str) -> str:
     """Return a text in one line without its module prefix."""
     return PREFIX.sub("", " ".join(text.split()))[:MAX_TEXT].strip()
@@ -167,7 +171,7 @@ def clean_text(text: str) -> str:
 
 def quote_text(text: Text) -> str:
     """Format a text as evidence."""
-    return f"text at {text[0]:.1f} s: {clean_text(text[2])}"
+    return f"{QUOTED}{text[0]:.1f} s: {clean_text(text[2])}"
 
 
 def matching_texts(log: FlightLog, pattern: re.Pattern[str]) -> list[Text]:
@@ -428,31 +432,29 @@ def clipping_spans(segments: Segments) -> list[Span]:
 
 
 def _clipping_event(log: FlightLog, within: list[Span]) -> tuple[Event | None, list[Text]]:
-    """Return clipping: time by the selected IMU's flags, size by the counters of all IMUs."""
-    first: list[float] = []
-    last: list[float] = []
-    counts: dict[str, int] = {}
+    """Return clipping: time by the counters of all IMUs, size by the one with most samples.
+
+    Flags of the selected IMU, which may have been another, count without a counter; within the interval of the first
+    counted record they give the time of the first sample.
+    """
+    found: list[tuple[int, Clipping, Array]] = []
     for clipping in log.vibration.clippings:
-        if clipping.sensor != "accelerometer":
-            continue
         mine = inside(clipping.t, within) & (clipping.new > 0)
-        if mine.any():
-            counts[clipping.source] = int(clipping.new[mine].sum())
-            first.append(float(clipping.t[mine][0]))
-            last.append(float(clipping.t[mine][-1]))
-    if not counts or max(counts.values()) <= MAX_CHANCE_CLIPS:
+        if clipping.sensor == "accelerometer" and mine.any():
+            found.append((int(clipping.new[mine].sum()), clipping, clipping.t[mine]))
+    units = [one for one in found if one[1].whole] or found
+    units = [one for one in units if one[0] > MAX_CHANCE_CLIPS]
+    if not units:
         return None, []
-    flags = [c for c in log.vibration.clippings if not c.whole and c.source in counts]
-    t = float(flags[0].t[inside(flags[0].t, within) & (flags[0].new > 0)][0]) if flags else min(first)
-    most = max(counts.values())
-    said = [x for x in matching_texts(log, CLIPS) if -1.0 <= x[0] - t <= max(last) - t + 5.0]
-    text = f"The accelerometer clipped from {t:.1f} s to {max(last):.1f} s: {counted(most, 'sample')}."
-    evidence = [
-        *(f"{source}: {counted(n, 'sample')}" for source, n in counts.items()),
-        *(quote_text(x) for x in said[:1]),
-    ]
+    most, end = max(n for n, _, _ in units), max(float(at[-1]) for _, _, at in units)
+    t, counter = min(((float(at[0]), c) for _, c, at in units), key=lambda one: one[0])
+    since = max(counter.t[counter.t < t].tolist(), default=t) if counter.whole else t
+    t = min([t, *(float(x) for _, c, at in found if not c.whole for x in at[at > since][:1])])
+    said = [x for x in matching_texts(log, CLIPS) if -1.0 <= x[0] - t <= end - t + 5.0]
+    text = f"The accelerometer clipped from {t:.1f} s to {end:.1f} s: {counted(most, 'sample')}."
+    evidence = [*(f"{c.source}: {counted(n, 'sample')}" for n, c, _ in found), *(quote_text(x) for x in said[:1])]
     weight: EventSeverity = "warning" if most > MAX_NOTE_CLIPS else "note"
-    return Event("clipping", t, weight, text, max(last), float(most), "samples", evidence), said
+    return Event("clipping", t, weight, text, end, float(most), "samples", evidence), said
 
 
 def _is_calm(own: Stream | None, flown: list[Span]) -> bool:

@@ -494,7 +494,7 @@ FALL_M_S2 = 5.0
 # Time from a detected landing, or from a kill switch or disarming, to the stop of the motors.
 STOPPED_S = 1.0
 ALL_OFF_CAUSE = "The land detector took low thrust for a landing."
-PX4_OFF_CAUSE = f"{ALL_OFF_CAUSE[:-1]}: set MPC_THR_MIN well below hover thrust."
+ALL_OFF_ACTION = "Compare minimum and hover throttle before the next flight."
 
 
 def all_off(log: FlightLog, outputs: MotorOutputs, spans: Sequence[Span], loss: float) -> list[DriveFault]:
@@ -515,9 +515,15 @@ def all_off(log: FlightLog, outputs: MotorOutputs, spans: Sequence[Span], loss: 
         why = "" if landed is None else f": the autopilot had detected a landing at {landed:.1f} s"
         text = f"All motors were off from {t0:.1f} s in the air{why}."
         evidence = [f"{outputs.source}: no output above {100.0 * limit:.0f} %; the accelerometer shows a fall"]
-        cause = "" if landed is None else PX4_OFF_CAUSE if log.firmware.name == "PX4" else ALL_OFF_CAUSE
-        return [DriveFault("motors_off", "motor outputs", t0, t1, text, cause=cause, evidence=evidence)]
+        fault = DriveFault("motors_off", "motor outputs", t0, t1, text, evidence=evidence)
+        return [fault if landed is None else replace(fault, cause=ALL_OFF_CAUSE, action=_landed_action(log))]
     return []
+
+
+def _landed_action(log: FlightLog) -> str:
+    """Return what to do about a landing that was detected in the air: PX4's minimum thrust, with its logged value."""
+    least = log.param("MPC_THR_MIN")
+    return ALL_OFF_ACTION if least is None else f"Set MPC_THR_MIN ({least:.2g}) well below hover thrust."
 
 
 def _fell(log: FlightLog, t0: float, t1: float) -> bool:

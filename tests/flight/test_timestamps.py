@@ -230,6 +230,15 @@ def test_messages_written_some_seconds_late_are_on_the_same_clock() -> None:
     assert foreign_clocks(on_clocks(0.0, "C")) == {}
 
 
+@pytest.mark.parametrize("stamp", [0, 100_000 * SECOND])
+def test_stamps_that_are_unset_or_do_not_run_are_no_clock(stamp: int) -> None:
+    made = on_clocks(0.0, "C", 600)
+    own = made.tables["C", 0]
+    stored = np.full(600, stamp, np.uint64)
+    made.tables["C", 0] = Table(own.name, 0, own.fields, own.offsets, lambda c, at: stored[: len(at)])
+    assert foreign_clocks(made) == {}
+
+
 def test_stamps_that_were_never_set_the_time_of_the_week_and_a_false_stamp_lengthen_no_piece() -> None:
     week = 7 * 86_400
     log = log_of(

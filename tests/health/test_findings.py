@@ -13,7 +13,7 @@ import pytest
 
 import attlog
 from attlog.flight.advice import GENERAL_REMEDIES
-from attlog.flight.model import FlightLog, Problem, TimeLine
+from attlog.flight.model import FlightLog, Problem, Stream, TimeLine
 from attlog.health import findings as rules
 from attlog.health.check import Check, Setting, unknown
 from attlog.health.findings import FLIPPED_ADVICE, MAX_LISTED, Context, Finding, crash_signs, findings, join_repeated
@@ -407,6 +407,34 @@ def test_a_hard_landing_is_answered_by_the_speed_of_its_landing_mode_or_by_the_p
     assert "sink slower" in rules.landing_advice(log, 9.0, [])
     killed = Event("failsafe", 8.8, "warning", "Kill switch at 8.8 s.", about="kill switch")
     assert "not 0.2 s before" in rules.landing_advice(log, 9.0, [killed])
+    assert "not just before" in rules.landing_advice(log, 8.84, [killed])
+    log.state.mode = TimeLine(np.array([0.0]), ["AUTO"], "MODE")
+    assert "LAND_SPEED (50 cm/s)" in rules.landing_advice(log, 9.0, [])
+
+
+@pytest.mark.parametrize(
+    ("sink_m_s", "said"),
+    [(0.5, "sank as LAND_SPEED (50 cm/s) sets"), (2.0, "check LAND_SPEED"), (0.0, "check LAND_SPEED")],
+)
+def test_a_landing_speed_is_to_be_lowered_where_the_vehicle_sank_as_set(
+    log: FlightLog, sink_m_s: float, said: str
+) -> None:
+    log.state.mode = TimeLine(np.array([0.0]), ["LAND"], "MODE")
+    log.parameters.lines["LAND_SPEED"] = TimeLine(np.array([0.0]), [50.0], "PARM")
+    t = np.arange(0.0, 20.0, 0.1)
+    log.baro = [Stream(t, (sink_m_s * (20.0 - t))[:, None], "m", "", "BARO")]
+    assert said in rules.landing_advice(log, 20.0, [])
+
+
+def test_evidence_of_a_named_effect_is_only_what_the_autopilot_said() -> None:
+    lead = Finding(
+        "vibration", "warning", "It clipped. Effect: IMU 1 replaced IMU 0 at 37.2 s.", about=rules.FIRST_CAUSE
+    )
+    effect = Finding(
+        "vibration", "warning", "IMU 1 replaced IMU 0 at 37.2 s.", evidence=["selector", "text at 3.0 s: x"]
+    )
+    (merged,) = rules.merge_causes([lead, effect])
+    assert merged.evidence == ["text at 3.0 s: x"]
 
 
 def test_every_serious_finding_of_a_lost_flight_has_an_action(log: FlightLog) -> None:

@@ -73,6 +73,7 @@ def test_clipping_just_before_explains_the_switch_and_the_switch_the_jump_of_att
     [
         clips(0, 30.0, 37.0, 44.0),  # calm for 3 s before the switch
         clips(1, 38.5, 39.5),  # the unit that took over
+        clips(None, 40.1, 40.2),  # flags of the unit that took over
     ],
 )
 def test_a_switch_without_clipped_samples_of_its_unit_is_not_joined(clipped: Clipping) -> None:

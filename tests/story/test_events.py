@@ -93,15 +93,30 @@ def test_up_to_three_clipped_samples_are_chance_and_up_to_ten_no_warning(count: 
     found, _ = flight_events._clipping_event(log(clippings=[clipped(count), clipped(1, 30.0, "IMU:1")]), FLOWN)
     assert (None if found is None else found.severity) == severity
     if found is not None:
-        assert (found.t, found.t_end, found.value) == (pytest.approx(20.0), pytest.approx(30.0), float(count))
+        assert (found.t, found.value) == (pytest.approx(20.0), float(count))
 
 
-def test_flags_of_the_selected_unit_tell_the_time_and_counters_the_number() -> None:
-    made = log(clippings=[clipped(50, 20.0), clipped(12, 25.0, "flags", False), clipped(99, 5.0, "IMU:2")])
+def counted(at: float, hz: float = 1.0, source: str = "IMU:0") -> Clipping:
+    """Return a slow counter with 50 clipped samples in the record at ``at`` s."""
+    t = np.arange(0.0, 60.0, 1.0 / hz)
+    return Clipping("accelerometer", 0, source, t, np.where(np.isclose(t, at), 50, 0), True)
+
+
+@pytest.mark.parametrize(("flagged", "t"), [(19.5, 19.5), (18.5, 20.0), (25.0, 20.0)])
+def test_clipping_begins_at_the_flag_within_the_first_counted_interval(flagged: float, t: float) -> None:
+    flags = Clipping("accelerometer", None, "flags", T, np.isclose(T, flagged, atol=1e-6).astype(np.int64), False)
+    made = log(clippings=[counted(20.0), flags, clipped(99, 5.0, "IMU:2")])
     found, _ = flight_events._clipping_event(made, FLOWN)
     assert found is not None
-    assert (found.t, found.value) == (pytest.approx(25.0), 50.0)
-    assert found.evidence == ["IMU:0: 50 samples", "flags: 12 samples"]
+    assert (found.t, found.value) == (pytest.approx(t), 50.0)
+    assert found.evidence == ["IMU:0: 50 samples", "flags: 1 sample"]
+
+
+@pytest.mark.parametrize(("other", "t"), [(1, 20.0), (9, 15.0)])
+def test_clipping_begins_with_the_first_unit_that_clips_more_than_by_chance(other: int, t: float) -> None:
+    found, _ = flight_events._clipping_event(log(clippings=[clipped(other, 15.0, "IMU:1"), clipped(50)]), FLOWN)
+    assert found is not None
+    assert (found.t, found.t_end, found.value) == (pytest.approx(t), pytest.approx(20.0), 50.0)
 
 
 def receiver(lost: tuple[float, float], hz: float = 5.0) -> Gnss:

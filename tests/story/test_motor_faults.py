@@ -13,7 +13,7 @@ from attlog import story
 from attlog.flight.drive import HEXA_X, Geometry, MotorOutputs, MotorReport, frame_of
 from attlog.flight.model import FlightLog, Stream, TimeLine
 from attlog.health.check import HealthCase
-from attlog.health.drive import motor_checks
+from attlog.health.drive import fault_check, motor_checks
 from attlog.segments.airborne import InAir
 from attlog.segments.model import Segments
 from attlog.story.motor_faults import QUESTIONS, DriveFault, study_motors, tipping_rate
@@ -218,6 +218,10 @@ def test_all_motors_off_while_armed_and_falling_are_named_with_the_landing_that_
     log.state.landed = TimeLine(np.array([0.0, 8.7]), [False, True], "made")
     (found,) = faults((log, spans))
     assert found.text.endswith("the autopilot had detected a landing at 8.7 s.")
+    assert fault_check("motor_outputs", [found]).action == "Compare minimum and hover throttle before the next flight."
+    log.parameters.lines["MPC_THR_MIN"] = TimeLine(np.array([0.0]), [0.12], "made")
+    (found,) = faults((log, spans))
+    assert fault_check("motor_outputs", [found]).action == "Set MPC_THR_MIN (0.12) well below hover thrust."
     crash = next(e for e in story.events(log, spans) if e.kind == "overturn")
     assert crash.cause is not None
     assert crash.cause.kind == "motors_off"
