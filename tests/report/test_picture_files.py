@@ -75,6 +75,15 @@ def test_figures_that_cannot_be_drawn_leave_old_files(tmp_path: Path, monkeypatc
     assert [(path.name, path.read_text()) for path in old.parent.iterdir()] == [("flight_lag.svg", "old")]
 
 
+def test_a_foreign_file_is_refused_before_a_browser_draws(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "draw_pictures", lambda *_: pytest.fail("a browser draws"))
+    result = make_result(NAMES[:2], with_traces=False)
+    result.traces = [t for t in traces(NAMES[:2]) if t.figure == "allan"]
+    (tmp_path / f"flight_{next(iter(Album.of(result).found))}.png").write_text("mine")
+    with pytest.raises(OutputError, match="is not a figure of attlog"):
+        write_figures(result, tmp_path / "flight")
+
+
 @pytest.mark.slow
 def test_figures_are_written_as_svg_and_png_and_the_same_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("BROWSER_PATH", executable())

@@ -28,7 +28,7 @@ import numpy as np
 from attlog import __version__
 from attlog.core.errors import OutputError
 from attlog.core.files import staging_folder
-from attlog.core.own_files import FIGURES
+from attlog.core.own_files import FIGURES, require_replaceable
 from attlog.report.bundle import bundle
 from attlog.report.figures.catalogue import Album
 from attlog.result import Result
@@ -179,7 +179,11 @@ def write_figures(result: Result, start: Path, logs: Iterable[str] = ()) -> list
         for i, trace in enumerate(figure["data"]):
             trace["uid"] = str(i)  # otherwise plotly assigns random ids, and no two files are equal
     log = str(result.log.get("sha256") or "")
-    with staging_folder(start.parent, FIGURES.of(log, *logs)) as stage:
+    kind = FIGURES.of(log, *logs)
+    for name in drawn:  # before a browser draws for seconds
+        for suffix in ("svg", "png"):
+            require_replaceable(start.parent / f"{start.name}_{name}.{suffix}", kind)
+    with staging_folder(start.parent, kind) as stage:
         for name, picture in draw_pictures(drawn, stage.parent).items():
             path, signed = stage / f"{start.name}_{name}", sign_picture(picture, log)
             _write(path.with_name(path.name + ".svg"), signed.svg.encode("utf-8"))
