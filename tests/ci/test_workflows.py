@@ -145,7 +145,7 @@ def test_the_commands_of_the_page_run_on_any_system(repository: Repository, syst
             ({"logs": " \n "}, 2, "the input logs is empty"),
             ({"logs": "nowhere/*.ulg"}, 66, "no file matches"),
             ({"logs": "gates.toml"}, 65, "gates.toml"),
-            ({"logs": "logs", "gates": "none.toml"}, 2, "none.toml: cannot be read"),
+            ({"logs": "logs", "gates": "none.toml"}, 2, "none.toml: no such file"),
             ({"logs": "$(touch broken)`touch broken`;touch broken"}, 66, ""),
         ],
         1,

@@ -187,7 +187,8 @@ def attlog(*words: object, before: str = "", **how: object) -> subprocess.Comple
 def test_a_log_that_is_cut_while_it_is_analysed_is_66(tmp_path: Path, before: str, said: str) -> None:
     log = tmp_path / "a.bin"
     log.write_bytes(LOG.read_bytes())
-    done = attlog("analyze", log, "-o", tmp_path / "out", "--estimators", "gyro", before=before, stdout=subprocess.PIPE)
+    words = ("analyze", log, "-q", "-o", tmp_path / "out", "--estimators", "gyro")
+    done = attlog(*words, before=before, stdout=subprocess.PIPE)
     assert (done.returncode, done.stderr.count("\n"), said in done.stderr) == (66, 1, True), done.stderr
     assert not (tmp_path / "out").exists()
 

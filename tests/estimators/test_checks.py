@@ -223,7 +223,7 @@ def test_a_loop_without_its_rule_fails(
 
 
 def test_a_changed_input_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def careless(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any) -> None:
+    def careless(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any, **options: Any) -> None:
         np.nan_to_num(mag, copy=False)
 
     monkeypatch.setattr(motions, "estimate", careless)
@@ -234,8 +234,8 @@ def test_a_changed_input_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_arrays_that_make_a_difference_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = motions.estimate
 
-    def picky(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any = None) -> Estimate:
-        return plain(row, t, gyr if gyr.dtype == np.float64 else 0.9 * gyr, acc, mag)
+    def picky(row: EstimatorSpec, t: Any, gyr: Any, acc: Any, mag: Any = None, **options: Any) -> Estimate:
+        return plain(row, t, gyr if gyr.dtype == np.float64 else 0.9 * gyr, acc, mag, **options)
 
     monkeypatch.setattr(motions, "estimate", picky)
     with pytest.raises(CheckFailed, match="float32"):

@@ -334,7 +334,7 @@ def test_a_crash_a_hang_and_a_wrong_exit_code_are_faults(
     def odd(*args: object) -> tuple[int, list[str]]:
         return 3, []
 
-    monkeypatch.setattr(campaign, "SECONDS", 0.2)
+    monkeypatch.setattr(campaign, "SECONDS", 1.0)
     monkeypatch.setattr(campaign, "SECONDS_PER_MB", 0.0)
     for broken, says in ((crash, "nobody thought of this"), (odd, "exit code 3"), (spin, "more than")):
         monkeypatch.setattr(campaign, "_commanded", broken)

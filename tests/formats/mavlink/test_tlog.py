@@ -124,7 +124,7 @@ def logs(draw: st.DrawFn) -> Log:
 @given(messages=logs())
 def test_random_logs_come_back_and_pymavlink_reads_the_same(messages: Log, tmp_path: Path) -> None:
     path = tmp_path / "random.tlog"
-    formats.write(path, Recording(messages))
+    formats.write(path, Recording(messages), replace=True)
     log = reader.read_mavlink(path)
     assert (log.damage, log.damage_bytes) == ([], 0)
     assert differences(path) == []
