@@ -244,7 +244,7 @@ def foreign_clock_problems(messages: Messages) -> list[Problem]:
         return []
     named = [f"{name} ({s:+,.0f} s)".replace("-", "−") for (name, _), s in list(apart.items())[:MAX_NAMED_CLOCKS]]
     more = f" and {len(apart) - len(named)} more" if len(apart) > len(named) else ""
-    text = f"Another clock than that of the records around them have {', '.join(named)}{more}."
+    text = f"{', '.join(named)}{more} have another clock than the records around them."
     if len(apart) == 1:
         text = f"{named[0]} has another clock than the records around it."
     return [Problem("foreign_clock", "warning", text, count=len(apart), remedy=CLOCK_REMEDY)]

@@ -258,9 +258,13 @@ MIN_ATTITUDE_HZ, MIN_COVERED_SHARE = 5.0, 0.9
 
 
 def vertical_force_check(case: HealthCase) -> list[Check]:
-    """Check the mean vertical force in flight against the barometer."""
+    """Check the mean vertical force in flight against the barometer; nothing of a vehicle that does not fly."""
     imu = case.log.replay_imu
-    return [] if imu is None else [vertical_force(case.log, imu, case.segments.spans("airborne"))]
+    return (
+        []
+        if imu is None or not case.log.kind.flies
+        else [vertical_force(case.log, imu, case.segments.spans("airborne"))]
+    )
 
 
 def vertical_force(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:

@@ -128,6 +128,13 @@ def test_clipping_counts_in_flight_only(count: int, seconds: int, verdict: str |
         assert (found[0].value, found[0].seconds) == (float(count), float(seconds))
 
 
+def test_the_vertical_force_is_a_question_to_what_flies() -> None:
+    log = shaken(50.0, 60.0)
+    assert [a.question for a in vibration.vertical_force_check(case(log))] == ["vertical_force"]
+    log.vehicle = "rover"
+    assert vibration.vertical_force_check(case(log)) == []
+
+
 def test_nothing_raises_where_everything_is_missing() -> None:
     log = shaken(50.0, 60.0, imus=[], imu=None, throttle=None, lines=params())
     empty = case(log)

@@ -48,6 +48,7 @@ def test_figures_that_are_named_can_be_drawn() -> None:
         ("accelerometer", "imu_instances", "IMU2 and IMU differ by 0.8 m/s².", "gravity"),
         ("vibration", "clipping", "The accelerometer clipped.", "acceleration"),
         ("control", "oscillation", "Roll oscillated at 8 Hz.", "rates"),
+        ("rate", "", "RAW_IMU is logged at 4 Hz.", "rates"),
         ("failsafe", "", "Battery failsafe at 23.7 s.", "battery"),
         ("failsafe", "", "Radio failsafe at 5.0 s.", "sticks"),
         ("cut_at_end", "", "The last record is cut.", ""),
