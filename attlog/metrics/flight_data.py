@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from attlog.core.spans import Span, merge
 from attlog.flight.model import Array, FlightLog, without_pauses
