@@ -210,7 +210,10 @@ def logged_seconds(messages: Messages) -> float:
         column, us = next(((c, us) for c, us in BOOT_CLOCK_COLUMNS if c in table), ("", 1.0))
         if not column or len(table) == 0 or (name == "GPS" and column == "TimeMS"):  # time of the GPS week
             continue
-        t = np.asarray(table[column], np.float64).ravel() * us * 1e-6
+        stamps = np.asarray(table[column])
+        if stamps.dtype.kind not in "iuf":  # text of a damaged definition
+            continue
+        t = stamps.ravel().astype(np.float64) * us * 1e-6
         t = t[np.isfinite(t) & (t > 0.0)]
         if len(t) and np.ptp(t) < MAX_TABLE_S:
             spans.append((float(t.min()), float(t.max())))

@@ -251,6 +251,8 @@ def test_stamps_that_were_never_set_the_time_of_the_week_and_a_false_stamp_lengt
     )
     assert logged_seconds(log) == pytest.approx(31.0)
     assert logged_seconds(log_of(table("F", other=np.array([1, 2])))) == 0.0
+    text = table("H", timestamp=np.array([b"x", b"y"]))
+    assert logged_seconds(log_of(text)) == 0.0, "a time of letters is no time"
     apart = [
         table("A", timestamp=np.array([SECOND, 9 * SECOND])),
         table("B", timestamp=np.array([2, 2]) * week * SECOND),
