@@ -123,7 +123,7 @@ def flight_in(
     log.problems += [*empty, *refused]
     log.parameters.given, log.parameters.filled = given, filled
     log.seconds = flight_seconds(log, part)
-    log.problems += foreign_clock_problems(part)
+    log.problems += guarded_part(log, "The clocks of messages", partial(foreign_clock_problems, part), list)
     if params is not None:
         own = {name: v for name in log.parameters.lines if name not in filled and (v := log.param(name)) is not None}
         corrected = partial(recorrect, log, Path(params).name, given)

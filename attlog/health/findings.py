@@ -388,10 +388,10 @@ SOON_AFTER_ARMING_S = 10.0
 FLIPPED_ADVICE = "Check motor order, spin and propellers, and how the autopilot is mounted."
 # Actions after a crash without a known cause: of a vehicle that hovers, with and without logged motor outputs, and of
 # any other.
-LOST_ADVICE = "Compare attitude, set-points and motor outputs in the 5 s before it; inspect motors and propellers."
+LOST_ADVICE = "Compare attitude, set-points and motor outputs in the 5 s before it."
 UNLOGGED_ADVICE = "Log the motor outputs, without which no cause is found; inspect motors, propellers and ESCs."
 OUTPUT_MESSAGES = {"RCOU", "MOT", "actuator_outputs", "actuator_motors", "SERVO_OUTPUT_RAW"}
-STEERED_ADVICE = "Compare attitude, set-points and control outputs in the 5 s before it; inspect the vehicle."
+STEERED_ADVICE = "Compare attitude, set-points and control outputs in the 5 s before it."
 
 
 def event_signs(events: Sequence[Event], reports: Sequence[Finding], log: FlightLog) -> Signs:

@@ -55,7 +55,7 @@ def vibration_checks(case: HealthCase) -> list[Check]:
         imu, why = log.replay_imu, levels[0].text if levels else advise_vibration_level(log)
         levels = [] if imu is None else [logged_vibration(log, imu, case.segments.spans("airborne"))]
         levels = [check for check in levels if check.verdict != "unknown"] or [unknown("vibration_level", why)]
-    return [*levels, *clipping_checks(log, clipping_spans(case.segments))]
+    return [*levels, *clipping_checks(log, clipping_spans(case.segments) if within else [])]
 
 
 def imu_vibrations(log: FlightLog) -> list[OnboardVibration]:

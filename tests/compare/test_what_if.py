@@ -122,7 +122,7 @@ def test_its_own_attitude_does_not_judge_the_filter_that_flew() -> None:
 
 def test_a_rerun_that_does_not_follow_is_not_studied(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("attlog.pipeline.onboard_rerun.MAX_TILT_MEDIAN_DEG", 0.0)
-    with pytest.raises(LogUnusable, match=r"does not follow what flew.*--anyway"):
+    with pytest.raises(LogUnusable, match=r"does not follow the onboard attitude.*--anyway"):
         require_reproduction(case, "px4_ekf2")
     both = select_words([LATE]).configurations
     refused, anyway = compare([STEPS], both), compare([STEPS], both, anyway=True)

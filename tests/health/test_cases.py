@@ -65,7 +65,7 @@ def test_a_crash_is_said_with_its_time() -> None:
     assert first.t == pytest.approx(167, abs=3)
     assert "more of the kind" not in first.text
     assert "ERR 12/1" in words(first)
-    assert not first.action, "no advice is better than an empty one"
+    assert "motor outputs in the 5 s before it" in first.action
 
 
 def off_in_tilt(judged: Result, name: str) -> float:
@@ -198,9 +198,9 @@ def test_a_turned_compass_is_one_finding_with_the_heading_it_spoils() -> None:
 
 
 def test_clipping_is_said_with_what_it_did_to_the_estimator() -> None:
-    """px4_1.14_clipping_crash: about 400 samples of the selected IMU, "Accel 1 clipping, not safe to fly!"."""
+    """px4_1.14_clipping_crash: IMU 1 counts 1,611 samples from 35.7 s on, "Accel 1 clipping, not safe to fly!"."""
     found = said("px4_1.14_clipping_crash.ulg")
-    assert found["vibration"].text.startswith("The accelerometer clipped from 37.2 s")
+    assert found["vibration"].text.startswith("The accelerometer clipped from 35.7 s")
     assert "not safe to fly" in words(found["vibration"])
     assert "notch" not in found["vibration"].action
     assert "estimator" not in found
