@@ -336,7 +336,7 @@ EVENT_ACTIONS = {
     "device_error": "Check wiring, power and baud rate of this device.",
     "lane_switch": "Compare IMU, compass and innovations of the lane that was left with those of the others.",
     "sensor_switch": "Compare the IMU that was left with the others: vibration, bias and temperature.",
-    "failsafe": "Check radio link, battery and position estimate at that time.",
+    "failsafe": "Look for its trigger in the messages of that time: radio link, battery, position or another.",
     "gnss_interference": "Look for transmitters near the antenna; do not rely on position modes there.",
 }
 ACTIONS_BY_ABOUT = {

@@ -239,6 +239,16 @@ def test_stamps_that_are_unset_or_do_not_run_are_no_clock(stamp: int) -> None:
     assert foreign_clocks(made) == {}
 
 
+def test_records_with_an_unset_stamp_are_left_out_of_the_comparison() -> None:
+    made = on_clocks(1000.0, "C", 600)
+    own = made.tables["C", 0]
+    stored = own["timestamp"].copy()
+    stored[::2] = 0
+    offsets = own.offsets
+    made.tables["C", 0] = Table(own.name, 0, own.fields, offsets, lambda c, at: stored[np.searchsorted(offsets, at)])
+    assert foreign_clocks(made) == {("C", 0): pytest.approx(1000.0, abs=1.0)}
+
+
 def test_stamps_that_were_never_set_the_time_of_the_week_and_a_false_stamp_lengthen_no_piece() -> None:
     week = 7 * 86_400
     log = log_of(

@@ -128,6 +128,16 @@ def test_clipping_counts_in_flight_only(count: int, seconds: int, verdict: str |
         assert (found[0].value, found[0].seconds) == (float(count), float(seconds))
 
 
+def test_clipping_of_a_copter_that_never_left_the_ground_is_no_clipping_in_flight() -> None:
+    new = np.where((T > BEGIN) & (T < END), 10, 0)
+    log = shaken(50.0, 60.0, clippings=[Clipping("accelerometer", 1, "VIBE:1.Clip", T, new, True)])
+    flown, grounded = case(log), case(log)
+    assert any(check.question == "clipping" for check in vibration.vibration_checks(flown))
+    kept = [s for s in grounded.segments.segments if s.kind != "airborne"]
+    grounded.segments.segments = [*kept, Segment("armed", BEGIN, END)]
+    assert not any(check.question == "clipping" for check in vibration.vibration_checks(grounded))
+
+
 def test_the_vertical_force_is_a_question_to_what_flies() -> None:
     log = shaken(50.0, 60.0)
     assert [a.question for a in vibration.vertical_force_check(case(log))] == ["vertical_force"]
