@@ -15,10 +15,10 @@ calibration are attlog's; the tests of norm and dip of the field follow Laidig20
 
 Accelerations of a body that does not fly away average to zero as vectors in the earth frame. A direction of gravity
 takes every one of them for a tilt; (2) integrates them to a velocity that is small. In (5) the terms that tie velocity
-to heading are left out: the true velocity is unknown, so an acceleration shows no heading. The
-magnetometer corrects heading, gyro bias and d only; the tilt's part in psi enters the covariance, not the gain
-(Schmidt). Delay and body-fixed offset of the magnetometer are found beside the filter (``inertial/compass.py``). d, the
-local field's direction relative to magnetic north, changes while the body moves about; by default it is 0. How large an
+to heading are left out: the true velocity is unknown, so an acceleration shows no heading. The magnetometer corrects
+heading, gyro (bias, scale, axes) and d only; the tilt's part in psi enters the covariance, not the gain (Schmidt).
+Delay and body-fixed offset of the magnetometer are found beside the filter (``inertial/compass.py``). d, the local
+field's direction relative to magnetic north, changes while the body moves about; by default it is 0. How large an
 accelerometer bias may be is estimated on the way: calibrated sensors keep a tight prior, raw ones get room.
 
 Of a plane with airspeed, v is the velocity beside airspeed along the nose: sideslip, angle of

@@ -213,7 +213,7 @@ def parameters(**given: float) -> np.ndarray:
     ("value", "quiet", "seconds", "factor"),
     [(0.02, 0.0, 0.5, 1.0), (0.02, 0.0, 3.0, 0.5), (1.5, 0.0, 0.5, None), (0.02, 0.2, 0.5, "rest")],
 )
-def test_a_heading_is_a_kalman_update_of_heading_biases_and_declination_alone(
+def test_a_heading_is_a_kalman_update_of_heading_gyro_and_declination_alone(
     value: float, quiet: float, seconds: float, factor: float | str | None
 ) -> None:
     """Noise of 8 deg at 1 Hz; beyond twice the expected spread it grows with the square, at rest 5 deg are kept."""
@@ -236,7 +236,7 @@ def test_a_heading_is_a_kalman_update_of_heading_biases_and_declination_alone(
     s = 1.0 / (h @ before @ h + spread)
     c = before @ h
     own = np.zeros(N, bool)
-    own[2 : E.M] = own[E.d] = True
+    own[2 : E.ba] = own[E.d] = True
     gain = np.where(own, s * c, 0.0)
     assert state[S.x : S.x + N] == pytest.approx(x + gain * (value - h @ x))
     either = own[:, None] | own[None, :]

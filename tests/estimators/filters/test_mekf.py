@@ -124,7 +124,7 @@ def test_a_measured_state_updates_as_a_dense_filter_does() -> None:
     assert state[S.P : S.P + N * N].reshape(N, N) == pytest.approx(joseph(p, h, k, r), abs=1e-14)
 
 
-def test_the_field_corrects_heading_bias_and_its_own_direction_and_nothing_else() -> None:
+def test_the_field_corrects_heading_gyro_and_its_own_direction_and_nothing_else() -> None:
     """Update (8) against a dense Schmidt filter in Joseph's form, its H against the numerical derivative of psi."""
     state, field = running(2), np.array([20.0, 3.0, 43.0])
     state[S.field_since] = 0.02
@@ -138,7 +138,7 @@ def test_the_field_corrects_heading_bias_and_its_own_direction_and_nothing_else(
         h[j] = (np.arctan2(x[1], x[0]) - psi) / 1e-6
     h[E.d] = -1.0
     r = np.deg2rad(14.0) ** 2 / 0.02
-    k = np.where(np.isin(np.arange(N), [2, 3, 4, 5, E.d]), p @ h, 0.0) / (h @ p @ h + r)
+    k = np.where(np.isin(np.arange(N), [*range(2, E.ba), E.d]), p @ h, 0.0) / (h @ p @ h + r)
     compass.heading(state, parameters(), -0.05, *field, 1.0)
     assert state[S.x : S.x + N] == pytest.approx(-0.05 * k, rel=1e-4, abs=1e-12)
     assert state[S.P : S.P + N * N].reshape(N, N) == pytest.approx(joseph(p, h, k, r), abs=1e-7)
@@ -219,6 +219,24 @@ def test_gyro_scale_errors_are_found() -> None:
     blind = errors(wrong, 60.0, scale_sigma=0.0, misalignment_sigma=0.0)[0]
     assert known < 0.1
     assert blind > 3.0 * known
+
+
+def test_the_compass_corrects_the_scale_of_a_gyro_that_turns_about_the_vertical() -> None:
+    """Two turns to and fro each minute: 1 % of scale is 7 deg of heading, which gravity cannot show."""
+
+    def angles(t: Array) -> tuple[Array, Array, Array]:
+        moving = np.maximum(t - 8.0, 0.0)
+        sway = 0.1 * (t > 8.0)
+        yaw = 2.0 * np.pi * (1.0 - np.cos(2.0 * np.pi * moving / 60.0))
+        return sway * np.sin(1.3 * t), sway * np.sin(0.9 * t), yaw
+
+    m = motion(angles, 188.0, noise=CONSUMER_NOISE)
+    for scale in (1.01, 0.99):
+        wrong = replace(m, gyr=m.gyr * np.array([1.0, 1.0, scale]))
+        assert errors(wrong, 60.0)[1] < 1.5
+        assert rms(heading_deg(backward.smooth(*wrong.sensors).q, m.q)) < 1.4
+        found = 1.0 + final(wrong, wrong.acc)[S.M + 8]
+        assert abs(found * scale - 1.0) < 0.005
 
 
 def test_a_late_magnetometer_is_seen_and_taken_into_account() -> None:

@@ -246,7 +246,7 @@ def heading_variance(state: Any) -> float:
 
 
 def heading(state: Any, params: Any, value: float, x: float, y: float, z: float, weight: float) -> None:
-    """Update (8) with the field (x, y, z); only heading, gyro bias and d are corrected."""
+    """Update (8) with the field (x, y, z); heading, gyro bias, gyro matrix and d are corrected."""
     square_level = x * x + y * y
     hx = -z * x / square_level
     hy = -z * y / square_level
@@ -268,13 +268,13 @@ def heading(state: Any, params: Any, value: float, x: float, y: float, z: float,
     keep = square(1.0 - s * state[S.column + 2])
     state[S.heading_doubt] = keep * state[S.heading_doubt] + (1.0 - keep) * state[S.field_doubt]
     value -= state[S.x + 2] + hx * state[S.x] + hy * state[S.x + 1] - state[S.x + E.d]
-    for i in range(2, E.M):
+    for i in range(2, E.ba):
         state[S.x + i] += s * value * state[S.column + i]
     state[S.x + E.d] += s * value * state[S.column + E.d]
     # Where neither row nor column is corrected, P stays.
     for i in range(N):
         c = s * state[S.column + i]
-        if 2 <= i < E.M or i == E.d:
+        if 2 <= i < E.ba or i == E.d:
             for j in range(N):
                 state[S.P + N * i + j] -= c * state[S.column + j]
         else:
@@ -285,8 +285,8 @@ def heading(state: Any, params: Any, value: float, x: float, y: float, z: float,
 
 
 def subtract_column(state: Any, at: int, c: float) -> None:
-    """Subtract c times ``S.column`` from the row at ``at`` where a heading corrects: heading, gyro bias, d."""
-    for j in range(2, E.M):
+    """Subtract c times ``S.column`` from the row at ``at`` for what a heading corrects: heading, gyro, d."""
+    for j in range(2, E.ba):
         state[at + j] -= c * state[S.column + j]
     state[at + E.d] -= c * state[S.column + E.d]
 
