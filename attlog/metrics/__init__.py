@@ -96,8 +96,7 @@ def finish(
 ) -> None:
     """Complete the answers of ``case.rows`` once all rows are computed.
 
-    ``table``: answers by row name. Decides which errors are ranked. ``cost``: measure the time of each filter, alone on
-    the machine.
+    ``table``: answers by row name. Decides which errors are ranked. ``cost``: add the processor time of each filter.
     """
     from attlog.metrics import accuracy
     from attlog.metrics.cost import COST

@@ -312,10 +312,10 @@ def evaluate(
     """Evaluate filters on a prepared log.
 
     ``case`` may serve many calls. ``specs``: filters, default those of the configuration. ``command`` is stored in the
-    result. ``traces``: keep the arrays of figures. ``cost``: measure the time of each filter, which takes longer than
-    running it. ``only``: metrics as of ``metrics.compute``; the result then has no verdicts, and only findings of
-    reference and filters. UsageError for an unknown estimator or parameter. A plug-in that fails becomes a row with
-    ``status = "failed"``, the others finish.
+    result. ``traces``: keep the arrays of figures. ``cost``: add the processor time of each filter. ``only``: metrics
+    as of ``metrics.compute``; the result then has no verdicts, and only findings of reference and filters. UsageError
+    for an unknown estimator or parameter. A plug-in that fails becomes a row with ``status = "failed"``, the others
+    finish.
     """
     if not isinstance(case, Case):
         raise UsageError(f"evaluate takes a prepared log, case = attlog.prepare(log), not {type(case).__name__}")

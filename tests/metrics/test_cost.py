@@ -1,36 +1,33 @@
+import time
+
 import numpy as np
 
+from attlog import estimators
 from attlog.metrics import cost
 from tests.metrics import flights
 
 
-def row(name, estimator=None, ns=50.0, **fields):
+def row(name, ns=50.0, **fields):
     t = np.arange(0.0, 1.0, 0.01)
     q = np.tile([1.0, 0.0, 0.0, 0.0], (len(t), 1))
-    return flights.row(t, q, name, estimator=name if estimator is None else estimator, ns_per_update=ns, **fields)
+    return flights.row(t, q, name, estimator=name, ns_per_update=ns, **fields)
 
 
-def test_cost_is_the_median_of_repeats_between_the_fastest_and_the_slowest():
-    rows = [row("gyro"), row("ekf12")]
-    case = flights.case(rows, [])
-    found = {r.name: cost.COST.ask(case, r, "all") for r in rows}
-    for answers in found.values():
-        for answer in answers.values():
-            assert answer.n == cost.REPEATS
-            assert answer.ci95[0] <= answer.value <= answer.ci95[1]
-            assert not answer.ranked
-    assert found["gyro"]["cost_ns"].value < found["ekf12"]["cost_ns"].value
+def asked(one):
+    return cost.COST.ask(flights.case([one], []), one, "all")["cost_ns"]
 
 
-def test_the_cost_is_measured_once_per_process(monkeypatch):
-    first = row("complementary")
-    before = cost.COST.ask(flights.case([first], []), first, "all")["cost_ns"]
-    monkeypatch.setattr(cost, "run", None)
-    again = row("complementary", ns=80.0)
-    assert cost.COST.ask(flights.case([again], []), again, "all")["cost_ns"].value == before.value
+def test_the_cost_is_that_of_the_replay_and_ranks_nothing():
+    answer, flown = asked(row("mine", ns=123.0)), row("px4")
+    flown.kind = "onboard"
+    assert (answer.value, answer.ci95, answer.ranked) == (123.0, None, False)
+    assert [asked(row("mine", ns=None)).code, asked(flown).code] == ["not_applicable"] * 2
 
 
-def test_a_filter_that_cannot_be_run_again_has_the_cost_of_its_one_replay():
-    mine = row("mine", ns=123.0)
-    answer = cost.COST.ask(flights.case([mine], []), mine, "all")["cost_ns"]
-    assert (answer.value, answer.ci95) == (123.0, None)
+def test_the_time_of_a_replay_is_within_that_of_the_whole_call():
+    t = 0.004 * np.arange(5000)
+    acc = np.tile([0.0, 0.0, -9.81], (len(t), 1))
+    for name in ("gyro", "complementary"):
+        clock = time.thread_time()
+        found = estimators.estimate(name, t, np.zeros((len(t), 3)), acc, check_units=False)
+        assert 0.0 < found.ns_per_update * len(t) < 1e9 * (time.thread_time() - clock)

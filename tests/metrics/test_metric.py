@@ -289,10 +289,10 @@ def test_the_cost_is_measured_where_it_is_wanted(
     monkeypatch: pytest.MonkeyPatch, cost: bool, only: tuple[str, ...], measured: bool
 ) -> None:
     row_ = row("mahony")
+    row_.ns_per_update = 5.0
     case = flights.case([row_], [Segment("continuous", 0, 10)])
     decided: list[Any] = []
     monkeypatch.setattr(accuracy, "rank_errors", decided.append)
-    monkeypatch.setattr("attlog.metrics.cost.measure_cost", lambda row: np.array([5.0]))
     table = {"mahony": {"all": {"lag_ms": Answer(2.0)}}}
     metrics.finish(case, table, cost=cost, only=only)
     assert decided == [case]
