@@ -116,7 +116,7 @@ class Loop(Generic[P, R]):
         if isinstance(made, Call):
             return made.bound(*values)
         coming = [i for i, value in enumerate(values) if value is ...]
-        run: Callable[..., R] = made or self.function
+        run: Callable[..., R] = self
 
         def call(*numbers: Any) -> R:
             filled = list(values)

@@ -295,8 +295,9 @@ def gains(i: int, wide: int, noise: float, row: Any, memory: Any) -> None:
 def forward(
     first: int,
     last: int,
+    origin: int,
+    used: int,
     use_along: bool,
-    keep: bool,
     par: Settings,
     x0: F1,
     motion: Motion,
@@ -308,12 +309,12 @@ def forward(
     row: Row,
     work: Work,
 ) -> int:
-    """Run the nodes ``first`` to ``last`` (exclusive); return how many updates were kept.
+    """Run the nodes ``first`` to ``last`` (exclusive); return how many updates are kept then.
 
-    ``x0`` (39,) the state at the start of the pass. ``use_along``: linearise along ``nodes.along``.
-    ``keep``: write ``kept`` as well, counted from ``first``.
+    ``x0`` (39,) the state at the start of the pass. ``use_along``: linearise along ``nodes.along``. ``kept`` counts
+    from the node ``origin`` and holds ``used`` updates already; nothing is kept with -1.
     """
-    used = 0
+    keep = origin >= 0
     q, x, P, memory = state.q, state.x, state.P, state.memory
     for node in range(first, last):
         b = nodes.at[node]
@@ -346,13 +347,13 @@ def forward(
             memory[MEM.since_kick] += work.sums[SUM.t]
         if keep:
             for i in range(SUMS):
-                kept.sums[node - first, i] = work.sums[i]
-            kept.update_of[node - first] = used
+                kept.sums[node - origin, i] = work.sums[i]
+            kept.update_of[node - origin] = used
         for e in range(nodes.event[node], nodes.event[node + 1]):
             used = take_event(e, node, resting, follow, keep, used, par, x0, nodes, events, state, out, kept, row, work)
-        keep_node(node, node - first, b, state, out, keep, kept.P_rows)
+        keep_node(node, node - origin, b, state, out, keep, kept.P_rows)
     if keep:
-        kept.update_of[last - first] = used
+        kept.update_of[last - origin] = used
     total: int = used
     return total
 

@@ -22,7 +22,7 @@ import numpy as np
 from attlog.estimators.filters.navigation.inputs import JUMP_RAD_S, Inputs
 from attlog.estimators.filters.navigation.model import MEM, ROW, E, Settings, State
 from attlog.estimators.filters.navigation.schedule import Schedule
-from attlog.estimators.filters.navigation.solve import Pass, Runner
+from attlog.estimators.filters.navigation.solve import Pass, Runner, likelihoods
 from attlog.estimators.filters.navigation.start import StartState
 from attlog.estimators.interface import Array
 
@@ -166,6 +166,8 @@ def bias_change_dps(inputs: Inputs) -> float:
 
 # How often the filter asks, and how far back it looks.
 EVERY_S, WINDOW_S = 1.0, 10.0
+# What the way back needs is kept for so long: a window and more, 15 MB.
+KEPT_S = 60.0
 # Mean square, over the gate's, of the worst of three innovations of velocity or field: 0.3 where noise levels fit.
 LARGE_INNOVATION = 0.5
 # Least gain in log likelihood, and what a filter that a bad compass misleads would take for a jump.
@@ -189,18 +191,22 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
     bounds = np.unique(np.append(np.searchsorted(when, np.arange(when[0], when[-1], EVERY_S)), [0, len(when)]))
     begun: list[tuple[int, State]] = []
     accepted: list[Jump] = []
-    looks = 0
-    for second, (a, b) in enumerate(pairwise(bounds)):
-        begun.append((int(a), state.copy()))
+    looks, origin, end, used = 0, 0, 0, 0
+    for second, (a, b) in enumerate(pairwise(bounds.tolist())):
+        begun.append((a, state.copy()))
         while when[b - 1] - when[begun[0][0]] > WINDOW_S:
             begun.pop(0)
-        runner.run(int(a), int(b), found, state, begin, par, None, None)
+        first, before = begun[0]
+        if b > end:  # of hours only some seconds are kept: the window is run again into an empty store
+            origin, end = first, max(b, int(np.searchsorted(when, when[a] + KEPT_S)))
+            store = runner.storage(schedule, origin, end)
+            used = runner.run(origin, a, found, before.copy(), begin, par, None, store)
+            run = runner.bound(found, state, begin, par, None, store)
+        used = run(a, b, origin, used)
         looks = looks + 1 if innovations_grew(found.ratio[a:b]) else 0
         if looks == 0 or (looks > VAIN_SEARCHES and second % SLOW_SEARCH_S):
             continue
-        first, before = begun[0]
-        shocks, _, without = runner.shocks(schedule, begin, par, before, first, int(b))
-        gain, size = gains(shocks)
+        gain, size = gains(runner.shocks(schedule, par, store, origin, first, b))
         rate = np.sqrt(np.sum(size**2, axis=1))
         gain[(when[first:b] > when[b - 1] - FRESH_S) | (rate < MIN_JUMP_RAD_S)] = -np.inf
         k = int(np.argmax(gain))
@@ -208,9 +214,10 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
             continue
         opened = replace(schedule, jump=schedule.jump.copy())
         opened.jump[first + k] = JUMP_RAD_S
-        _, after, with_it = runner.shocks(opened, begin, par, before, first, int(b))
+        after, with_it = runner.run_again(opened, begin, par, before, first, b)
         if after.memory[MEM.likelihood] - state.memory[MEM.likelihood] < ONLINE_MIN_GAIN:
             continue
+        without = likelihoods(store, int(store.update_of[first - origin]), used)
         if np.sum((with_it - without)[GNSS]) < GNSS_GAIN:
             continue
         for i in range(3):  # what it turned while its time is unsure
@@ -219,7 +226,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
             old[:] = new
         schedule.jump[:] = opened.jump
         begun.clear()
-        looks = 0
+        looks, end = 0, 0
         accepted.append(Jump(float(when[first + k]), 0.0, size[k], np.zeros(3)))
     found.memory = state.memory
     return found, tuple(accepted)

@@ -7,6 +7,7 @@ through it. Memory is bounded by one part, and the result is the same to the bit
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,7 +110,7 @@ class Runner:
         adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
         outputs: list[tuple[NDArray[Any], ...]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
-            store = self._storage(schedule, a, b)
+            store = self.storage(schedule, a, b)
             used = self.run(a, b, found, kept, begin, par, along, store)
             if b == m:
                 found.memory = kept.memory
@@ -122,26 +123,29 @@ class Runner:
         found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(outputs), strict=True))
         return found
 
-    def shocks(
-        self, schedule: Schedule, begin: StartState, par: Settings, state: State, a: int, b: int
-    ) -> tuple[Array, State, Array]:
+    def shocks(self, schedule: Schedule, par: Settings, store: Kept, origin: int, a: int, b: int) -> Array:
         """Return scores (b - a, 12) of a shock of the gyro bias at the nodes a to b, from data up to b alone.
 
-        ``state`` is that before node a, which stays; returned are also the state after node b - 1 and the logarithm of
-        the likelihood (8,) of the innovations of each group.
+        ``store`` holds them, counted from the node ``origin``.
         """
-        # Of a long run only these nodes' share of the memory is ever touched.
-        n, m = len(self.inputs.t), len(schedule.node_at)
-        q, ratio = np.empty((n, 4)), np.empty((m, 4))
-        found = Pass(schedule, q, np.empty((m, 3)), np.empty((m, 3)), ratio, state.memory)
-        found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
-        state, store = state.copy(), self._storage(schedule, a, b)
-        used = self.run(a, b, found, state, begin, par, None, store)
+        at, count = a - origin, b - a
+        used = int(store.update_of[b - origin])
+        shocks = np.empty((count, 12))
+        out = backward.Smoothed(np.empty((count, 6)), np.empty((count, 3)), np.empty(used), np.zeros((2, N)), shocks)
         adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
-        self._back(a, b, found, par, store, adjoint, np.zeros(used), False)
-        s, nu, group = store.s_of[:used], store.nu_of[:used], store.group[:used]
-        by_group = np.array([-0.5 * np.sum((nu * nu / s + np.log(s))[group == g]) for g in range(GROUPS)])
-        return found.shocks[a:b], state, by_group
+        own = store._replace(P_rows=store.P_rows[6 * ROW * at :], sums=store.sums[at:], update_of=store.update_of[at:])
+        rest_of = np.ascontiguousarray(schedule.rest_of[a:b])
+        backward.backward(a == 0, False, par, rest_of, own, adjoint, out, backward.new_work())
+        return shocks
+
+    def run_again(
+        self, schedule: Schedule, begin: StartState, par: Settings, before: State, a: int, b: int
+    ) -> tuple[State, Array]:
+        """Run the nodes a to b from the state ``before``, which stays; return the state after and the likelihoods."""
+        found, state = self.begun(schedule, begin)[0], before.copy()
+        store = empty_store(b - a, int(schedule.scalars[b] - schedule.scalars[a]))
+        used = self.run(a, b, found, state, begin, par, None, store)
+        return state, likelihoods(store, 0, used)
 
     def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, State]:
         """Return an empty pass, and the state that :meth:`run` carries on in place."""
@@ -163,12 +167,20 @@ class Runner:
         store: Kept | None,
     ) -> int:
         """Run forward over the nodes a to b; return how many updates are in ``store``."""
+        run = self.bound(found, state, begin, par, along, store)
+        return run(a, b, -1 if store is None else a, 0)
+
+    def bound(
+        self, found: Pass, state: State, begin: StartState, par: Settings, along: Array | None, store: Kept | None
+    ) -> Callable[[int, int, int, int], int]:
+        """Return the run forward as a function of first and last node, the store's first, and updates in the store."""
         s = found.schedule
-        return forward.forward(
-            a,
-            b,
+        return forward.forward.bound(
+            ...,
+            ...,
+            ...,
+            ...,
             along is not None,
-            store is not None,
             par,
             begin.x,
             self.inputs.motion,
@@ -176,7 +188,7 @@ class Runner:
             s.events,
             state,
             Filtered(found.q, found.bias, found.variance, found.ratio),
-            self._storage(s, 0, 0) if store is None else store,
+            self.storage(s, 0, 0) if store is None else store,
             forward.new_row(),
             forward.new_work(),
         )
@@ -197,27 +209,38 @@ class Runner:
         out = backward.Smoothed(found.d[a:b], found.spread[a:b], score, found.scores, found.shocks[a:b])
         backward.backward(a == 0, wanted, par, rest_of, store, adjoint, out, backward.new_work())
 
-    def _storage(self, s: Schedule, a: int, b: int) -> Kept:
+    def storage(self, s: Schedule, a: int, b: int) -> Kept:
         """Return arrays large enough for the nodes a to b; used again."""
         nodes, updates = max(b - a, 1), max(int(s.scalars[b] - s.scalars[a]), 1)
         have = self.store
         if have is None or len(have.sums) < nodes or len(have.s_of) < updates:
             if have is not None:
                 nodes, updates = max(nodes, len(have.sums)), max(updates, len(have.s_of))
-            self.store = have = None
-            small = [np.empty(updates, np.int8) for _ in range(3)]
-            self.store = have = Kept(
-                np.empty(nodes * 6 * ROW),
-                np.empty((nodes, SUMS)),
-                np.zeros(nodes + 1, np.int64),
-                np.empty(updates * ROW),
-                np.empty((updates, WIDE)),
-                np.empty((updates, WIDE), np.int8),
-                small[0],
-                np.empty(updates),
-                np.empty(updates),
-                np.empty(updates),
-                small[1],
-                small[2],
-            )
+            self.store = have = None  # before the larger one: memory
+            self.store = have = empty_store(nodes, updates)
         return have
+
+
+def empty_store(nodes: int, updates: int) -> Kept:
+    """Return arrays for what the way back needs of so many nodes and updates."""
+    small = [np.empty(updates, np.int8) for _ in range(3)]
+    return Kept(
+        np.empty(nodes * 6 * ROW),
+        np.empty((nodes, SUMS)),
+        np.zeros(nodes + 1, np.int64),
+        np.empty(updates * ROW),
+        np.empty((updates, WIDE)),
+        np.empty((updates, WIDE), np.int8),
+        small[0],
+        np.empty(updates),
+        np.empty(updates),
+        np.empty(updates),
+        small[1],
+        small[2],
+    )
+
+
+def likelihoods(store: Kept, a: int, b: int) -> Array:
+    """Return the log likelihood (8,) of the updates a to b of each group."""
+    s, nu, group = store.s_of[a:b], store.nu_of[a:b], store.group[a:b]
+    return np.array([-0.5 * np.sum((nu * nu / s + np.log(s))[group == g]) for g in range(GROUPS)])

@@ -194,12 +194,13 @@ def step(inputs, schedule, begin, par, state, node, events):
     count = schedule.node_event.copy()
     if not events:
         count = np.zeros_like(count)
-    m, store = len(schedule.node_at), Runner(inputs)._storage(schedule, node, node + 1)
+    m, store = len(schedule.node_at), Runner(inputs).storage(schedule, node, node + 1)
     forward.forward(
         node,
         node + 1,
+        node,
+        0,
         False,
-        True,
         par,
         begin.x,
         inputs.motion,
