@@ -10,15 +10,17 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import LogUnreadable, NotALog, UsageError, missing_file
-from attlog.core.own_files import ANY_FILE, SIMULATED_LOG, FileKind
 from attlog.formats.recording import MessageLayout, Recording
 from attlog.formats.table import Boot, Damage, Field, Messages, ParamChange, Table, Text
+
+if TYPE_CHECKING:
+    from attlog.core.own_files import FileKind
 
 __all__ = [
     "FORMATS",
@@ -76,14 +78,14 @@ class Format:
         read: Callable[..., Messages] = self._load(self.reader)
         return read(path, system=system, data=data) if self.several_vehicles else read(path, data=data)
 
-    def write(self, path: Path, recording: Recording, kind: FileKind = SIMULATED_LOG) -> None:
-        """Write the log; it replaces a file of this kind.
+    def write(self, path: Path, recording: Recording, kind: FileKind | None = None) -> None:
+        """Write the log; it replaces a file of this kind, by default a simulated log.
 
         UsageError for what the format cannot hold, and for formats that are only read.
         """
         if not self.writer:
             raise UsageError(f"{path}: attlog reads {self.title} logs and does not write them")
-        self._load(self.writer)(path, recording, kind)
+        self._load(self.writer)(path, recording, *([kind] if kind else []))
 
     def _load(self, place: str) -> Any:
         module, _, name = place.partition(".")
@@ -199,7 +201,9 @@ def write(path: Path | str, recording: Recording, *, replace: bool = False) -> N
     format cannot hold, OutputError if the file cannot be written. The same recording gives the same bytes. An existing
     file is replaced if it has these bytes or is a simulated log; any with ``replace``.
     """
-    format_for(path).write(Path(path), recording, ANY_FILE if replace else SIMULATED_LOG)
+    from attlog.core.own_files import ANY_FILE
+
+    format_for(path).write(Path(path), recording, ANY_FILE if replace else None)
 
 
 def format_for(path: Path | str) -> Format:

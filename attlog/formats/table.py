@@ -174,8 +174,7 @@ class DamageLog:
         return []
 
 
-@dataclass(frozen=True, slots=True)
-class Field:
+class Field(NamedTuple):
     """Column of a message as declared by the format.
 
     ``dtype`` is the stored type (sub-arrays such as ``64S1`` for text). ``scale`` converts the stored number to the
@@ -246,11 +245,11 @@ class Table:
         with (n,) to (n, n). KeyError if the message has no such field.
         """
         if column not in self._columns:
-            element = self._element(column)
-            if element is not None:
-                whole = self[element[0]]
-                return whole if whole.ndim == 1 else whole[:, element[1]]
             if column not in self.fields:
+                element = self._element(column)
+                if element is not None:
+                    whole = self[element[0]]
+                    return whole if whole.ndim == 1 else whole[:, element[1]]
                 raise FieldError(f"{self.name} has no field {column!r}; it has {', '.join(self.fields)}")
             try:
                 stored = self._decode(column, self.offsets)

@@ -74,7 +74,8 @@ FMT_FORMAT = MessageFormat(FMT_TYPE, FMT_LENGTH, "FMT", "BBnNZ", ("Type", "Lengt
 
 def parse_fmt_record(raw: bytes, offset: int) -> MessageFormat | None:
     """Return the format in an FMT record, None if invalid."""
-    name, letters, columns = _printable_text(raw[5:9]), _printable_text(raw[9:25]), _printable_text(raw[25:89])
+    text = raw.decode("latin-1")
+    name, letters, columns = _printable_text(text[5:9]), _printable_text(text[9:25]), _printable_text(text[25:89])
     if not name or letters is None or columns is None or raw[4] < HEADER_BYTES:
         return None
     if raw[3] == FMT_TYPE:
@@ -82,13 +83,10 @@ def parse_fmt_record(raw: bytes, offset: int) -> MessageFormat | None:
     return MessageFormat(raw[3], raw[4], name, letters, column_names(columns.split(",")) if columns else (), offset)
 
 
-def _printable_text(raw: bytes) -> str | None:
+def _printable_text(text: str) -> str | None:
     """Return stripped text up to NUL, None if not plain ASCII."""
-    text = raw.split(b"\0", 1)[0]
-    if not text.isascii():
-        return None
-    plain = text.decode("ascii")
-    return plain.strip() if plain.isprintable() else None
+    text = text.partition("\0")[0]
+    return text.strip() if text.isascii() and text.isprintable() else None
 
 
 def column_names(listed: Iterable[str]) -> tuple[str, ...]:

@@ -292,14 +292,13 @@ def read_units(data: NDArray[np.uint8], index: RecordIndex) -> Units:
     for k, fmt in enumerate(index.layouts):
         by_type.setdefault(fmt.type, []).append(k)
     since = {kind: [index.layouts[k].offset for k in mine] for kind, mine in by_type.items()}
-    unit_text = cache(_unit_text)  # the same few combinations in every message
 
-    @cache
+    @cache  # the same few combinations in every message
+    def text_of(letter: str, u: str, m: str) -> str | None:
+        return _unit_text(names.get(u, ""), u, factors.get(m, 0.0), m, LETTER_SCALES.get(letter, 1.0))
+
     def texts_of(letters: str, ids: str, mults: str) -> tuple[str | None, ...]:
-        return tuple(
-            unit_text(names.get(u, ""), u, factors.get(m, 0.0), m, LETTER_SCALES.get(letter, 1.0))
-            for letter, u, m in zip(letters, ids, mults.ljust(len(ids), "-"), strict=False)
-        )
+        return tuple(map(text_of, letters, ids, mults.ljust(len(ids), "-")))
 
     result: Units = {}
     rows = zip(
