@@ -50,6 +50,7 @@ AS_TYPED: dict[Any, Callable[[Any], Any]] = {
     Path | None: _path,
     str | None: str,
     list[str]: list,
+    list[str] | None: list,
     list[Path]: lambda words: [Path(word) for word in words],
 }
 
@@ -70,12 +71,14 @@ class AsTyped:
 def _processed(
     parameter: Any, as_typed: Callable[[Any], Any], by_typer: Callable[..., Any], ctx: Any, value: Any
 ) -> Any:
+    several = parameter.multiple or parameter.nargs == -1
     if isinstance(value, str | list | tuple) and value:
         made = as_typed(value)
     else:
         made = value if isinstance(value, bool | int | float | Path) else None
-    absent = value is None and not (parameter.required or parameter.multiple or parameter.nargs == -1)
-    if made is None and not absent:
+    if value is None and not parameter.required:
+        made = () if several else None
+    elif made is None:
         return by_typer(ctx, value)
     return made if parameter.callback is None else parameter.callback(ctx, parameter, made)
 

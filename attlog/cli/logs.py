@@ -181,8 +181,8 @@ class PreparedLogs:
 
 
 def _about_log(case: Case) -> dict[str, Any]:
+    from attlog.core.files import sha256
     from attlog.pipeline.evaluation import summarize
-    from attlog.pipeline.summary import sha256
 
     log = case.log
     return {

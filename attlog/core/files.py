@@ -155,6 +155,15 @@ def _open_special(path: Path) -> Iterator[BinaryIO]:
         raise _write_error(path, error) from error
 
 
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file (hex). LogUnreadable if it cannot be read."""
+    try:
+        with open(path, "rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise LogUnreadable(f"{path}: cannot be read any more ({error.strerror or error})") from error
+
+
 def remove_unfinished(folder: Path, *names: str) -> None:
     """Remove temporary files of these names (default: of all) left by killed processes.
 

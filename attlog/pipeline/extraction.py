@@ -21,17 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog import formats
-from attlog.core import files, rotation
+from attlog.core import rotation
+from attlog.core.csv_rows import csv_rows, csv_texts
 from attlog.core.errors import LogUnusable, OutputError, UsageError
-from attlog.core.files import file_names, staging_folder, write_all_atomic
+from attlog.core.files import file_names, sha256, staging_folder, write_all_atomic
 from attlog.core.limits import EXTRACT_ANYWAY_BYTES, MAX_EXTRACT_RATIO
 from attlog.core.own_files import DATA
-from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
 from attlog.flight.model import FlightLog
 from attlog.flight.signals import NAME, parts_of, vehicle_instance, without_part
 from attlog.flight.timestamps import record_clock
 from attlog.formats import Field, Messages, Table
-from attlog.pipeline.summary import sha256
 
 if TYPE_CHECKING:
     import pandas
@@ -248,6 +247,7 @@ def estimates(log: FlightLog, specs: list[str]) -> Iterator[Extract]:
     Innovations are those of an onboard filter. The gyro's bias at rest is subtracted first, as in an analysis; ``bias``
     columns include it.
     """
+    from attlog.estimators.rerun import AIDS, INNOVATION_COLUMNS, innovations
     from attlog.pipeline import prepare
     from attlog.pipeline.replay import run_rows
     from attlog.reference.smoother import heading_words
@@ -320,7 +320,7 @@ def write_stream(tables: Iterable[Extract], log: FlightLog, stream: BinaryIO, ki
 def _encoded(table: Extract, meta: dict[str, Any], kind: str) -> tuple[bytes, str]:
     """Return the content of a file, and the table's metadata as JSON."""
     about = json.dumps(meta | {"table": table.name, "units": table.units, "source": table.note}, indent=1)
-    return (_csv(table).encode("utf-8", "replace") if kind == "csv" else _parquet(table, about)), about
+    return (_csv(table) if kind == "csv" else _parquet(table, about)), about
 
 
 def _too_many(tables: list[Extract]) -> str:
@@ -342,15 +342,9 @@ def _about(log: FlightLog) -> dict[str, Any]:
     }
 
 
-def _csv(table: Extract) -> str:
-    buffer = io.StringIO()
-    frame = table.frame()
-    for name, values in table.columns.items():
-        if values.dtype == object:
-            frame[name] = [files.csv_cell(value) for value in values]
-    frame.columns = frame.columns.map(files.csv_cell)
-    frame.to_csv(buffer, index=False, lineterminator="\n")
-    return buffer.getvalue()
+def _csv(table: Extract) -> bytes:
+    head = b",".join(csv_texts(list(table.columns))) + b"\n"
+    return b"".join([head, *csv_rows(list(table.columns.values()))])
 
 
 def _parquet(table: Extract, about: str) -> bytes:

@@ -2,26 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 from attlog.core import earth
-from attlog.core.errors import LogUnreadable
+from attlog.core.files import sha256
 from attlog.flight.model import FlightLog, Stream, TimeLine, guarded_part
 from attlog.flight.parameters import parameter_histories
 from attlog.segments.model import Segments
-
-
-def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file (hex). LogUnreadable if it cannot be read."""
-    try:
-        with open(path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
-        raise LogUnreadable(f"{path}: cannot be read any more ({error.strerror or error})") from error
 
 
 def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:

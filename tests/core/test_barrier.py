@@ -12,13 +12,13 @@ from unittest import mock
 import pytest
 
 from attlog import formats, pipeline, segments
-from attlog.core import errors
+from attlog.core import errors, files
 from attlog.core.errors import LogUnreadable, UsageError
 from attlog.flight import flight_in, read
 from attlog.formats import Table
 from attlog.health import registry
 from attlog.metrics import drift
-from attlog.pipeline import evaluation, summary
+from attlog.pipeline import evaluation
 from attlog.result import Result
 from tests.conftest import SAMPLES, few
 
@@ -196,4 +196,4 @@ def test_without_segments_the_log_is_still_analysed(part: ModuleType, name: str,
 
 def test_a_log_that_is_gone_when_it_is_described_is_unreadable(tmp_path: Path) -> None:
     with pytest.raises(LogUnreadable, match="cannot be read any more"):
-        summary.sha256(tmp_path / "gone.ulg")
+        files.sha256(tmp_path / "gone.ulg")

@@ -51,6 +51,7 @@ FLOWN = {
     "ap_ekf3": ("attlog.estimators.ekf3.loop",),
 }
 OTHERS = (
+    "attlog.core.csv_rows",
     "attlog.estimators.filters.inertial.backward",
     "attlog.simulate.controller",
     "attlog.simulate.environment",
