@@ -1,9 +1,9 @@
 """MEKF: error-state Kalman filter that expects a body not to fly away, not that it does not accelerate.
 
-    q, b (gyro bias), M (3x3 gyro scale and misalignment), ba (accelerometer bias), v_N, v_E, d (heading of the field)
+    q, b (gyro bias), M (3x3 gyro matrix), ba (accelerometer bias), v_N, v_E, d and home (headings of the field)
     w    = (I + M)(gyro - b)       q <- q (x) exp(w dt)                                             (1)
     a    = R (f - ba - V')         v <- v + (a_N, a_E) dt,  V' by airspeed: ``aids.py``       (2)
-    error x = [theta (earth axes), db, dM, dba, dv, dd],  R_true = (I + [theta]x) R                 (3)
+    error x = [theta (earth axes), db, dM, dba, dv, dd, dhome],  R_true = (I + [theta]x) R                 (3)
     theta <- theta - A db + B dM,  A = int R dt,  B = int R dw/dM dt                                (4)
     v_N  <- v_N + S_z theta_y - (A dba)_N,   v_E <- v_E - S_z theta_x - (A dba)_E,   S = int a dt   (5)
     velocity is 0 +- sigma_v:      z = -v,       R = (sv^2 + kv <v^2>) 0.5 s / T,  at rest svr^2    (6)
@@ -18,7 +18,8 @@ takes every one of them for a tilt; (2) integrates them to a velocity that is sm
 to heading are left out: the true velocity is unknown, so an acceleration shows no heading. The magnetometer corrects
 heading, gyro (bias, scale, axes) and d only; the tilt's part in psi enters the covariance, not the gain (Schmidt).
 Delay and body-fixed offset of the magnetometer are found beside the filter (``inertial/compass.py``). d, the local
-field's direction relative to magnetic north, changes while the body moves about; by default it is 0. How large an
+field's direction relative to magnetic north, changes while the body moves about; by default it is 0. home is the
+field's heading at the first rest, which the smoother measures again at later rests in the same field. How large an
 accelerometer bias may be is estimated on the way: calibrated sensors keep a tight prior, raw ones get room.
 
 Of a plane with airspeed, v is the velocity beside airspeed along the nose: sideslip, angle of
@@ -84,6 +85,7 @@ PRESETS: dict[str, dict[str, float | str]] = {
         "misalignment_sigma": 0.0018,
         "mag_noise": 8.0,
         "field_sigma": 4.5,
+        "home_noise": 1.2,
         "acc_bias_considered": 0.1,
         "moving_sigma": 2.0,
     }
@@ -320,5 +322,5 @@ def inject_error(state: Any) -> None:
     turn_earth(state, state[S.x], state[S.x + 1], state[S.x + 2])
     for i in range(3):
         state[S.bias + i] += state[S.x + E.bias + i]
-    for i in range(15):
+    for i in range(E.home - E.M + 1):
         state[S.M + i] += state[S.x + E.M + i]

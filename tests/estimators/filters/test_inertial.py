@@ -236,13 +236,74 @@ def test_a_heading_is_a_kalman_update_of_heading_gyro_and_declination_alone(
     s = 1.0 / (h @ before @ h + spread)
     c = before @ h
     own = np.zeros(N, bool)
-    own[2 : E.ba] = own[E.d] = True
+    own[2 : E.ba] = own[E.d :] = True
     gain = np.where(own, s * c, 0.0)
     assert state[S.x : S.x + N] == pytest.approx(x + gain * (value - h @ x))
     either = own[:, None] | own[None, :]
     assert state[S.P : S.P + N * N].reshape(N, N) == pytest.approx(before - np.where(either, s * np.outer(c, c), 0.0))
     assert state[S.reach : S.reach + 3 * N].reshape(3, N) == pytest.approx(reach - np.outer(reach @ h, gain))
     assert state[S.heading_doubt] == pytest.approx(0.3 * (1.0 - (1.0 - s * c[2]) ** 2))
+
+
+def test_the_field_of_the_first_rest_is_measured_again_against_home() -> None:
+    """A joint Kalman update of heading and home; noise of 1.2 deg at 1 Hz, norm and dip those of the first rest."""
+    before = covariance()
+    state = state_of(before)
+    state[S.field_now : S.field_now + 3] = field = [0.3, -0.2, 0.5]
+    state[S.home], state[S.home_time], state[S.home_left] = math.atan2(-0.2, 0.3) + 0.05, 8.0, 1.0
+    state[S.home_norm], state[S.home_dip] = np.linalg.norm(field), math.atan2(0.5, math.hypot(0.3, 0.2))
+    state[S.quiet], state[S.field_since] = 3.0, 0.1
+    compass.home_field(state, parameters(home_noise=1.2))
+    h = np.zeros(N)
+    h[[0, 1, 2, E.home]] = -0.5 * 0.3 / 0.13, 0.5 * 0.2 / 0.13, 1.0, -1.0
+    c = before @ h
+    gain = c / (h @ c + (1.2 * RAD) ** 2 / 0.1)
+    own = np.isin(np.arange(N), [*range(2, E.ba), E.d, E.home])
+    assert state[S.x : S.x + N] == pytest.approx(np.where(own, 0.05 * gain, 0.0))
+    assert np.diag(state[S.P : S.P + N * N].reshape(N, N)) == pytest.approx(np.diag(before) - own * gain * c)
+
+
+def home_and_back(first_s: float, last_s: float, back_norm: float = 1.0, back_deg: float = 0.0) -> Motion:
+    """Rest, 100 s beside iron with a gyro that is off by 0.03 deg/s there alone, rest in a field of one's own."""
+
+    def angles(t: Array) -> tuple[Array, Array, Array]:
+        along = np.clip((t - first_s) / 100.0, 0.0, 1.0)
+        swings = np.clip(50.0 * along, 0.0, 1.0) * np.clip(50.0 * (1.0 - along), 0.0, 1.0)
+        yaw = 0.8 * swings * np.sin(0.25 * t) + 0.7 * (1.0 - np.cos(np.pi * along))
+        return 0.5 * swings * np.sin(0.9 * t), 0.4 * swings * np.sin(0.6 * t + 0.5), yaw
+
+    m = motion(angles, first_s + 100.0 + last_s, noise=CONSUMER_NOISE)
+    moving = (m.t > first_s) & (m.t < first_s + 100.0)
+    back = m.t >= first_s + 100.0
+    size = np.where(moving, 1.25, np.where(back, back_norm, 1.0))
+    earth = rotation.from_rotvec(np.deg2rad(back_deg) * back[:, None] * [0.0, 0.0, 1.0])
+    field = rotation.rotate(earth, rotation.rotate(m.q, m.mag))
+    drift = np.deg2rad(0.03) * moving[:, None] * [0.0, 0.0, 1.0]
+    return replace(m, gyr=m.gyr + drift, mag=size[:, None] * rotation.rotate_inverse(m.q, field))
+
+
+def headings(m: Motion) -> tuple[float, float]:
+    """Heading RMSE in deg with the state for the field of the first rest and without it."""
+    with_home, without = (backward.smooth(*m.sensors, {"home_noise": noise}) for noise in (1.2, 0.0))
+    return rms(heading_deg(with_home.q, m.q)), rms(heading_deg(without.q, m.q))
+
+
+@pytest.mark.parametrize(("first_s", "last_s"), [(10.0, 6.0), (40.0, 40.0), (10.0, 3.5)])
+def test_a_home_field_seen_twice_takes_the_drift_between_away(first_s: float, last_s: float) -> None:
+    found, before = headings(home_and_back(first_s, last_s))
+    assert found < 0.4 < 0.7 < before
+
+
+@pytest.mark.parametrize(("norm", "deg"), [(1.03, 0.0), (0.97, 0.0), (1.0, 25.0), (1.0, -25.0)])
+def test_another_field_at_the_last_rest_is_not_taken_for_home(norm: float, deg: float) -> None:
+    found, before = headings(home_and_back(10.0, 6.0, norm, deg))
+    assert found == pytest.approx(before, abs=0.02)
+
+
+@pytest.mark.parametrize(("first_s", "last_s"), [(2.6, 6.0), (1.5, 6.0), (10.0, 1.2)])
+def test_a_short_rest_does_no_harm(first_s: float, last_s: float) -> None:
+    found, before = headings(home_and_back(first_s, last_s))
+    assert found < before + 0.05
 
 
 def test_a_field_that_comes_late_turns_all_that_is_told_in_earth_axes() -> None:

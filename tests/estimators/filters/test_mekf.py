@@ -33,7 +33,7 @@ def running(seed: int = 0) -> Array:
     state[S.bias : S.bias + 3] = 0.05 * random.standard_normal(3)
     state[S.M : S.ba] = 0.01 * random.standard_normal(9)
     state[S.ba : S.v] = 0.1 * random.standard_normal(3)
-    root = random.standard_normal((N, N)) * np.repeat([0.03, 0.01, 0.004, 0.03, 0.3, 0.05], [3, 3, 9, 3, 2, 1])[:, None]
+    root = random.standard_normal((N, N)) * np.repeat([0.03, 0.01, 0.004, 0.03, 0.3, 0.05], [3, 3, 9, 3, 2, 2])[:, None]
     state[S.P : S.P + N * N] = (root @ root.T).ravel()
     state[S.stage] = RUNNING
     return state
@@ -50,7 +50,7 @@ def moved(state: Array, x: Array) -> Array:
 def apart(a: Array, b: Array) -> Array:
     """The error (N,) that leads from state b to state a."""
     theta = rotation.to_rotvec(rotation.multiply(a[S.attitude : S.M], rotation.conjugate(b[S.attitude : S.M])))
-    return np.concatenate([theta, a[S.bias : S.bias + 3] - b[S.bias : S.bias + 3], a[S.M : S.d + 1] - b[S.M : S.d + 1]])
+    return np.concatenate([theta, a[S.bias : S.bias + 3] - b[S.bias : S.bias + 3], a[S.M : S.P] - b[S.M : S.P]])
 
 
 def transition(state: Array) -> Array:
@@ -104,7 +104,8 @@ def test_the_covariance_moves_as_the_dense_one() -> None:
     noise = np.deg2rad(values[1]) ** 2 * time + values[2] ** 2 * turned
     walk = np.deg2rad(values[3]) ** 2 * time
     local = np.deg2rad(3.0) ** 2 * (1.0 - keep**2)
-    q = np.concatenate([np.full(3, noise), np.full(3, walk), np.zeros(12), np.full(2, values[8] ** 2 * time), [local]])
+    velocity = values[8] ** 2 * time
+    q = np.repeat([noise, walk, 0.0, velocity, local, 0.0], [3, 3, 12, 2, 1, 1])
     mekf.predict(state, values)
     assert state[S.P : S.P + N * N].reshape(N, N) == pytest.approx(f @ p @ f.T + np.diag(q), abs=1e-14)
 
@@ -138,7 +139,7 @@ def test_the_field_corrects_heading_gyro_and_its_own_direction_and_nothing_else(
         h[j] = (np.arctan2(x[1], x[0]) - psi) / 1e-6
     h[E.d] = -1.0
     r = np.deg2rad(14.0) ** 2 / 0.02
-    k = np.where(np.isin(np.arange(N), [*range(2, E.ba), E.d]), p @ h, 0.0) / (h @ p @ h + r)
+    k = np.where(np.isin(np.arange(N), [*range(2, E.ba), E.d, E.home]), p @ h, 0.0) / (h @ p @ h + r)
     compass.heading(state, parameters(), -0.05, *field, 1.0)
     assert state[S.x : S.x + N] == pytest.approx(-0.05 * k, rel=1e-4, abs=1e-12)
     assert state[S.P : S.P + N * N].reshape(N, N) == pytest.approx(joseph(p, h, k, r), abs=1e-7)
@@ -150,7 +151,7 @@ def test_another_prior_is_one_more_measurement() -> None:
 
     def begun(sigma: float) -> Array:
         state = running(5)
-        p = np.diag(np.repeat([1e-6, 1e-9, 1e-9, sigma**2, 1.0, 0.0], [3, 3, 9, 3, 2, 1]))
+        p = np.diag(np.repeat([1e-6, 1e-9, 1e-9, sigma**2, 1.0, 0.0], [3, 3, 9, 3, 2, 2]))
         state[S.P : S.P + N * N], state[S.ba : S.v], state[S.x : S.x + N] = p.ravel(), 0.0, 0.0
         state[S.impulse + 2] = -9.8
         state[S.A : S.A + 9] = np.eye(3).ravel()

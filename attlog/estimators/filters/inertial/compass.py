@@ -4,6 +4,7 @@ Calibration of the magnetometer, a filter of its own:
 
     h   = h_0 + R o + tau (R w) x h_0              the field of a sensor with offset o and delay tau             (1)
     psi = atan2(h_E, h_N),  z = d - psi            heading of what is left without o and tau                     (2)
+    z = home - psi                                 the same at rest, where norm and dip are those of the first rest
 
 A magnetometer that answers 15 ms late is 4 deg off at 300 deg/s, always to the same side while the body turns to one
 side; one with a field of 1 uT fixed to the body is 3 deg off where the earth's horizontal field is 20 uT. Both show in
@@ -71,6 +72,10 @@ REOPEN_SIGMAS = 4.0
 FIELD_NOISE, FIELD_WALK = 0.023, 0.01
 # A field fixed to the body is taken off as far as it exceeds this many of its sigmas.
 BODY_FIELD_SIGMAS = 4.0
+# A rest counts after that long; a later one measures the first one's field for that long: more would average no room.
+HOME_QUIET_S, HOME_SEEN_S = 1.0, 4.0
+# The same field again: norm (relative) and dip [rad], and a heading within so many sigmas.
+HOME_NORM, HOME_DIP, HOME_SIGMAS = 0.012, 0.6 * RAD, 4.0
 # Largest slope of the field that carries tilt into heading: beyond it the field is too steep to show north.
 MAX_FIELD_SLOPE = 6.0
 
@@ -165,6 +170,7 @@ def field(state: Any, params: Any) -> None:
     watch_field(state, value)
     if weight > 0.0:
         heading(state, params, value, x, y, z, weight)
+    home_field(state, params)
 
 
 def calibrated(state: Any, params: Any, x: float, y: float, z: float) -> tuple[float, float, float]:
@@ -239,22 +245,15 @@ def wrapped(angle: float) -> float:
     return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
-def heading_variance(state: Any) -> float:
-    """Return the variance of d - psi without the field's noise."""
-    known: float = state[S.P + 2 * (N + 1)] + state[S.P + E.d * (N + 1)] - 2.0 * state[S.P + 2 * N + E.d]
-    return max(known, 0.0)
+def heading_variance(state: Any, reference: int) -> float:
+    """Return the variance of d - psi, or home - psi, without the field's noise."""
+    own: float = state[S.P + 2 * (N + 1)] + state[S.P + reference * (N + 1)] - 2.0 * state[S.P + 2 * N + reference]
+    return max(own, 0.0)
 
 
 def heading(state: Any, params: Any, value: float, x: float, y: float, z: float, weight: float) -> None:
-    """Update (8) with the field (x, y, z); heading, gyro bias, gyro matrix and d are corrected."""
-    square_level = x * x + y * y
-    hx = -z * x / square_level
-    hy = -z * y / square_level
-    for j in range(N):
-        state[S.column + j] = (
-            state[S.P + 2 * N + j] + hx * state[S.P + j] + hy * state[S.P + N + j] - state[S.P + E.d * N + j]
-        )
-    limit = params[K.mag_gate] * math.sqrt(heading_variance(state) + square(3.0 * RAD))
+    """Update (8) with the field (x, y, z), down-weighted beyond the gate and at rest."""
+    limit = params[K.mag_gate] * math.sqrt(heading_variance(state, E.d) + square(3.0 * RAD))
     spread = square(RAD * params[K.mag_noise]) / (weight * min(state[S.field_since], 1.0))
     if abs(value) > limit:
         spread *= square(value / limit)
@@ -263,32 +262,77 @@ def heading(state: Any, params: Any, value: float, x: float, y: float, z: float,
         if room <= 0.0:
             return
         spread *= state[S.P + 2 * (N + 1)] / room
-    s = 1.0 / (state[S.column + 2] + hx * state[S.column] + hy * state[S.column + 1] - state[S.column + E.d] + spread)
     # The heading takes on a share of the field's doubt (5).
-    keep = square(1.0 - s * state[S.column + 2])
+    keep = square(1.0 - update_heading(state, E.d, value, x, y, z, spread))
     state[S.heading_doubt] = keep * state[S.heading_doubt] + (1.0 - keep) * state[S.field_doubt]
-    value -= state[S.x + 2] + hx * state[S.x] + hy * state[S.x + 1] - state[S.x + E.d]
-    for i in range(2, E.ba):
-        state[S.x + i] += s * value * state[S.column + i]
-    state[S.x + E.d] += s * value * state[S.column + E.d]
+
+
+def update_heading(state: Any, reference: int, value: float, x: float, y: float, z: float, spread: float) -> float:
+    """Update with entry ``reference`` less psi measured as ``value``, variance ``spread``; return the heading's gain.
+
+    Heading, gyro bias, gyro matrix, d and home are corrected.
+    """
+    square_level = x * x + y * y
+    hx = -z * x / square_level
+    hy = -z * y / square_level
+    for j in range(N):
+        state[S.column + j] = (
+            state[S.P + 2 * N + j] + hx * state[S.P + j] + hy * state[S.P + N + j] - state[S.P + reference * N + j]
+        )
+    known = state[S.column + 2] + hx * state[S.column] + hy * state[S.column + 1] - state[S.column + reference]
+    s = 1.0 / (known + spread)
+    gain: float = s * state[S.column + 2]
+    value -= state[S.x + 2] + hx * state[S.x] + hy * state[S.x + 1] - state[S.x + reference]
+    subtract_column(state, S.x, -s * value)
     # Where neither row nor column is corrected, P stays.
     for i in range(N):
         c = s * state[S.column + i]
-        if 2 <= i < E.ba or i == E.d:
+        if 2 <= i < E.ba or i >= E.d:
             for j in range(N):
                 state[S.P + N * i + j] -= c * state[S.column + j]
         else:
             subtract_column(state, S.P + N * i, c)
     for i in range(3):
         k = S.reach + N * i
-        subtract_column(state, k, s * (state[k + 2] + hx * state[k] + hy * state[k + 1] - state[k + E.d]))
+        subtract_column(state, k, s * (state[k + 2] + hx * state[k] + hy * state[k + 1] - state[k + reference]))
+    return gain
 
 
 def subtract_column(state: Any, at: int, c: float) -> None:
-    """Subtract c times ``S.column`` from the row at ``at`` for what a heading corrects: heading, gyro, d."""
+    """Subtract c times ``S.column`` from the row at ``at`` for what a heading corrects: itself, gyro, d, home."""
     for j in range(2, E.ba):
         state[at + j] -= c * state[S.column + j]
-    state[at + E.d] -= c * state[S.column + E.d]
+    for j in range(E.d, N):
+        state[at + j] -= c * state[S.column + j]
+
+
+def home_field(state: Any, params: Any) -> None:
+    """Measure home - psi by the low-passed field in the first rest, and in later ones where the field is that one."""
+    if params[K.home_noise] <= 0.0:
+        return
+    if state[S.quiet] < HOME_QUIET_S:
+        state[S.home_left] = 1.0 if state[S.home_time] > 0.0 else 0.0
+        return
+    x, y, z = state[S.field_now], state[S.field_now + 1], state[S.field_now + 2]
+    level = math.sqrt(x * x + y * y)
+    norm = math.sqrt(x * x + y * y + z * z)
+    dip = math.atan2(z, level)
+    time = min(state[S.field_since], 1.0)
+    if state[S.home_time] == 0.0:
+        state[S.home] = math.atan2(y, x)
+    value = wrapped(state[S.home] - math.atan2(y, x))
+    if state[S.home_left] == 0.0:
+        state[S.home_time] += time
+        state[S.home_norm] += time / state[S.home_time] * (norm - state[S.home_norm])
+        state[S.home_dip] += time / state[S.home_time] * (dip - state[S.home_dip])
+    elif (
+        state[S.quiet] > HOME_QUIET_S + HOME_SEEN_S
+        or abs(norm - state[S.home_norm]) > HOME_NORM * state[S.home_norm]
+        or abs(dip - state[S.home_dip]) > HOME_DIP
+        or abs(value) > HOME_SIGMAS * math.sqrt(heading_variance(state, E.home) + square(RAD))
+    ):
+        return
+    update_heading(state, E.home, value, x, y, z, square(RAD * params[K.home_noise]) / time)
 
 
 def trust(state: Any, x: float, y: float, z: float) -> float:
@@ -359,7 +403,7 @@ def candidate(state: Any, time: float, good: bool) -> bool:
         state[S.norm] = math.sqrt(square(level) + square(state[S.candidate_field + 2]))
         state[S.dip] = math.atan2(state[S.candidate_field + 2], level)
         state[S.undisturbed] = UNDISTURBED_TIME
-    if abs(psi) > REOPEN_SIGMAS * math.sqrt(heading_variance(state) + square(4.0 * RAD)):
+    if abs(psi) > REOPEN_SIGMAS * math.sqrt(heading_variance(state, E.d) + square(4.0 * RAD)):
         state[S.P + 2 * (N + 1)] += psi * psi
         copy_field(state)
     return True

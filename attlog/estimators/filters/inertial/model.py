@@ -8,20 +8,22 @@ from typing import Any
 from attlog.estimators.interface import Parameter
 from attlog.estimators.vectors import multiplied, places, quaternion
 
-# Errors that the covariance holds: attitude (earth axes), gyro bias, gyro matrix, accelerometer bias, velocity, field.
-ERROR_SIZES = {"theta": 3, "bias": 3, "M": 9, "ba": 3, "v": 2, "d": 1}
+# Errors that the covariance holds: attitude (earth axes), gyro bias, gyro matrix, accelerometer bias, velocity, and the
+# headings of the field, here and at the first rest.
+ERROR_SIZES = {"theta": 3, "bias": 3, "M": 9, "ba": 3, "v": 2, "d": 1, "home": 1}
 N = sum(ERROR_SIZES.values())
 STATE = {
     "q": 4,
     "bias": 3,
     "sigma_tilt": 1,
     "sigma_heading": 1,
-    # The filter's attitude (``q`` is turned on by ``lead``), and what an error M, ba, v, d corrects, in its order.
+    # The filter's attitude (``q`` is turned on by ``lead``), and what an error M, ba, v, d, home corrects, in order.
     "_attitude": 4,
     "_M": 9,
     "_ba": 3,
     "_v": 2,
     "_d": 1,
+    "_home": 1,
     "_P": N * N,
     "_x": N,
     "_column": N,
@@ -57,6 +59,11 @@ STATE = {
     "_undisturbed": 1,
     "_rejected": 1,
     "_candidate_time": 1,
+    # The field at the first rest: norm, dip, seconds of it, and whether that rest is over.
+    "_home_norm": 1,
+    "_home_dip": 1,
+    "_home_time": 1,
+    "_home_left": 1,
     # Calibration of the magnetometer: earth field, offset and delay, in units of the first field's size.
     "_cal": 7,
     "_cal_P": 49,
@@ -104,6 +111,9 @@ PARAMETERS = (
     Parameter("offset_sigma", 0.06, "", 0, 10, "body-fixed field expected, as part of the field", RECORDED),
     Parameter("field_sigma", 0.0, "deg", 0, 90, "deviation of the local field's heading", RECORDED),
     Parameter("field_time", 60.0, "s", 0.1, 10000, "time of motion after which it is another", RECORDED),
+    Parameter(
+        "home_noise", 0.0, "deg*sqrt(s)", 0, 1000, "noise of the first rest's field seen again; 0: off", PHYSICAL
+    ),
     Parameter("lead", 0.0, "ms", -100, 100, "output turned on by this time: for an IMU that lags", "attlog"),
     # Half of the flights with truth have more; it moves no attitude.
     Parameter("acc_bias_considered", 0.12, "m/s^2", 0, 10, "accelerometer bias beyond that counted in sigmas", TRUTH),

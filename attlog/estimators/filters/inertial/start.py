@@ -24,6 +24,8 @@ from attlog.estimators.vectors import GRAVITY, matrix, multiplied, quaternion, r
 # Time constants of the low-passes whose difference shows motion [s], and limits of that difference at rest.
 FAST_S, SLOW_S = 0.04, 0.5
 REST_GYRO, REST_FORCE_M_S2 = 0.7 * RAD, 0.2
+# Sigma [rad] of the first rest's field heading before it is seen: far above any heading's.
+UNKNOWN_HOME = 10.0
 
 
 def look_for_rest(state: Any, params: Any, dt: float, gyr: Any, acc: Any) -> None:
@@ -109,6 +111,8 @@ def begin(state: Any, params: Any) -> None:
         state[S.P + (N + 1) * (E.M + i)] = square(params[K.scale_sigma] if i % 4 == 0 else params[K.misalignment_sigma])
     for i in range(E.v, E.d):
         state[S.P + (N + 1) * i] = 1.0
+    if params[K.home_noise] > 0.0:
+        state[S.P + (N + 1) * E.home] = square(UNKNOWN_HOME)
     state[S.excess] = 1.0
     state[S.expected] = square(params[K.acc_bias_sigma])
     state[S.v_mean] = max(square(params[K.velocity_sigma]), 0.5 * square_swing(state))
