@@ -218,7 +218,7 @@ def estimate(
         found = estimate(estimator.without_gnss, times, gyr, acc, mag, **other)  # type: ignore[arg-type]
         heard = [*["mag"] * (mag is not None), *["airspeed"] * (aids is not None and aids.airspeed is not None)]
         quality: dict[str, float | str] = {"aided_by": " ".join(heard) or "gravity", "model": estimator.without_gnss}
-        return replace(found, quality=quality)
+        return replace(found, quality=found.quality | quality)
     ours = estimator.origin == "attlog"
     lead = not ours or (estimator.run is None and estimator.vectors_at == "start")
     samples = prepare(times, gyr, acc, mag, dt=dt, sampling=sampling, hold_mag=estimator.hold_mag, lead=lead, ours=ours)

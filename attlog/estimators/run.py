@@ -407,8 +407,18 @@ def collect(
         segment=samples.segment[rows],
         skipped=samples.skipped | counted,
         causal=estimator.causal,
+        quality=truncation_note(samples),
         no_heading=spans,
     )
+
+
+def truncation_note(samples: PreparedSamples) -> dict[str, float | str]:
+    """Return a gyro's steps in deg/s and the time from which half of one is added, where readings are cut."""
+    cut = samples.truncation
+    if cut is None:
+        return {}
+    last = min(cut.readings, len(samples.t) - 1)
+    return {"gyro_step_dps": float(np.degrees(cut.step.max())), "gyro_step_added_from_s": float(samples.t[last])}
 
 
 def end_to_end(parts: list[Array]) -> Array:
@@ -482,7 +492,7 @@ def _whole_segments(
         skipped=dict(skipped),
         ns_per_update=1e9 * spent / max(len(s.t), 1),
         causal=estimator.causal and all(one.causal for one in found),
-        quality=max(found, key=lambda e: len(e.q)).quality if found else {},
+        quality=(max(found, key=lambda e: len(e.q)).quality if found else {}) | truncation_note(s),
         no_heading=spans,
     )
 

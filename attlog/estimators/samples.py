@@ -5,6 +5,8 @@ What happens to real input, once for all filters:
 - a sample whose time or gyro is not finite, whose time does not rise or whose gyro is
   beyond any sensor's range is left out and counted; of times that run backwards the
   longest rising sequence is kept;
+- a gyro whose readings are cut towards zero (:mod:`attlog.core.truncation`) gets half a step back
+  from the reading on that shows it;
 - a missing, zero or impossible accelerometer or magnetometer vector reaches the step as
   a zero vector, which asks for no correction;
 - ``interval``: sample k acts over (t_{k-1}, t_k]; ``instant``: the mean of k-1 and k does;
@@ -26,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from attlog.core import rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+from attlog.core.truncation import Truncation, truncation_of
 from attlog.estimators.interface import Array, VectorsAt
 
 Sampling = Literal["interval", "instant"]
@@ -54,6 +57,7 @@ class PreparedSamples:
     segment: NDArray[np.int64]
     begin: NDArray[np.int64]
     skipped: dict[str, int] = field(default_factory=dict)
+    truncation: Truncation | None = None
     # ``acc``, ``mag``, ``use`` with a row of nothing before the first sample, where they are views of such arrays.
     led: tuple[Array, Array, NDArray[np.int64]] | None = None
     # What start found, by begin, end and ``init``, for who runs over them again.
@@ -94,6 +98,9 @@ def prepare(
     t, gyr, acc, mag, own = _shapes(t, gyr, acc, mag, dt)
     skipped: dict[str, int] = {}
     t, gyr, acc, mag, own = _good_times(t, gyr, acc, mag, own, skipped)
+    cut = truncation_of(gyr)
+    if cut is not None:
+        gyr = np.concatenate([gyr[: cut.readings], cut.restore(gyr[cut.readings :])])
     acc = _vectors(acc, ACC_LIMIT_M_S2, skipped, absent_is_missing=False)
     # zeros that are never written take no memory
     mag = _vectors(mag, np.inf, skipped, absent_is_missing=True) if has_mag else np.zeros((len(t), 3))
@@ -135,7 +142,7 @@ def prepare(
         acc, mag, use = led[0][1:], led[1][1:], led[2][1:]
     else:
         acc, mag = (np.require(x, requirements=("C", "W")) for x in (acc, mag))
-    return PreparedSamples(t, step, substeps, rate, acc, mag, use, segment, np.flatnonzero(first), skipped, led)
+    return PreparedSamples(t, step, substeps, rate, acc, mag, use, segment, np.flatnonzero(first), skipped, cut, led)
 
 
 def lagged_samples(samples: PreparedSamples, at: VectorsAt) -> tuple[Array, Array, NDArray[np.int64]]:

@@ -22,6 +22,7 @@ from attlog.flight.timestamps import describe_early_end
 from attlog.flight.vehicle import VehicleKind, vehicle_kind
 
 if TYPE_CHECKING:
+    from attlog.core.truncation import Truncation
     from attlog.formats.table import Messages
 
 Array = NDArray[np.float64]
@@ -90,7 +91,8 @@ class Imu:
     """Inertial unit: ``gyro`` rad/s and ``acc`` m/s^2 (specific force) at the same times.
 
     ``filtered``: processing before the logger ("none", "low-pass 80 Hz", ...). ``dt`` (n,): integration time of each
-    sample where the log holds increments. ``device`` and ``acc_device``: ids of gyro and accelerometer.
+    sample where the log holds increments. ``truncation``: how the readings were cut, where half a step has been put
+    back. ``device`` and ``acc_device``: ids of gyro and accelerometer.
     """
 
     index: int
@@ -103,6 +105,7 @@ class Imu:
     dt: Array | None = None
     note: str = ""
     acc_device: str | None = None
+    truncation: Truncation | None = None
     __repr__ = brief
 
 

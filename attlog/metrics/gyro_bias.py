@@ -45,7 +45,8 @@ class CommonBias:
     ``asked``: the option; ``taken``: the one used; ``why``: reason of a difference. ``dps`` (3): deg/s, for ``onboard``
     the mean over the log. ``half95_dps`` (3): half the 95 % interval over ``seconds`` s of rest between ``t0_s`` and
     ``t1_s``, without changes in flight. ``landed_dps`` (3): mean rate of the rests after the flight. ``flew``: the rest
-    ends before a take-off.
+    ends before a take-off. ``steps_dps`` (3): steps of a gyro whose readings are cut towards zero, and to which half a
+    step was added before; ``steps_seen_s``: time of the reading that showed it.
     """
 
     asked: Choice
@@ -59,6 +60,8 @@ class CommonBias:
     landed_dps: list[float] | None = None
     why: str = ""
     flew: bool = False
+    steps_dps: list[float] | None = None
+    steps_seen_s: float | None = None
     # For ``onboard``: times (m,) s and values (m, 3) rad/s, each valid until the next.
     over_time: tuple[Array, Array] | None = field(default=None, repr=False, metadata={IN_JSON: False})
 
@@ -81,6 +84,9 @@ def common_bias(log: FlightLog, segments: Segments, imu: Imu, asked: Choice) -> 
         no_common_bias() if asked == "none" else _onboard(log, imu) if asked == "onboard" else _rest(log, segments, imu)
     )
     found.asked, found.imu = asked, imu.gyro.source
+    if imu.truncation is not None:
+        found.steps_dps = [float(v) for v in np.degrees(imu.truncation.step)]
+        found.steps_seen_s = float(imu.gyro.t[imu.truncation.readings - 1])
     return found
 
 

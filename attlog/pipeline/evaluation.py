@@ -268,6 +268,7 @@ def without_replay(
 
     ``case``: the prepared log, if it can be replayed.
     """
+    log = log if case is None else case.log
     with stage("segments"):
         phases = segments.build(log) if case is None else case.segments
         happened = story.events(log, phases)

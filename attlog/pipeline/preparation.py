@@ -15,6 +15,7 @@ from attlog import flight, reference, segments
 from attlog.core.errors import LogUnusable, UsageError
 from attlog.core.log_cache import log_cache
 from attlog.core.machine import release_memory
+from attlog.core.truncation import truncation_of
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog, Imu, guarded_part
 from attlog.metrics.gyro_bias import common_bias, no_common_bias
@@ -136,6 +137,18 @@ def reference_options(config: Config) -> reference.ReferenceOptions:
     )
 
 
+def untruncated(log: FlightLog) -> FlightLog:
+    """Return the log with half a step put back where a gyro's readings are cut towards zero, in the whole log."""
+    found = [truncation_of(imu.gyro.x) for imu in log.imus]
+    if not any(found):
+        return log
+    imus = [
+        replace(imu, gyro=replace(imu.gyro, x=cut.restore(imu.gyro.x)), truncation=cut) if cut else imu
+        for imu, cut in zip(log.imus, found, strict=True)
+    ]
+    return replace(log, imus=imus)
+
+
 @log_cache()
 def prepare(
     source: str | Path | FlightLog, config: Config | Mapping[str, Any] | None = None, **options: Unpack[Options]
@@ -158,6 +171,7 @@ def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
     """Prepare a log that was read. LogUnusable if it cannot be replayed."""
     require_imu(log)
     flight.check_analysis_memory(log, flight.ANALYSIS_BYTES)
+    log = untruncated(log)
     stage.samples = samples_of(log)
     with stage("segments"):
         phases = segments.build(log)

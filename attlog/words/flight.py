@@ -67,7 +67,16 @@ def firmware(result: Result) -> str:
 def gyro_bias_text(result: Result) -> list[str]:
     """Return one sentence per replayed IMU on the bias subtracted from its gyro."""
     several = len(result.gyro_bias) > 1
-    return [(f"{bias.imu}: " if several else "") + bias_sentence(bias) for bias in result.gyro_bias]
+    return [
+        (f"{bias.imu}: " if several else "") + sentence
+        for bias in result.gyro_bias
+        for sentence in (bias_sentence(bias), *([] if bias.steps_dps is None else [steps_sentence(bias.steps_dps)]))
+    ]
+
+
+def steps_sentence(dps: list[float]) -> str:
+    """Return the sentence on a gyro whose readings are cut towards zero."""
+    return f"The gyro's readings are cut towards zero in steps of {max(dps):.2g} deg/s; half a step was added."
 
 
 def bias_sentence(bias: CommonBias) -> str:

@@ -122,6 +122,19 @@ def test_samples_changed_before_a_filter_get_the_bias_that_they_have_then(sample
     assert case.gyro_of(shifted) == pytest.approx(case.gyro_of(imu), abs=1e-12)
 
 
+def test_telemetry_in_whole_milliradians_gets_half_of_one_back_before_its_bias_is_taken(samples):
+    """ArduPilot sends rates as ``int16_t(1000 * rate)``, cut towards zero; the log of the same flight has them whole."""
+    log = attlog.read(samples / "copter_steps_stabilize.tlog")
+    case, whole = attlog.prepare(log), attlog.prepare(samples / "copter_steps_stabilize.bin")
+    (bias,) = case.gyro_bias.values()
+    assert bias.steps_dps == pytest.approx([np.degrees(1e-3)] * 3, rel=1e-3)
+    assert 0.0 < bias.steps_seen_s < 60.0
+    given, read = case.log.replay_imu.gyro.x, log.replay_imu.gyro.x
+    assert given == pytest.approx(read + 0.5e-3 * np.sign(np.round(read, 4)), abs=1e-9)
+    assert log.replay_imu.truncation is None
+    assert whole.log.replay_imu.truncation is None
+
+
 @pytest.mark.slow
 def test_extracted_attitudes_are_those_of_the_analysis(attlog, samples, tmp_path):
     import json
