@@ -335,15 +335,13 @@ def _delay_of(steps: VelocitySteps, segments: list[Index]) -> _Delay:
 
 def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_blocks: float) -> HeadingOffset:
     """Fit the rotation over all segments, each cleaned of outliers by its own fit."""
-    rotations = []
     kept = [_without_outliers(steps.gnss[part], steps.force[delay.at, part]) for part in segments]
     chosen = [part[keep] for part, keep in zip(segments, kept, strict=True)]
     if not sum(len(part) for part in chosen):
         return _none("no GNSS velocity beside samples of the IMU")
-    aside = max(1, round(delay.sigma_s / STEP_S))
-    for at in (delay.at - aside, delay.at + aside, delay.at):
-        a, b = (np.concatenate([x[part] - x[part].mean() for part in chosen]) for x in (steps.gnss, steps.force[at]))
-        rotations.append(np.angle(np.sum(b * a.conj())))
+    aside, a = max(1, round(delay.sigma_s / STEP_S)), _centred(steps.gnss, chosen)
+    before, after, b = (_centred(steps.force[at], chosen) for at in (delay.at - aside, delay.at + aside, delay.at))
+    rotations = [np.angle(np.sum(x * a.conj())) for x in (before, after, b)]
     t = np.concatenate([steps.t0[part] for part in chosen])
     turned = np.angle(np.exp(1j * (rotations[1] - rotations[0]))) * delay.sigma_s / (2.0 * aside * STEP_S)
     spread, blocks = _spread(t, a, b)
@@ -364,6 +362,11 @@ def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_bl
     )
     why = delay.why or _why_not(found, least_blocks)
     return replace(found, known=not why, why=why)
+
+
+def _centred(x: Complex, parts: list[Index]) -> Complex:
+    """Return the values of all parts, each about its own mean."""
+    return np.concatenate([own - own.mean() for own in (x[part] for part in parts)])
 
 
 def _without_outliers(a: Complex, b: Complex) -> NDArray[np.bool_]:

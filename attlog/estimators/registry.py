@@ -19,6 +19,7 @@ from_log                                optional, see :class:`attlog.estimators.
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import inspect
@@ -144,10 +145,15 @@ def get(name: str) -> Estimator:
     if is_recorded(name):
         return recorded_estimator(Path(name))
     if name in BUILT_IN + FLOWN:
-        module = importlib.import_module(f"attlog.estimators.filters.{MAHONY_FAMILY.get(name, name)}")
-        return from_module(getattr(module, "FAMILY", {name: module})[name], name)
+        return _built_in(name)
     point = _entry_point(name)
     return plugins.from_package(name, f"{point.value} {_version(point)}", load_here)
+
+
+@functools.cache
+def _built_in(name: str) -> Estimator:
+    module = importlib.import_module(f"attlog.estimators.filters.{MAHONY_FAMILY.get(name, name)}")
+    return from_module(getattr(module, "FAMILY", {name: module})[name], name)
 
 
 def load_here(name: str) -> Estimator:

@@ -76,13 +76,11 @@ def compute_errors(angle: str, case: Case, row: Track, window: str) -> dict[str,
     """Return the error statistics of one of ANGLES in a window."""
     group, errors = ERRORS[angle], row.errors
     assert errors is not None
-    good = _scored(case, row) & in_window(case, errors.t, window)
-    count = int(np.count_nonzero(good))
+    good, count, duration = _scored_in(case, row, window)
     if count < MIN_SAMPLES:
         start = case.reference.scoring.start
         reason = f"{count} scored samples are too few; {MIN_SAMPLES} are needed, from {start:.1f} s on"
         return group.without("not_covered", reason, window)
-    duration = covered_seconds(errors.t, model.segment_slices(good, _segments(case, row)))
     own = own_sigma(case, angle, window)
     size = ErrorSize(np.abs(getattr(errors, angle)[good]), duration, own, white_noise(case, angle))
     units = block_units(case, row, window, angle)
@@ -151,6 +149,15 @@ def _scored(case: Case, row: Track) -> NDArray[np.bool_]:
 
 
 @per_row
+def _scored_in(case: Case, row: Track, window: str) -> tuple[NDArray[np.bool_], int, float]:
+    """Return which of a row's errors (n,) are scored in a window, their number and the seconds that they cover."""
+    assert row.errors is not None
+    good = _scored(case, row) & in_window(case, row.errors.t, window)
+    seconds = covered_seconds(row.errors.t, model.segment_slices(good, _segments(case, row)))
+    return good, int(np.count_nonzero(good)), seconds
+
+
+@per_row
 def _segments(case: Case, row: Track) -> NDArray[np.int64]:
     """Return the segments (n,) of a row's errors between gaps and resets."""
     errors = row.errors
@@ -172,7 +179,8 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
     if errors is not None and len(errors.t) > 1:
         needed = BLOCK_FILLED * length / median_step(case, row)
         begin, first, last = _error_blocks(case, errors.t, window, length)
-        total, count = (statistics.group_sums(x, first, last) for x in _block_squares(case, row, angle))
+        total = statistics.group_sums(_block_squares(case, row, angle), first, last)
+        count = _block_counts(case, row, window, length)
         full = count >= max(needed, 2)
         begin, values = begin[full], np.maximum(total[full] / count[full] - white_noise(case, angle) ** 2, 0.0)
     chosen = make_ids(begin)
@@ -195,15 +203,17 @@ def _error_blocks(
 
 
 @per_row
-def _block_squares(case: Case, row: Track, angle: str) -> tuple[Array, Array]:
+def _block_squares(case: Case, row: Track, angle: str) -> Array:
     """Return squares (n,) of an error angle, 0 where not scored."""
-    return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0), _counted(case, row)
+    return np.where(_scored(case, row), getattr(row.errors, angle) ** 2, 0.0)
 
 
 @per_row
-def _counted(case: Case, row: Track) -> Array:
-    """Return the scored samples as 0 or 1 (n,)."""
-    return _scored(case, row).astype(np.float64)
+def _block_counts(case: Case, row: Track, window: str, length: float) -> Array:
+    """Return the number of scored samples (k,) in each block of a window."""
+    assert row.errors is not None
+    _, first, last = _error_blocks(case, row.errors.t, window, length)
+    return statistics.group_sums(_scored(case, row).astype(np.float64), first, last)
 
 
 def rmse_of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float, sigma: float) -> Summary:

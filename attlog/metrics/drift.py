@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Hashable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -345,6 +346,12 @@ def usable_rests(case: Case, row: Track, window: str) -> list[tuple[Span, tuple[
     return [(span, tuple(spans)) for span, spans in zip(whole, usable, strict=True)]
 
 
+def rests_of_window(case: Case, row: Track, window: str) -> Hashable:
+    """Return the rests that a window means; the window itself where its name is in the reasons."""
+    spans = _whole(case, window)
+    return tuple(spans) if spans and ":" not in window else window
+
+
 def rest_records(case: Case, row: Track, window: str) -> list[Drift]:
     """Return the drift of each rest of a window in time order."""
     found = []
@@ -535,24 +542,34 @@ def _against(case: Case, row: Track, name: str, window: str) -> Answer:
         return missing("not_applicable", "this row is the heading reference itself", "deg/min", window)
     if not case.segments.spans("airborne"):
         return missing("not_covered", why_never_airborne(case), "deg/min", window)
-    blocks = error_blocks(case, row, name, window)
-    if blocks is None or len(blocks.t) == 0:
+    found = _air_drift(case, row, name, intersect(case.segments.spans("airborne"), case.segments.spans(window)))
+    if found is None:
         return missing(
             "not_covered", f"there is no scored flight in common with {HEADING_REFERENCES[name]}", "deg/min", window
         )
-    found = fit_drift(blocks)
     if found.value is None:
         reason = f"flight to compare with {HEADING_REFERENCES[name]}: {reason_too_short(found, DRIFT_AIR_S)}"
         return missing("record_too_short", reason, "deg/min", window)
     if name == reference.kind and found.ci95 is not None:
         per_min = 60.0 * own_sigma(case, "heading", window) / found.seconds
-        found.ci95 = statistics.widen_by_reference(found.value, found.ci95, per_min)
-    answer = drift_answer(found, window, name)
-    return answer
+        found = replace(found, ci95=statistics.widen_by_reference(found.value, found.ci95, per_min))
+    return drift_answer(found, window, name)
+
+
+@per_row
+def _air_drift(case: Case, row: Track, name: str, spans: list[Span]) -> Drift | None:
+    """Return the drift against a heading reference in spans of flight; None without a common time."""
+    blocks = _error_blocks(case, row, name, spans)
+    return None if blocks is None or len(blocks.t) == 0 else fit_drift(blocks)
 
 
 REST_DRIFT = MetricGroup(
-    "drift at rest", "Yaw drift", REST_DRIFT_METRICS, compute_rest_drift, ("all", "rest", "rest.long")
+    "drift at rest",
+    "Yaw drift",
+    REST_DRIFT_METRICS,
+    compute_rest_drift,
+    ("all", "rest", "rest.long"),
+    rests_on=rests_of_window,
 )
 AIR_DRIFT = MetricGroup("drift in the air", "Yaw drift", AIR_DRIFT_METRICS, compute_air_drift, ("all", "airborne"))
 METRIC_GROUPS = (REST_DRIFT, AIR_DRIFT)

@@ -13,7 +13,17 @@ from attlog.estimators import is_recorded
 from attlog.metrics import step_turning
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
-from attlog.metrics.step_fit import MIN_EVENTS, Fit, NormalEquations, RowFits, evidence, too_few, why_no_events
+from attlog.metrics.step_fit import (
+    MIN_EVENTS,
+    Fit,
+    NormalEquations,
+    RowFits,
+    evidence,
+    first_with,
+    timing,
+    too_few,
+    why_no_events,
+)
 from attlog.metrics.windows import why_no_errors, why_unproven
 from attlog.reference.model import Track
 
@@ -239,10 +249,16 @@ def sample_step(case: Case, row: Track) -> float:
     """Return the sampling interval of the replayed IMU, else the row, s."""
     imu = case.log.replay_imu
     t = row.t if imu is None else imu.gyro.t
-    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    return timing(case, t).step if len(t) > 1 else 0.0
 
 
 LAG = MetricGroup(
-    "lag", "Step response", LAG_METRICS, compute_lag, ("all", "airborne"), needs=(why_no_errors, why_no_events)
+    "lag",
+    "Step response",
+    LAG_METRICS,
+    compute_lag,
+    ("all", "airborne"),
+    needs=(why_no_errors, why_no_events),
+    rests_on=first_with,
 )
 METRIC_GROUPS = (LAG,)

@@ -171,7 +171,8 @@ class MetricGroup:
     """Metrics that one function computes, with its requirements.
 
     Computed in ``windows`` and any ``T0:T1``, or in every window if ``windows`` is empty. Each of ``needs`` returns
-    code and reason of what a case, row and window lack, or None. ``topic``: heading in a report.
+    code and reason of what a case, row and window lack, or None. ``topic``: heading in a report. ``rests_on``: what the
+    answers rest on; windows with equal evidence share them.
     """
 
     name: str
@@ -180,6 +181,7 @@ class MetricGroup:
     compute: Callable[[Case, Track, str], dict[str, Answer]]
     windows: tuple[str, ...] = ()
     needs: tuple[Callable[[Case, Track, str], tuple[str, str] | None], ...] = ()
+    rests_on: Callable[[Case, Track, str], Hashable] | None = None
 
     def ask(self, case: Case, row: Track, window: str) -> dict[str, Answer]:
         """Return the answers for one row and window by metric."""
@@ -189,7 +191,11 @@ class MetricGroup:
             absent = need(case, row, window)
             if absent is not None:
                 return self.without(*absent, window)
-        return self.compute(case, row, window)
+        if self.rests_on is None:
+            return self.compute(case, row, window)
+        key, known = (self.name, self.rests_on(case, row, window)), case.of_row.setdefault(row, {})
+        found = _remembered(known, key, lambda: self.compute(case, row, window))
+        return {name: replace(answer, window=window) for name, answer in found.items()}
 
     def without(self, code: str, reason: str, window: str) -> dict[str, Answer]:
         """Return answers without a value for all metrics."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -211,7 +211,7 @@ def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wa
 
     ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
     """
-    chosen = values[np.isin(ids, wanted)]
+    chosen = values if wanted is ids else values[np.isin(ids, wanted)]
     low, high = statistics.moderated_interval(chosen, prior)
     sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
     return Summary(sigma, (bottom, top))
@@ -240,6 +240,13 @@ def compute_noise(case: Case, row: Track, window: str) -> dict[str, Answer]:
     return {m.name: answers[m.name] for m in NOISE_METRICS}
 
 
+def spans_of_window(case: Case, row: Track, window: str) -> Hashable:
+    """Return phase and spans that a window means; the window itself where its name is in the reasons."""
+    phase = phase_of(case, window)
+    spans = [] if phase is None else phase_spans(case, phase, window)
+    return (phase, *spans) if spans and ":" not in window else window
+
+
 def prior_of(row: Track, phase: str, axis: str) -> VariancePrior:
     """Return the prior scatter of a row's noise in a phase about one of NOISE_AXES."""
     if phase == "rest":
@@ -266,7 +273,7 @@ def _answer(case: Case, row: Track, window: str, phase: str, axis: str, found: P
     else:
         correction = step**2 / 12.0
     on = partial(typical, ids, values, prior, correction)
-    summary = on(ids)
+    summary = on(ids) if correction else whole
     if summary.ci95 is not None and summary.ci95[1] > LARGEST_DEG:
         summary, reason = Summary(summary.value, None), "its windows differ too much to give an interval"
     if row.kind == "onboard" and phase != "rest":
@@ -345,5 +352,5 @@ def one_digit(summary: Summary) -> Summary:
     return Summary(rounded(summary.value), summary.ci95 and (rounded(summary.ci95[0]), rounded(summary.ci95[1])))
 
 
-NOISE = MetricGroup("noise", "Noise", NOISE_METRICS, compute_noise, needs=(why_no_noise,))
+NOISE = MetricGroup("noise", "Noise", NOISE_METRICS, compute_noise, needs=(why_no_noise,), rests_on=spans_of_window)
 METRIC_GROUPS = (NOISE,)

@@ -302,5 +302,6 @@ STEP_ERROR = MetricGroup(
     compute_step_error,
     ("all", "airborne"),
     needs=(why_no_errors, why_no_events),
+    rests_on=step_fit.first_with,
 )
 METRIC_GROUPS = (STEP_ERROR,)
