@@ -141,9 +141,10 @@ def fit_drift(blocks: HeadingBlocks, shortest_s: float = DRIFT_AIR_S) -> Drift:
         for part in statistics.equal_groups(length, max(1, round(length * blocks.block_s / target))):
             t, e = blocks.t[own][part], blocks.e[own][part]
             if len(t) >= MIN_BLOCKS:
-                slopes.append(60.0 * _line(t, e))
+                slope = _line(t, e)
+                slopes.append(60.0 * slope)
                 spans.append((float(t[0]), float(t[-1])))
-                rest[own][part] = e - e.mean() - _line(t, e) * (t - t.mean())
+                rest[own][part] = e - e.mean() - slope * (t - t.mean())
     found = Drift(None, None, np.array(slopes), spans, record)
     if len(slopes) < MIN_GROUPS or record < shortest_s - DRIFT_SLACK_S:
         return found

@@ -194,8 +194,8 @@ class MetricGroup:
         if self.rests_on is None:
             return self.compute(case, row, window)
         key, known = (self.name, self.rests_on(case, row, window)), case.of_row.setdefault(row, {})
-        found = _remembered(known, key, lambda: self.compute(case, row, window))
-        return {name: replace(answer, window=window) for name, answer in found.items()}
+        first, found = _remembered(known, key, lambda: (window, self.compute(case, row, window)))
+        return found if window == first else {name: replace(a, window=window) for name, a in found.items()}
 
     def without(self, code: str, reason: str, window: str) -> dict[str, Answer]:
         """Return answers without a value for all metrics."""
@@ -324,7 +324,8 @@ def _remembered(known: dict[Hashable, Any], key: Hashable, compute: Callable[[],
 
 
 def _key(compute: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]) -> Hashable:
-    return (compute, _frozen([*args, *(x for pair in sorted(kwargs.items()) for x in pair)]))
+    named = [x for pair in sorted(kwargs.items()) for x in pair] if kwargs else ()
+    return (compute, *(x if type(x) is str else _frozen(x) for x in (*args, *named)))
 
 
 def _frozen(value: Any) -> Hashable:

@@ -7,7 +7,7 @@ bisection or Newton. The tests compare them with scipy, whose import costs half 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
@@ -207,16 +207,16 @@ def neighbour_interval(values: ArrayLike) -> Interval | None:
     return centre - half, centre + half
 
 
-def wandering_interval(value: float, changes: ArrayLike) -> Interval:
+def wandering_interval(value: float, changes: Sequence[float]) -> Interval:
     """Return the interval of an error that varies on all time scales.
 
     Longer records do not average such an error. ``changes`` (3,) of the logarithm of its mean square: between the
     halves of the record, and between the quarters of each half. A next record is expected to differ as one half does
     from the other; WANDERING is the prior of the change. The interval is a factor.
     """
-    weights = np.array(CHANGE_WEIGHTS)
-    dof = WANDERING.dof + float(np.sum(weights))
-    square = (WANDERING.dof * WANDERING.variance + float(weights @ np.asarray(changes, np.float64) ** 2)) / dof
+    dof = WANDERING.dof + sum(CHANGE_WEIGHTS)
+    own = sum(weight * change * change for weight, change in zip(CHANGE_WEIGHTS, changes, strict=True))
+    square = (WANDERING.dof * WANDERING.variance + own) / dof
     factor = math.exp(0.5 * student(0.975, dof) * math.sqrt(0.5 * square))
     return value / factor, value * factor
 
@@ -540,7 +540,7 @@ class ErrorSize:
     def __init__(self, angle: Array, duration: float, sigma: float = 0.0, noise: float = 0.0) -> None:
         self._angle, self._sigma, self._noise = angle, sigma, noise
         self.pieces = PIECES if duration >= SHORTEST_S and len(angle) >= MIN_SAMPLES else 0
-        self._squares: Array | None = None
+        self._rms: list[float] = []
 
     def of(self, name: str) -> tuple[float, Interval | None]:
         """Return one of STATISTICS and its interval (None for short records)."""
@@ -550,7 +550,7 @@ class ErrorSize:
         changes = _changes(parts, whole)
         if name != "rmse":  # a percentile rests on few samples: at least the changes of the RMS
             square, *squares = self._sizes("rmse")
-            changes = np.maximum(changes, _changes(squares, square))
+            changes = list(map(max, changes, _changes(squares, square)))
         low, high = wandering_interval(whole, changes)
         low, high = widen_by_reference(whole, (low, min(high, MAX_INTERVAL_RATIO * whole)), self._sigma)
         return whole, (max(low, 0.0), min(high, HALF_TURN_DEG))
@@ -559,21 +559,23 @@ class ErrorSize:
         """Return the size of the whole, of both halves and four quarters."""
         halves, quarters = (equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
         if name == "rmse":
-            if self._squares is None:
-                self._squares = self._angle**2
-            square = group_means(self._squares, [slice(0, len(self._angle)), *halves, *quarters])
-            return [float(x) for x in np.sqrt(np.maximum(square - self._noise**2, 0.0))]
+            if not self._rms:
+                square = group_means(self._angle**2, [slice(0, len(self._angle)), *halves, *quarters])
+                self._rms = np.sqrt(np.maximum(square - self._noise**2, 0.0)).tolist()
+            return self._rms
         parts = [self._angle, *(self._angle[piece] for piece in (*halves, *quarters))]
         return [quantile(_ordered_at(part, P95), P95) for part in parts]
 
 
-def _changes(parts: list[float], whole: float) -> Array:
+def _changes(parts: list[float], whole: float) -> list[float]:
     """Return changes (3,) of log mean square between halves and quarters.
 
     The size of a part is limited to a thousandth of the whole, as its logarithm is unbounded.
     """
-    size = 2.0 * np.log(np.maximum(parts, 1e-3 * whole)) if whole > 0.0 else np.zeros(len(parts))
-    return np.abs(size[1::2] - size[::2])
+    if not whole > 0.0:
+        return [0.0] * (len(parts) // 2)
+    size = [2.0 * math.log(max(part, 1e-3 * whole)) for part in parts]
+    return [abs(b - a) for a, b in zip(size[::2], size[1::2], strict=True)]
 
 
 def _ordered_at(values: Array, probability: float) -> Array:

@@ -15,7 +15,7 @@ from attlog.metrics import statistics, step_fit
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
 from attlog.metrics.step_fit import MIN_EVENTS, too_few, why_no_events
-from attlog.metrics.step_products import axis_of
+from attlog.metrics.step_products import axes_of, axis_of
 from attlog.metrics.step_turning import StepEvent, SummedTurning
 from attlog.metrics.windows import why_no_errors, why_unproven
 from attlog.reference.model import AttitudeErrors, Track
@@ -105,27 +105,24 @@ def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]
 
 def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
     """Return the events that row and reference cover without a gap."""
+    if not len(errors.t):
+        return []
     ref, broken = step_fit.reference_turning(case), np.zeros(len(errors.t), np.int64)
     np.cumsum((np.diff(errors.segment) != 0) | ~rotation.finite_rows(errors.q_est)[1:], out=broken[1:])
-    found = [_covered(errors.t, broken, ref, event) for event in events]
-    return [one for one in found if one is not None]
-
-
-def _covered(t: Array, segment: Index, ref: SummedTurning, event: StepEvent) -> EventSamples | None:
-    """Return the samples of an event, None if too few."""
-    body = axis_of(ref, event)
-    if body is None:
-        return None
-    i, j = np.searchsorted(t, [event.begin, event.end], side="left")
-    if i == j:
-        return None
-    middle = min(int(np.searchsorted(t, event.middle)), len(t) - 1)
-    own = np.arange(i, j)[segment[i:j] == segment[middle]]
-    at = t[own]
-    before = own[(at >= event.onset - BEFORE_S) & (at <= event.onset)]
-    if len(own) < 2 or len(before) == 0 or at[-1] < event.t90:
-        return None
-    return EventSamples(event, own, before, body, _turned(ref, event, body, at))
+    t, times = errors.t, np.array([(e.begin, e.middle, e.onset, e.t90, e.end) for e in events]).reshape(-1, 5)
+    begin, middle, onset, t90, end = times.T
+    segment = broken[np.minimum(np.searchsorted(t, middle), len(t) - 1)]  # numbered in time
+    i = np.maximum(np.searchsorted(t, begin), np.searchsorted(broken, segment))
+    j = np.minimum(np.searchsorted(t, end), np.searchsorted(broken, segment, side="right"))
+    first = np.maximum(i, np.searchsorted(t, onset - BEFORE_S))
+    last = np.minimum(j, np.searchsorted(t, onset, side="right"))
+    axes = axes_of(ref, events)
+    whole = np.isfinite(axes[:, 0]) & (j - i > 1) & (last > first) & (t[j - 1] >= t90)
+    found = []
+    for k in np.flatnonzero(whole).tolist():
+        own, before = np.arange(i[k], j[k]), np.arange(first[k], last[k])
+        found.append(EventSamples(events[k], own, before, axes[k], _turned(ref, events[k], axes[k], t[own])))
+    return found
 
 
 def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:

@@ -68,6 +68,7 @@ def test_the_clock_of_an_external_truth_is_part_of_the_interval_also_of_a_choice
     sure = lag.LAG.ask(case, row, "all")["lag_ms"]
     none = (0.0, 0.0, 0.0)
     case.reference.fit = TruthFit("m.tum", 1.0, 0.004, 0.0, 1.0, none, none, 0.99, 0.5, 100, 40.0, 0.1, 0.1)
+    case.forget()
     unsure = lag.LAG.ask(case, row, "all")["lag_ms"]
     assert unsure.value == pytest.approx(sure.value)
     added = (unsure.ci95[1] - unsure.value) ** 2 - (sure.ci95[1] - sure.value) ** 2
