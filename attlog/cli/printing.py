@@ -135,6 +135,22 @@ def say(lines: Iterable[TextLine | str], out: Console | Piped) -> None:
         out.print(Text(text.rstrip(), style), soft_wrap=True)
 
 
+class GrowingText:
+    """Text that is printed from its beginning while its end is not known yet."""
+
+    def __init__(self, out: Console | Piped, before: Iterable[str] = ()) -> None:
+        """``before``: lines above it."""
+        self.out, self._before = out, list(before)
+        self._shown: list[TextLine] = []
+
+    def show(self, lines: Iterable[TextLine]) -> None:
+        """Print the lines that were not printed before; all of them where those were others."""
+        lines = list(lines)
+        known = len(self._shown)
+        say([*self._before, *(lines[known:] if lines[:known] == self._shown else lines)], self.out)
+        self._shown, self._before = lines, []
+
+
 def to_stderr(text: str) -> None:
     """Print a message on standard error, without control characters."""
     from attlog.words.text import for_terminal

@@ -10,15 +10,16 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
-from attlog.cli.printing import terminal, to_stderr
+from attlog.cli.printing import GrowingText, terminal, to_stderr
 
 if TYPE_CHECKING:
     from attlog.batch.job import Job, Record
+    from attlog.result import Result
 
-# Loggers of stages of an analysis, and of filters that are compiled.
-STAGES, COMPILING = "attlog.stages", "attlog.compiling"
+# Loggers of stages of an analysis, of filters that are compiled, and of the result as far as it is known.
+STAGES, COMPILING, KNOWN = "attlog.stages", "attlog.compiling", "attlog.known"
 
 
 class StageHandler(logging.Handler):
@@ -139,6 +140,40 @@ def progress(quiet: bool, verbose: bool, lines: bool = False) -> Iterator[StageH
             logger.removeHandler(shown)
             logger.setLevel(logging.NOTSET)
             logger.propagate = True
+
+
+class FirstLinesHandler(logging.Handler):
+    """Print title and headline of a log as soon as each is known."""
+
+    def __init__(self, text: GrowingText, before: Callable[[], None]) -> None:
+        super().__init__(logging.INFO)
+        self._text, self._before = text, before
+
+    def emit(self, record: logging.LogRecord) -> None:
+        from attlog.cli.tables import first_lines
+
+        result = cast("Result", cast("tuple[object, ...]", record.args)[0])
+        self._before()
+        with suppress(OSError):  # the last lines end the command in the same way, after the report is written
+            self._text.show(first_lines(result, self._text.out.width))
+
+
+@contextmanager
+def first_lines_shown(text: GrowingText | None, before: Callable[[], None]) -> Iterator[None]:
+    """Begin a text with the title and headline of the log that the block works on; ``before``: called before."""
+    if text is None:
+        yield
+        return
+    logger, handler = logging.getLogger(KNOWN), FirstLinesHandler(text, before)
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    logger.propagate = False
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(logging.NOTSET)
+        logger.propagate = True
 
 
 # What flew, by the endings of names of logs: a guess, which a wrong name costs compiling at the first run.

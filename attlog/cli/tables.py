@@ -50,9 +50,7 @@ def result_lines(result: Result, window: str, width: int, verbose: bool = False)
     from attlog.words.flight import rerun_sentences
     from attlog.words.names import duplicate_rows_text
 
-    yield from wrapped("", title(result), width, "bold")
-    if result.headline:
-        yield from wrapped("  ", clean(result.headline), width)
+    yield from first_lines(result, width)
     found = findings(result)
     if verbose or any(not finding.is_note for finding in found):
         yield from finding_lines(found, width, verbose)
@@ -69,6 +67,13 @@ def result_lines(result: Result, window: str, width: int, verbose: bool = False)
         yield from shown
         for sentence in duplicate_rows_text(result, equations=verbose):
             yield from wrapped("", typeset(sentence), width)
+
+
+def first_lines(result: Result, width: int) -> Iterator[TextLine]:
+    """Title and headline, as far as they are known."""
+    yield from wrapped("", title(result), width, "bold")
+    if result.headline:
+        yield from wrapped("  ", clean(result.headline), width)
 
 
 def title(result: Result) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
@@ -41,7 +42,15 @@ from attlog.metrics.ranking import DuplicateSearch, Ranking
 from attlog.metrics.trace import Trace, height_trace
 from attlog.pipeline import onboard_rerun, replay
 from attlog.pipeline.config import Config, Options
-from attlog.pipeline.preparation import Stages, flight_of, prepared, reference_options, samples_of, with_next_reference
+from attlog.pipeline.preparation import (
+    KNOWN,
+    Stages,
+    flight_of,
+    prepared,
+    reference_options,
+    samples_of,
+    with_next_reference,
+)
 from attlog.pipeline.proven_settings import prove_settings
 from attlog.pipeline.replay import Chosen
 from attlog.pipeline.signal_traces import signal_traces
@@ -68,6 +77,40 @@ def checks_of(
         if drawn is not None:
             drawn += traces(asked, found)
     return found
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """What a log shows before any filter runs; ``drawn``: arrays of figures."""
+
+    log: dict[str, Any]
+    headline: str
+    events: list[story.Event]
+    findings: list[Finding]
+    checks: list[Check]
+    drawn: list[Trace]
+
+
+def assess(
+    log: FlightLog, phases: Segments, happened: list[story.Event], case: Case | None = None, *, traces: bool = False
+) -> Assessment:
+    """Assess a log with its events: checks, findings, headline.
+
+    ``case``: None for a log that cannot be replayed. ``traces``: also collect the arrays of the checks' figures.
+    """
+    drawn: list[Trace] = []
+    checks = checks_of(log, phases, case, drawn=drawn if traces else None)
+    described = describe(log, phases) if case is None else _described(case)  # before the findings: has its own errors
+    found = findings(log, checks, [] if case is None else contradiction(case.reference), events=happened)
+    happened = with_sensor_events(happened, checks, phases)
+    sound, wrong, trouble = nothing_wrong(found), wrong_angle(checks), first_serious(found)
+    said = guarded_part(log, "The headline", lambda: story.headline(log, phases, happened, sound, wrong, trouble), str)
+    return Assessment(dict(described), said, happened, found, checks, drawn)
+
+
+@per_case
+def _assessed(case: Case, traces: bool) -> Assessment:
+    return assess(case.log, case.segments, _events(case), case, traces=traces)
 
 
 def motion_attitude(case: Case) -> MotionAttitude | None:
@@ -271,32 +314,26 @@ def without_replay(
     log = log if case is None else case.log
     with stage("segments"):
         phases = segments.build(log) if case is None else case.segments
-        happened = story.events(log, phases)
-    drawn: list[Trace] = []
+        happened = story.events(log, phases) if case is None else _events(case)
     with stage("checks"):
-        checks = checks_of(log, phases, case, drawn=drawn if case is None else None)
+        found = assess(log, phases, happened, case, traces=case is None)
         if case is None and log.messages is not None:
             height = guarded_part(log, "Height", partial(height_trace, log, phases), list[Trace])
             data = partial(flight_data, log, phases.spans("airborne"), happened)
-            drawn += [*height, *guarded_part(log, "Figures", data, list[Trace])]
-    described = describe(log, phases)  # before the findings, which include its errors
-    parameters = guarded_part(log, "Parameters", partial(parameter_histories, log), list[ParameterHistory])
-    others = [] if case is None else contradiction(case.reference)
-    found = findings(log, checks, others, events=happened)
-    happened = with_sensor_events(happened, checks, phases)
+            found.drawn.extend([*height, *guarded_part(log, "Figures", data, list[Trace])])
     return Result(
         attlog=versions(),
         command=command,
         config=config.resolved(),
-        log=described,
-        headline=story.headline(log, phases, happened, nothing_wrong(found), wrong_angle(checks), first_serious(found)),
-        events=happened,
-        findings=found,
-        checks=checks,
-        traces=drawn,
+        log=found.log,
+        headline=found.headline,
+        events=found.events,
+        findings=found.findings,
+        checks=found.checks,
+        traces=found.drawn,
         segments=sorted(phases.segments, key=lambda s: (s.t0, s.t1, s.kind)),
         gyro_bias=[] if case is None else list(case.gyro_bias.values()),
-        parameters=parameters,
+        parameters=guarded_part(log, "Parameters", partial(parameter_histories, log), list[ParameterHistory]),
         timing=stage.seconds,
     )
 
@@ -332,6 +369,10 @@ def evaluate(
             chosen = replay.select_rows(asked, case.log)
             onboard = _onboard(case)
         unusable = _unusable_gyro(case)
+        found = None
+        if not only:
+            with stage("checks"):
+                found = _assessed(case, traces)
     measurement = RowMeasurer(case, chosen, onboard, unusable, traces=traces, only=only)
     lines: list[EstimatorRow] = []
     failed: dict[str, AttlogError] = {}
@@ -375,21 +416,15 @@ def evaluate(
         best=ranking.best,
         worst=ranking.worst,
         ranked=ranking.ranked,
-        traces=drawn,
+        checks=[] if found is None else found.checks,
+        traces=drawn if found is None else drawn + found.drawn,
         tracks=measurement.tracks,
         timing=stage.seconds,
     )
-    if not only:
-        with stage("checks"):
-            result.checks = checks_of(case.log, case.segments, case, drawn=result.traces if traces else None)
+    if found is not None:
         result.verdicts = guarded_part(case.log, "The verdicts", lambda: verdicts(result), list)
         result.findings = all_of(case, result, rows, own)
-        result.events = with_sensor_events(result.events, result.checks, case.segments)
-        sound = nothing_wrong(result.findings)
-        wrong = wrong_angle(result.checks)
-        trouble = first_serious(result.findings)
-        headline = partial(story.headline, case.log, case.segments, result.events, sound, wrong, trouble)
-        result.headline = guarded_part(case.log, "The headline", headline, str)
+        result.events, result.headline = found.events, found.headline
     return result
 
 
@@ -407,7 +442,8 @@ def analyze(
     mapping of the same options, which keywords override. ``command`` is stored in the result. Combines :func:`prepare`
     and :func:`evaluate` with traces and costs, and raises their errors: LogUnreadable, LogUnusable, NotALog,
     TooLittleMemory, UsageError. A log that cannot be replayed but has an attitude, a position or arming gives a result
-    without the comparison.
+    without the comparison. The logger ``attlog.known`` receives the result while it grows: name and vehicle of the
+    log, then its headline.
     """
     settings, stage = Config.of(config, options), Stages()
     with log_cache():
@@ -416,6 +452,10 @@ def analyze(
         if log.imu is None and has_a_story(log):
             return with_signals(without_replay(log, settings, stage, command), log, settings)
         case = prepared(log, settings, stage)
+        with stage("checks"):  # here, where they share what was computed for the reference
+            known = _assessed(case, True)
+        if settings.reference != "auto" or case.reference.kind != "onboard":  # one that filters may refuse
+            KNOWN.info("%s", Result(versions(), command, case.settings, known.log, known.headline))
     return with_signals(evaluate(case, traces=True, cost=True, command=command), case.log, settings)
 
 
@@ -437,7 +477,7 @@ def health(
 ) -> Result:
     """Check one log as ``attlog health`` does: headline, checks and findings; no filter runs.
 
-    Arguments and errors as of :func:`analyze`.
+    Arguments, errors and logger as of :func:`analyze`.
     """
     settings, stage = Config.of(config, options), Stages()
     with log_cache():

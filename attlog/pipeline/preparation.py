@@ -22,11 +22,15 @@ from attlog.metrics.gyro_bias import common_bias, no_common_bias
 from attlog.metrics.metric import Case
 from attlog.pipeline import replay
 from attlog.pipeline.config import Config, Options
+from attlog.pipeline.summary import name_and_vehicle
 from attlog.reference.model import AlignmentStep, HeadingReference
+from attlog.result import Result
 from attlog.segments.model import WINDOWS, Segments
 
 # Logs the name of each stage as it begins.
 STAGES = logging.getLogger("attlog.stages")
+# Logs the result as far as it is known.
+KNOWN = logging.getLogger("attlog.known")
 SENTENCES = {
     "read": "reading the log",
     "segments": "finding rest and flight",
@@ -176,6 +180,7 @@ def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
     with stage("segments"):
         phases = segments.build(log)
         shown = windows(config, phases)
+    KNOWN.info("%s", Result({}, "", {}, name_and_vehicle(log)))
     options = reference_options(config)
 
     def smooth() -> Estimate:

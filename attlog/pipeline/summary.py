@@ -13,6 +13,17 @@ from attlog.flight.parameters import parameter_histories
 from attlog.segments.model import Segments
 
 
+def name_and_vehicle(log: FlightLog) -> dict[str, Any]:
+    """Return what the title of a log names: file, vehicle, firmware, duration."""
+    return {
+        "name": log.path.name,
+        "firmware": {f: getattr(log.firmware, f) for f in ("name", "version", "git", "board")},
+        "vehicle": log.vehicle,
+        "simulated": log.simulated,
+        "duration_s": log.seconds,
+    }
+
+
 def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]:
     """Describe aircraft, sensors, times and time lines of a flight as plain values.
 
@@ -26,16 +37,11 @@ def describe(log: FlightLog, segments: Segments | None = None) -> dict[str, Any]
     imu = log.replay_imu
     mag = None if log.mag is None else log.mags[log.mag]
     onboard = log.onboard_attitude
-    return {
-        "name": log.path.name,
+    return name_and_vehicle(log) | {
         "sha256": sha256(log.path),
         "size": log.size,
         "format": log.format,
-        "firmware": {f: getattr(log.firmware, f) for f in ("name", "version", "git", "board")},
-        "vehicle": log.vehicle,
-        "simulated": log.simulated,
         "date_utc": part("The date", lambda: _date(log), None),
-        "duration_s": log.seconds,
         "t0_us": log.t0_us,
         "utc_offset": log.utc_offset,
         "boot": log.boot,

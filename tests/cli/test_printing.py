@@ -16,8 +16,9 @@ from rich.console import Console
 from attlog import Config
 from attlog.batch.job import Job, Record
 from attlog.batch.sources import Source
-from attlog.cli.printing import Piped, TextLine, console, say
-from attlog.cli.progress import COMPILING, STAGES, Bar, StageHandler, progress
+from attlog.cli.printing import GrowingText, Piped, TextLine, console, say
+from attlog.cli.progress import COMPILING, KNOWN, STAGES, Bar, StageHandler, first_lines_shown, progress
+from attlog.result import Result
 from tests.conftest import SAMPLES
 
 TEXTS = ["", "plain", "bold [red]no markup[/red]  ", "a\tb", "rings\a and\b moves\v\f\r on", "µ° ≥ → ✓", "x" * 300]
@@ -36,6 +37,23 @@ def test_colours_can_be_forced_into_a_pipe(monkeypatch: pytest.MonkeyPatch, caps
     monkeypatch.setenv("FORCE_COLOR", "1")
     say([TextLine("text", "red")], console())
     assert "\x1b[31mtext" in capsys.readouterr().out
+
+
+def test_a_growing_text_is_printed_once_and_again_where_its_beginning_changed() -> None:
+    piped = io.StringIO()
+    text = GrowingText(Piped(piped), ["above"])
+    for lines in (["title"], ["title", "flew"], ["title", "flew", "table"], ["title", "crashed"]):
+        text.show(TextLine(line) for line in lines)
+    assert piped.getvalue().split() == ["above", "title", "flew", "table", "title", "crashed"]
+
+
+def test_a_reader_that_goes_away_after_the_headline_does_not_end_the_analysis() -> None:
+    class Gone(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError
+
+    with first_lines_shown(GrowingText(Piped(Gone())), lambda: None):
+        logging.getLogger(KNOWN).info("%s", Result({}, "", {}, {"name": "a.ulg"}, "Flew."))
 
 
 # What a run says while it works: stages of one log, a bar over many, on a terminal only.

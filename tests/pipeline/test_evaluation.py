@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import subprocess
 import sys
 import weakref
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -164,7 +166,48 @@ def test_analyze_is_both_halves(alone: Result) -> None:
             m: a.value for m, a in answers(whole, "mahony")[window].items() if not m.startswith("cost")
         }
     assert whole.config == halves.config
-    assert list(whole.timing) == ["read", "segments", "reference", "estimators", "metrics", "checks", "signals"]
+    assert list(whole.timing) == ["read", "segments", "reference", "checks", "estimators", "metrics", "signals"]
+
+
+class Heard(logging.Handler):
+    """Keeps stages and what is known of the result, in the order in which they are logged."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.messages: list[Any] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.args[0] if isinstance(record.args, tuple) and record.args else record.msg)
+
+
+@pytest.fixture
+def heard() -> Iterator[Heard]:
+    handler = Heard()
+    loggers = [logging.getLogger(name) for name in ("attlog.known", "attlog.stages")]
+    for logger in loggers:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
+    yield handler
+    for logger in loggers:
+        logger.removeHandler(handler)
+        logger.setLevel(logging.NOTSET)
+
+
+def test_title_and_headline_are_known_before_the_filters_run(heard: Heard) -> None:
+    result = attlog.analyze(LOG, estimators=["mahony"])
+    known = [message for message in heard.messages if isinstance(message, Result)]
+    assert [one.headline for one in known] == ["", result.headline]
+    assert all(
+        one.log[key] == result.log[key] for one in known for key in ("name", "vehicle", "firmware", "duration_s")
+    )
+    assert heard.messages.index(known[1]) < heard.messages.index("running filters")
+
+
+def test_the_headline_waits_for_filters_that_refuse_the_onboard_attitude(corpus: Path, heard: Heard) -> None:
+    result = attlog.analyze(corpus / "logs" / "bin_plane_3.0.4beta3_nomag.BIN")
+    assert result.reference is not None
+    assert "onboard" in result.reference.refused
+    assert [one.headline for one in heard.messages if isinstance(one, Result)] == [""]
 
 
 @pytest.mark.parametrize("name", ["log_tradheli_brownout.log", "cases/copter_4.2_radio_4hz.tlog"])

@@ -30,8 +30,17 @@ from attlog.cli.options import (
     commands,
     one_form,
 )
-from attlog.cli.printing import TextLine, console, json_to_stdout, say, table_to_stdout, text_to_stdout, to_stderr
-from attlog.cli.progress import Bar, compile_first, progress
+from attlog.cli.printing import (
+    GrowingText,
+    TextLine,
+    console,
+    json_to_stdout,
+    say,
+    table_to_stdout,
+    text_to_stdout,
+    to_stderr,
+)
+from attlog.cli.progress import Bar, compile_first, first_lines_shown, progress
 from attlog.core.errors import EXIT_INTERRUPTED, PluginError, PluginTimeout, UsageError, error_message, exit_code
 
 if TYPE_CHECKING:
@@ -118,9 +127,14 @@ class AnalyzeRun:
 
         name = report_names([source.file_name])[0]
         start = None if self.figures is None else figure_starts(self.figures, [source.file_name])[0]
+        text = GrowingText(console(stderr=self._for_a_program))
         try:
             compile_first(self.config.estimators, [source.name], self.common.quiet)
-            with progress(self.common.quiet, self.common.verbose > 0), source.local() as log:
+            with (
+                progress(self.common.quiet, self.common.verbose > 0) as shown,
+                first_lines_shown(None if self.common.quiet or self._for_a_program else text, shown.clear),
+                source.local() as log,
+            ):
                 written = analyze_to_files(
                     log.path,
                     self.config,
@@ -130,7 +144,7 @@ class AnalyzeRun:
                     deterministic=self.options.deterministic,
                     figures=start,
                 )
-            self._show(Record(source.name, name), written.result)
+            self._show(Record(source.name, name), written.result, text)
         except KeyboardInterrupt:
             to_stderr(_kept([], 1, self.folder))
             self.codes.add(EXIT_INTERRUPTED)
@@ -187,12 +201,13 @@ class AnalyzeRun:
         from attlog.result import Result
 
         try:
-            self._show(record, Result.load(self.folder / f"{record.name}.json"))
+            result = Result.load(self.folder / f"{record.name}.json")
+            self._show(record, result, GrowingText(console(stderr=self._for_a_program)))
         except Exception as error:
             self.codes.add(report_error(error, record.log, self.common.verbose))
 
-    def _show(self, record: Record, result: Result) -> None:
-        """Print a result and the outcome of gates."""
+    def _show(self, record: Record, result: Result, text: GrowingText) -> None:
+        """Print a result, whose first lines may be shown, and the outcome of gates."""
         from attlog.result import TIMED_OUT, nothing_ran
 
         page = self.folder / f"{record.name}.html"
@@ -208,12 +223,12 @@ class AnalyzeRun:
             from attlog.words.forum import forum_text
 
             text_to_stdout(("---\n\n" if len(self.results) > 1 else "") + forum_text(result))
-        out = console(stderr=self._for_a_program)
+        out = text.out
         if not self.common.quiet:
             from attlog.cli.tables import result_lines
             from attlog.report import bundle_notice
 
-            say(result_lines(result, self.config.window or "all", out.width, self.common.verbose > 0), out)
+            text.show(result_lines(result, self.config.window or "all", out.width, self.common.verbose > 0))
             say([f"report: {page}"], out)
             if self.figures is not None:
                 say([f"figures: {self.figures}"], out)

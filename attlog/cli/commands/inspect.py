@@ -28,6 +28,7 @@ from attlog.cli.options import (
     require_finite,
 )
 from attlog.cli.printing import (
+    GrowingText,
     TextLine,
     console,
     json_to_stdout,
@@ -213,7 +214,7 @@ def health_command(
     """
     from attlog.batch.log_file import require_unchanged
     from attlog.batch.report_files import report_names
-    from attlog.cli.progress import progress
+    from attlog.cli.progress import first_lines_shown, progress
     from attlog.flight.parameters import read_parameter_file
     from attlog.pipeline.evaluation import health
 
@@ -228,15 +229,20 @@ def health_command(
     out = console(stderr=json or form is not None)
     for source, name in zip(found, report_names([source.file_name for source in found]), strict=True):
         with run_and_report(source.name, codes, common.verbose):
-            with progress(common.quiet, common.verbose > 0), source.local() as log, require_unchanged(log.path):
+            text = GrowingText(out, [""] * (source is not found[0]))
+            with (
+                progress(common.quiet, common.verbose > 0) as shown,
+                first_lines_shown(None if common.quiet or json or form is not None else text, shown.clear),
+                source.local() as log,
+                require_unchanged(log.path),
+            ):
                 result = health(log.path, config, command=command_line())
             if form is not None:
                 assessed.append(result)
             if json:
                 json_to_stdout(health_document(result))
             if not common.quiet:
-                say([""] * (source is not found[0]), out)
-                say(health_lines(result, out.width, common.verbose > 0), out)
+                text.show(health_lines(result, out.width, common.verbose > 0))
             if (
                 output is not None
                 and (written := write_parameters(result, output / f"{name}{PARAM}", params)) is not None
@@ -262,13 +268,10 @@ def health_document(result: Result) -> dict[str, Any]:
 
 def health_lines(result: Result, width: int, verbose: bool) -> Iterator[TextLine]:
     """Yield title, headline, the table of sensors and what should be set."""
-    from attlog.cli.tables import sensor_lines, setting_lines, title
+    from attlog.cli.tables import first_lines, sensor_lines, setting_lines
     from attlog.result import agreed_settings
-    from attlog.words.text import clean
 
-    yield from wrapped("", title(result), width, "bold")
-    if result.headline:
-        yield from wrapped("  ", clean(result.headline), width)
+    yield from first_lines(result, width)
     yield from sensor_lines(result.checks, width, verbose)
     yield from setting_lines(agreed_settings(result.checks))
 
