@@ -37,10 +37,10 @@ MIN_REJECTED_S = 1.0
 def gnss_heading_checks(case: HealthCase) -> list[Check]:
     """Check the onboard heading against GNSS acceleration in flight; nothing without either."""
     log, segments = case.log, case.segments
-    motion = find_gnss_motion(log, segments)
-    if motion is None or log.onboard_attitude is None:
+    offsets = onboard_offsets(log, segments)
+    if offsets is None:
         return []
-    whole, parts = onboard_offsets(log, segments, motion)
+    whole, parts = offsets
     wrong = find_wrong_heading(whole, parts)
     if wrong is not None:
         return [_wrong_heading_check(case, wrong)]

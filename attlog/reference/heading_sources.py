@@ -53,6 +53,7 @@ class GnssMotion:
         return both(self.t, self.acc, q, self.fixes_t, self.velocity, np.array(counted).reshape(-1, 2))
 
 
+@cached_per_log
 def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None) -> GnssMotion | None:
     """Return specific force and GNSS velocities in flight, up to an impact.
 
@@ -97,12 +98,12 @@ class WrongHeading:
     partly: bool = False
 
 
-def onboard_offsets(
-    log: FlightLog, segments: Segments, motion: GnssMotion
-) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """Return the aligned onboard attitude's heading error, overall and per 30 s."""
-    attitude = log.onboard_attitude
-    assert attitude is not None
+@cached_per_log
+def onboard_offsets(log: FlightLog, segments: Segments) -> tuple[HeadingOffset, list[HeadingOffset]] | None:
+    """Return the aligned onboard attitude's heading error, overall and per 30 s; None without attitude or GNSS."""
+    motion, attitude = find_gnss_motion(log, segments), log.onboard_attitude
+    if motion is None or attitude is None:
+        return None
     t, q, _ = alignment.usable_samples(attitude, "sample")
     aligned = scoring.aligned_at(attitude, increments.known_resets(log, log.onboard or "", segments)[0], segments)
     return motion.offsets(t, q, model.number_segments(t), -np.inf if aligned is None else aligned)
@@ -138,10 +139,8 @@ def _equal_offsets(off: list[HeadingOffset], parts: list[HeadingOffset]) -> list
 @cached_per_log
 def wrong_onboard_heading(log: FlightLog, segments: Segments) -> str:
     """Return the onboard heading error by GNSS as a clause, or empty."""
-    motion = find_gnss_motion(log, segments)
-    if motion is None or log.onboard_attitude is None:
-        return ""
-    wrong = find_wrong_heading(*onboard_offsets(log, segments, motion))
+    offsets = onboard_offsets(log, segments)
+    wrong = None if offsets is None else find_wrong_heading(*offsets)
     return "" if wrong is None else f"the heading of {log.onboard} is {heading_error_words(wrong.offset)}"
 
 
