@@ -54,6 +54,7 @@ def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 
 
+@cache
 def definitions() -> dict[str, Metric]:
     """Return every metric by its id, in the order of the table."""
     from attlog.metrics.cost import COST

@@ -139,11 +139,8 @@ class ArrayPacker:
     def values(self, y: Array, step: float = 1e-9) -> dict[str, Any]:
         """Pack values as int16 multiples of ``step``, coarser if needed; NaN is kept."""
         finite = np.isfinite(y)
-        largest = float(np.max(np.abs(y[finite]))) if finite.any() else 0.0
-        step = _round_step(max(step, largest / MAX_CODE))
-        whole = np.full(len(y), NAN_CODE, np.int16)
-        whole[finite] = np.round(y[finite] / step)
-        return self._put(np.diff(whole, prepend=np.int16(0)), step)
+        step = _round_step(max(step, float(np.max(np.abs(y), where=finite, initial=0.0)) / MAX_CODE))
+        return self._put(np.where(finite, np.round(y / step), NAN_CODE).astype(np.int16), step)
 
     def centred(self, y: Array) -> dict[str, Any]:
         """Pack values as multiples of a step from the middle of their range (``b``); NaN is kept."""
@@ -158,7 +155,7 @@ class ArrayPacker:
         if given not in self._times:
             t = np.nan_to_num(t)
             step = _round_step(max(TIME_STEP_S, float(np.max(np.abs(t), initial=0.0)) / 2.0e9))
-            self._times[given] = self._put(np.diff(np.round(t / step).astype(np.int32), prepend=np.int32(0)), step)
+            self._times[given] = self._put(np.round(t / step).astype(np.int32), step)
         return self._times[given]
 
     def pack(self, header: Any) -> str:
@@ -167,7 +164,8 @@ class ArrayPacker:
         return packed(len(text).to_bytes(4, "little") + text + bytes(self._bytes))
 
     def _put(self, whole: NDArray[Any], step: float) -> dict[str, Any]:
-        whole = np.ascontiguousarray(whole.astype(whole.dtype.newbyteorder("<")))
+        whole[1:] -= whole[:-1]
+        whole = np.asarray(whole, whole.dtype.newbyteorder("<"))
         raw = whole.view(np.uint8).reshape(-1, whole.itemsize).T.tobytes()
         place = self._places.setdefault(raw, len(self._bytes))
         if place == len(self._bytes):

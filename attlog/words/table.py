@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from attlog.metrics import definitions
 from attlog.result import Answer, EstimatorRow, Result
 from attlog.words.names import AGREEMENT_TITLE, CODES, heading_reference_short, is_against_onboard
 from attlog.words.numbers import SIGNED, bracketed, half_width, number, unit_sign
@@ -145,7 +146,7 @@ def table_cell(result: Result, row: EstimatorRow, column: TableColumn) -> TableC
         reason=typeset(
             reason_unranked(RankedValue(row, answer, ranked)) if row.kind == "replay" and not ranked else ""
         ),
-        sort=sort_key(result, column.metric, answer),
+        sort=sort_key(column.metric, answer),
     )
 
 
@@ -164,9 +165,10 @@ def coverage_text(answer: Answer) -> str:
     return f"of {coverage:.0f} %" if coverage is not None and coverage < FULL_COVERAGE_PCT else ""
 
 
-def sort_key(result: Result, metric: str, answer: Answer) -> float:
+def sort_key(metric: str, answer: Answer) -> float:
     """Return the distance of a value from its ideal, for sorting."""
-    better = result.definitions.get(metric, {}).get("better") or ("zero" if answer.unit in SIGNED else "low")
+    known = definitions().get(metric)
+    better = known.better if known is not None else "zero" if answer.unit in SIGNED else "low"
     value = value_of(answer)
     return {"zero": abs(value), "one": abs(value - 1.0)}.get(better, value)
 
