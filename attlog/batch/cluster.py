@@ -97,7 +97,7 @@ def run_task(
             path.write_bytes(content)
             source = replace(source, copy=str(path))
         out = Path(scratch) / "out"
-        record = run_one(replace(job, source=source, folder=out, resume=False, keep=False), on_message=_cancellation())
+        record = run_one(job._replace(source=source, folder=out, resume=False, keep=False), on_message=_cancellation())
         if record.folder_full:  # the disk of the worker, not the folder of the reports
             why = f"no room in {tempfile.gettempdir()} of the worker {socket.gethostname()}"
             return replace(record, folder_full=False, message=f"attlog: {job.source.name}: {why}"), {}

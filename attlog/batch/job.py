@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from attlog import __version__
 from attlog.batch.sources import Source
@@ -29,8 +29,7 @@ MEASURED = ("wall_s", "cpu_s", "peak_mb")
 NOT_WRITTEN = ("again", "known", "folder_full", "gates")
 
 
-@dataclass(frozen=True, slots=True)
-class Job:
+class Job(NamedTuple):
     """One log and the settings of its analysis; picklable for any scheduler.
 
     ``name``: of its report, unique in ``folder``. ``settings``: from :func:`settings_key`. ``command``: stored in the

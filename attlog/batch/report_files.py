@@ -7,9 +7,8 @@ import logging
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from attlog import __version__
 from attlog.batch.job import Job, key, size_and_hash, stamp
@@ -40,8 +39,7 @@ PRINTED = "printed.txt"
 STAGES = {"attlog.stages": "stage", "attlog.compiling": "compiling"}
 
 
-@dataclass(frozen=True, slots=True)
-class ReportFiles:
+class ReportFiles(NamedTuple):
     """Result of a log and the files written for it."""
 
     result: Result

@@ -10,8 +10,7 @@ import os
 import sys
 import textwrap
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,8 +24,7 @@ MIN_COLUMNS = 30
 COLOR_VARIABLES = ("FORCE_COLOR", "TTY_COMPATIBLE")
 
 
-@dataclass(frozen=True, slots=True)
-class TextLine:
+class TextLine(NamedTuple):
     """One line of text; ``style`` is empty, ``bold``, ``dim`` or a colour."""
 
     text: str

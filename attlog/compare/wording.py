@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from statistics import median
 
 from attlog.compare.comparison import PHASE_PLACES, Comparison, ConfigurationSentences, Question, commonest_reason
@@ -46,7 +45,7 @@ def question_wording(question: Question) -> Wording:
     metric = named(definitions().values(), question.metric)
     words, place = metric.wording, PHASE_PLACES.get(question.window) if metric.asked == "phases" else None
     if words is not None:
-        return words if place is None else replace(words, more=f"{words.more} {place}", less=f"{words.less} {place}")
+        return words if place is None else words._replace(more=f"{words.more} {place}", less=f"{words.less} {place}")
     title = subject_of(question)
     if question.better in ("low", "zero"):
         return Wording("has a", f"smaller {title}", f"larger {title}", title)

@@ -8,9 +8,9 @@ epoch by 0.6.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +24,7 @@ FIRST_YEAR, LAST_YEAR = 2010, 2030
 UNKNOWN_DATE_YEAR = 2025.0
 
 
-@dataclass(frozen=True, slots=True)
-class MagneticField:
+class MagneticField(NamedTuple):
     """The earth's field at a place; ``model`` names model and date."""
 
     declination_deg: float

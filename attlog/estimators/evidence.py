@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,8 +148,7 @@ SOUND_DEG, SOUND_SIGMAS, SOUND_SIGMA_DEG = 3.0, 2.0, 2.0
 MIN_WINDOWS = 4
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingOffset:
+class HeadingOffset(NamedTuple):
     """How far a heading is off by GNSS acceleration between ``t0`` and ``t1`` s.
 
     ``offset_deg`` is the heading of the attitude minus the true one, clockwise positive, with one ``sigma_deg``;
@@ -194,8 +194,7 @@ class VelocitySteps:
     delays: Array
 
 
-@dataclass(frozen=True, slots=True)
-class _Delay:
+class _Delay(NamedTuple):
     """The one that fits best: its place among the delays, one sigma in s, and why there is none."""
 
     at: int
@@ -361,7 +360,7 @@ def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_bl
         why="",
     )
     why = delay.why or _why_not(found, least_blocks)
-    return replace(found, known=not why, why=why)
+    return found._replace(known=not why, why=why)
 
 
 def _centred(x: Complex, parts: list[Index]) -> Complex:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from attlog.core.errors import UsageError
@@ -27,8 +26,7 @@ class FirmwareParameter(NamedTuple):
     start: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterTable:
+class ParameterTable(NamedTuple):
     """Parameters by short names, which a firmware's full names extend by ``prefix``.
 
     ``aliases``: full names of other versions to short ones. ``not_offered``: beginnings of full names, with the reason.

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -291,8 +291,7 @@ JITTER = 0.05
 TYPICAL_FIELD_UT = 50.0
 
 
-@dataclass(frozen=True, slots=True)
-class UniformSamples:
+class UniformSamples(NamedTuple):
     """Samples ``period`` seconds apart. ``t`` (m,) s; ``gyr``, ``acc`` (m, 3); ``mag`` (m, 3), zero rows where none.
 
     ``mag_period`` (s) is the magnetometer's own; ``regular`` False where the input had to be resampled.

@@ -11,8 +11,7 @@ cancel in the sum, in a single sample they do not. Measured over starts cut into
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +25,7 @@ if TYPE_CHECKING:
     from attlog.estimators.samples import PreparedSamples
 
 
-@dataclass(frozen=True, slots=True)
-class DerotatedVectors:
+class DerotatedVectors(NamedTuple):
     """Vectors in the body axes of the first sample.
 
     ``turned`` (n, 4): the body's attitude relative to the first sample. ``acc``, ``mag`` (n, 3):
@@ -75,8 +73,7 @@ MOTION_S = 3.0
 REST_RAD_S, REST_STEADY_RAD_S, REST_STEADY_M_S2 = np.deg2rad(10.0), np.deg2rad(1.0), 0.15
 
 
-@dataclass(frozen=True, slots=True)
-class StartVectors:
+class StartVectors(NamedTuple):
     """What the first seconds of a segment show, in body axes of its first sample.
 
     ``acc``, ``mag`` (3,), zero where there is none; ``late`` is the number of the sample with the first
@@ -96,7 +93,7 @@ def first(samples: PreparedSamples, a: int, b: int, values: Mapping[str, float |
         seen = first_seconds(
             samples.t[part], samples.gyr[part], samples.acc[part], samples.mag[part], samples.dt[part], init
         )
-        samples.starts[a, b, init] = seen if seen.late is None else replace(seen, late=a + seen.late)
+        samples.starts[a, b, init] = seen if seen.late is None else seen._replace(late=a + seen.late)
     kept: StartVectors = samples.starts[a, b, init]
     return kept
 
@@ -126,7 +123,7 @@ def first_seconds(
             picked.append(rows[t[rows] - t[rows[0]] <= REST_S] if rest and len(rows) else rows)
     if rest and init != "first" and len(fields) and soon[fields[0]]:
         # Nothing moves: the vectors as they are, and the gyro's noise stays out.
-        held = replace(held, acc=acc[:end], mag=mag[:end])
+        held = held._replace(acc=acc[:end], mag=mag[:end])
     return StartVectors(
         held.acc[picked[0]].mean(axis=0) if len(forces) else np.zeros(3),
         held.mag[picked[1]].mean(axis=0) if len(fields) else np.zeros(3),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from attlog.flight.limits import documented_range
 from attlog.flight.model import FlightLog, Gnss
@@ -22,8 +22,7 @@ UBLOX_DELAY_MS = {0x0004: 220.0, 0x0007: 120.0, 0x0008: 120.0, 0x0019: 120.0, 0x
 DRIVER_DELAY_MS = (50.0, 220.0)
 
 
-@dataclass(frozen=True, slots=True)
-class DelayParameter:
+class DelayParameter(NamedTuple):
     """Delay parameter ``name`` of an aid, with its logged value ``old`` in ms.
 
     ``low`` to ``high`` ms: delay that the estimator applied. ``most`` ms: documented maximum. ``words``: how the delay
@@ -137,8 +136,7 @@ ARDUPILOT_AIDS = {
 EKF_NUMBERS = {"NK": 2, "XK": 3}
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseParameter:
+class NoiseParameter(NamedTuple):
     """Noise parameter ``name`` of an aid: logged value ``old``, documented range, ``gate`` in standard deviations."""
 
     name: str
@@ -194,8 +192,7 @@ def advise_test_ratios(log: FlightLog) -> str:
 # --- requirements on GNSS ----------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class GnssRequirements:
+class GnssRequirements(NamedTuple):
     """Requirements of an estimator on GNSS: satellites, HDOP, accuracy of ``speed`` m/s and ``place`` m."""
 
     satellites: float

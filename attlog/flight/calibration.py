@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +85,7 @@ class Correction:
         return self.offset - np.linalg.solve(self.matrix, error)
 
 
-@dataclass(frozen=True, slots=True)
-class Calibration:
+class Calibration(NamedTuple):
     """Correction of a sensor and the parameters it follows from.
 
     ``offsets``: names of three parameters; the correction's offset is ``offset_unit`` times their values, negative if
@@ -218,8 +218,7 @@ def ardupilot_compass(values: Values, index: int) -> Calibration:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Mounting:
+class Mounting(NamedTuple):
     """Mounting of a compass by ``parameter``, "" where it has none of its own: ``number``, None where it is custom.
 
     ``internal``: set as a sensor on the board.

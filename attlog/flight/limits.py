@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,7 @@ from attlog.formats.table import Messages, ParamChange
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Quantity:
+class Quantity(NamedTuple):
     """Physical range of a quantity, ``low`` to ``high`` in ``unit``, with its reason ``why``.
 
     ``minor``: values outside stand for unknown, or only describe the autopilot's own state.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -397,8 +397,7 @@ class OnboardEstimator:
 VibrationMeasure = Literal["rest", "difference"]
 
 
-@dataclass(frozen=True, slots=True)
-class VibrationLimits:
+class VibrationLimits(NamedTuple):
     """Limits of a vibration level: quantile ``share`` of the flight, ``warning`` and ``fault`` in m/s^2."""
 
     share: float

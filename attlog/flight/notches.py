@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -19,8 +18,7 @@ from attlog.flight.vehicle import version_number
 FOLLOWS_THROTTLE = 1
 
 
-@dataclass(frozen=True, slots=True)
-class ActiveNotch:
+class ActiveNotch(NamedTuple):
     """Notch filter of the gyro at ``frequency`` Hz with ``width`` Hz.
 
     ``follows``: "throttle" or "measurement" (rotor speeds, FFT), empty for a fixed notch.
@@ -89,8 +87,7 @@ FIXED_NOTCHES = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class WantedNotch:
+class WantedNotch(NamedTuple):
     """Notch that would remove a peak at ``frequency`` Hz, at the usual ``throttle`` (0 to 1, None if not logged).
 
     ``follows``: throttle or rotor speed. ``harmonic``: multiple of the rotor speed, whose lowest value is ``slowest``

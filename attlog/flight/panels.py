@@ -47,8 +47,7 @@ class PanelLine:
     y: Array
 
 
-@dataclass(frozen=True, slots=True)
-class PanelUnit:
+class PanelUnit(NamedTuple):
     """Unit of a panel, and the range outside which a number means a missing value."""
 
     unit: str

@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,8 +64,7 @@ UNIT_ENDINGS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Signal:
+class Signal(NamedTuple):
     """Numeric field of a message; ``n``: its records, ``unit``: of the printed number, empty if the log has none.
 
     ``name`` is ``MESSAGE.field``, with ``[instance]`` behind the message where the log has several instances of it, in

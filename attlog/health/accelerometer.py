@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,8 +66,7 @@ AXIS_ORDERS: dict[str, Array] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class ForceFit:
+class ForceFit(NamedTuple):
     """Linear fit ``y = columns x`` of horizontal acceleration at ``t`` (n,) s.
 
     ``columns`` (n, 2, 8): A by rows, b, and a constant tilt of the attitude (two). ``y`` (n, 2) in m/s^2.
@@ -331,7 +331,7 @@ def _imu_bias(case: HealthCase, own: SensorBias, replayed: Imu, imu: Imu) -> Sen
     more = difference_in_flight(case, "acc", replayed, imu)
     if more is None:
         return None
-    return replace(own, mean=own.mean + more.middle, sigma=np.hypot(own.sigma, more.sigma(0.0)))
+    return own._replace(mean=own.mean + more.middle, sigma=np.hypot(own.sigma, more.sigma(0.0)))
 
 
 def offset_limits(bias: SensorBias) -> Array:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isclose
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,8 +97,7 @@ class Check:
         return self
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """Limits of a quantity: ok up to ``ok``, fault above ``fault``; ``floor``: error added to every sigma."""
 
     question: str
@@ -145,8 +144,7 @@ def as_sentence(reason: str) -> str:
     return f"{text if name else text[:1].upper() + text[1:]}."
 
 
-@dataclass(frozen=True, slots=True)
-class MotionAttitude:
+class MotionAttitude(NamedTuple):
     """Attitude by the smoother without any compass: its heading follows from motion alone.
 
     ``q`` (n, 4) turns vectors in the axes of the replayed IMU to north-east-down at ``t`` (n,) s; ``segment`` (n,)

@@ -12,9 +12,8 @@ cross-validation between both halves of the flight.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +48,7 @@ MAX_FLIGHT_SAMPLES, MAX_GROUND_SAMPLES = 2000, 400
 MIN_GROUND_SAMPLES, MIN_GROUND_S = 10, 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class FieldSamples:
+class FieldSamples(NamedTuple):
     """Samples of one compass at ``t`` (n,) s: in the ``air``, ``before`` take-off, ``after`` landing (masks).
 
     ``measured`` and ``expected`` (n, 3) uT in body axes: the logged field, and the earth's (``earth``, (3,) uT NED)
@@ -230,8 +228,7 @@ PARTS, PART_S, MIN_PART_SAMPLES = 3, 10.0, 10
 OFFSET_SIGMAS, MIN_OFFSET_UT = 4.0, 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class OffsetFit:
+class OffsetFit(NamedTuple):
     """Offset (3,) uT of a compass in body axes with its total error ``sigma`` (3,).
 
     ``left_ut``: residual RMS; ``n`` samples in ``blocks`` of 5 s.
@@ -303,8 +300,7 @@ def total_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
 MIN_IMPROVEMENT, MIN_IMPROVEMENT_DEG, MAX_HEADING_ERROR_DEG = 0.3, 1.0, 12.0
 
 
-@dataclass(frozen=True, slots=True)
-class HeadingProof:
+class HeadingProof(NamedTuple):
     """Cross-validated RMS heading error in deg ``before`` and ``after`` a correction."""
 
     before: float
@@ -366,8 +362,7 @@ MOTORS_AS_GOOD, MOTORS_AS_GOOD_DEG = 1.1, 0.5
 MIN_POWER_RISE = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class MotorField:
+class MotorField(NamedTuple):
     """Magnetic field of the motors: ``per_unit`` (3,) uT per ampere or at full throttle.
 
     ``power`` (A, or 0 to 1): power in flight minus that on the ground. ``offset`` (3,) uT: field without power.
@@ -383,8 +378,7 @@ class MotorField:
         return np.asarray(self.offset + power[:, None] * self.per_unit)
 
 
-@dataclass(frozen=True, slots=True)
-class CompassStudy:
+class CompassStudy(NamedTuple):
     """Study of one compass: offsets in the air, and on the ground with motors off.
 
     ``before``, ``after``, ``ground``: before take-off, after landing, and both. ``steady``: the offsets of both halves

@@ -8,7 +8,7 @@ of the vehicle separate both; without turns, T keeps the horizontal field streng
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,8 +43,7 @@ OFFSET_LIMIT = f"ok up to {OFFSET_OFF_UT:.0f} uT or {SIGMAS:.0f} sigma, fault ab
 TURN_LIMIT = f"ok up to {TURN_OFF_DEG:.0f} deg, fault above {TURN_FAR_DEG:.0f} deg"
 
 
-@dataclass(frozen=True, slots=True)
-class TurnFit:
+class TurnFit(NamedTuple):
     """Offset (3,) uT and clockwise turn of a compass by the simplest model that fits.
 
     ``left_ut``: residual RMS. ``steady``: both halves of the flight agree; ``one_fault``: an offset or a turn alone
@@ -140,7 +139,7 @@ def fit_turn(log: FlightLog, segments: Segments, reference: Reference) -> TurnFi
     found = fit_simplest(t, u, m, seconds)
     middle = len(t) // 2
     halves = [fit_simplest(t[k], u[k], m[k], seconds / 2) for k in (slice(None, middle), slice(middle, None))]
-    return None if found is None else replace(found, steady=_halves_agree(found, *halves))
+    return None if found is None else found._replace(steady=_halves_agree(found, *halves))
 
 
 def _halves_agree(found: TurnFit, one: TurnFit | None, two: TurnFit | None) -> bool:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,7 @@ SLOPE_S = 0.02
 STANDARD_ERRORS = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class AttitudePath:
+class AttitudePath(NamedTuple):
     """Attitudes ``q`` (n, 4) of the replayed IMU at ``t`` (n,) s; ``segment`` (n,) numbers the parts between gaps."""
 
     t: Array
@@ -52,8 +51,7 @@ class AttitudePath:
     name: str
 
 
-@dataclass(frozen=True, slots=True)
-class DelayFit:
+class DelayFit(NamedTuple):
     """Delay and standard error in s; ``halves``: delays in both halves of the flight.
 
     ``turn_deg``: fitted rotation of the attitude about the vertical. ``moving``: RMS of the excitation, m/s^2 or uT/s.

@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -76,16 +77,14 @@ class Finding:
         return self.severity in ("serious", "warning")
 
 
-@dataclass(frozen=True, slots=True)
-class OpenQuestion:
+class OpenQuestion(NamedTuple):
     """Question without an answer: title, and how to get an answer (may be empty)."""
 
     title: str
     remedy: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Context:
+class Context(NamedTuple):
     """Input of the rules beside the signs; ``crashed``: sensors show a crash."""
 
     log: FlightLog

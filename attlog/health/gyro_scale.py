@@ -9,8 +9,8 @@ estimator integrates, and Universal Time against the log's own.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +42,7 @@ MIN_UNIT_HZ = 10.0
 SLOPE_FLOOR, FIELD_FLOOR = 0.006, 0.008
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(NamedTuple):
     """Excess of the world's turn over the gyro's about ``axis``, as a share with its ``sigma``, by a source ``by``."""
 
     axis: int
@@ -162,8 +161,7 @@ def mask_in_use(case: HealthCase, t: Array) -> NDArray[np.bool_]:
 FIELD_HZ, MIN_PART_S, MAX_PARTS = 8.0, 15.0, 8
 
 
-@dataclass(frozen=True, slots=True)
-class FieldPart:
+class FieldPart(NamedTuple):
     """Field ``m`` (n, 3) T at ``t`` (n,) s without gaps; ``turn`` (n - 1, 3): the gyro's rotation vectors between."""
 
     t: Array
@@ -342,8 +340,7 @@ AXES = "xyz"
 MAX_SOUND_SIGMA = math.hypot(MAX_PAIR_ERROR, FIELD_FLOOR)
 
 
-@dataclass(frozen=True, slots=True)
-class ScaleEvidence:
+class ScaleEvidence(NamedTuple):
     """Turns of the world against a gyro: by truth, compasses, other units and the onboard attitude, and clocks.
 
     ``utc`` and ``loop``: seconds of Universal Time and of the main loop's schedule in a logged second, None if unknown.
@@ -397,7 +394,7 @@ def scale_checks(case: HealthCase) -> list[Check]:
     in_time = found.loop
     if in_time is not None and found.utc is not None and found.clock_off:
         # A scheduler keeps time by the log's clock, or by a timer of its own: one that is right by either is not slow.
-        in_time = min(in_time, replace(in_time, rate=in_time.rate / found.utc.rate), key=lambda r: abs(r.rate - 1.0))
+        in_time = min(in_time, in_time._replace(rate=in_time.rate / found.utc.rate), key=lambda r: abs(r.rate - 1.0))
     loop = [] if in_time is None else [loop_check(case.log, imu, in_time, slowed)]
     return [clock_check(found.utc, found.loop), *loop, scale]
 

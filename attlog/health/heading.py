@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,8 +98,7 @@ BIAS_DPS = 0.3
 MIN_FIELD_SAMPLES = 20
 
 
-@dataclass(frozen=True, slots=True)
-class CompassLeft:
+class CompassLeft(NamedTuple):
     """An estimator whose heading left its compass at ``t`` s, by a ``jump_deg`` (0: gradually).
 
     ``compass_deg``: heading error of the compass by the same GNSS acceleration.

@@ -7,7 +7,7 @@ one had worked hardest.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,7 @@ LIMITS = {
 SOURCE = "attlog, tried on logs with known faults"
 
 
-@dataclass(frozen=True, slots=True)
-class Hover:
+class Hover(NamedTuple):
     """Outputs ``x`` (n, motors) averaged over the seconds ``t`` (n,) of hover; ``work`` (motors,): their medians."""
 
     t: Array

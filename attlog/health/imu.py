@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,8 +42,7 @@ STANDARD_ERRORS = 1.5
 MAD, MEDIAN_SD = 1.4826, 1.2533
 
 
-@dataclass(frozen=True, slots=True)
-class Blocks:
+class Blocks(NamedTuple):
     """Block medians ``x`` (b, k) at block centres ``t`` (b,) s.
 
     From ``samples`` in ``seconds``. ``spread`` (k,): robust deviation of the samples within a block.
@@ -158,8 +157,7 @@ MAX_JOINT_SIGMAS = 2.0
 FLOOR_DPS, SURE_DPS = 0.05, 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class SensorBias:
+class SensorBias(NamedTuple):
     """Sensor bias ``mean`` (3,) with ``sigma`` (3,) in body axes, m/s^2 or deg/s.
 
     ``known`` (3,): axes with a small enough sigma. ``n`` samples in ``seconds``; ``by``: source as text.

@@ -8,10 +8,9 @@ vibration.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -129,8 +128,7 @@ def difference_in_flight(case: HealthCase, kind: Kind, a: Imu, b: Imu) -> Blocks
     return difference(getattr(a, kind), getattr(b, kind), flight_spans(case.segments))
 
 
-@dataclass(frozen=True, slots=True)
-class ImuDifference:
+class ImuDifference(NamedTuple):
     """Difference of two IMUs in a ``phase``: ``middle`` (3,) with ``sigma`` (3,)."""
 
     middle: Array
@@ -262,8 +260,7 @@ GYRO = Limits("gyro_temperature", "deg/s", 1.0, 3.0, f"ok up to 1 deg/s {SPAN_TE
 ACC = Limits("accelerometer_temperature", "m/s^2", 0.3, 1.0, f"ok up to 0.3 m/s^2 {SPAN_TEXT} 1", SLOPE_SOURCE)
 
 
-@dataclass(frozen=True, slots=True)
-class TemperatureSlope:
+class TemperatureSlope(NamedTuple):
     """Line through bins of 1 K: ``slope`` per kelvin with its ``sigma`` (k,), from ``low`` to ``high`` degC."""
 
     slope: Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,8 +49,7 @@ REJECTION_ACTIONS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class RatioSummary:
+class RatioSummary(NamedTuple):
     """Test ratios of an aid: ``above`` s of ``seconds`` are above 1, ``longest`` (t0, t1) s without a break."""
 
     aid: str

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 from attlog.core.errors import call_guarded
 from attlog.core.log_cache import log_cache
@@ -37,8 +38,7 @@ from attlog.health.check import BUG, Check, HealthCase, Weight, finite, spare_se
 Maker = Callable[[HealthCase], list[Check]]
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
+class Row(NamedTuple):
     """Registry row of a check: title, maker, and kind of finding.
 
     ``warning``, ``fault``: severity of the finding by verdict. ``remedy``: key of :meth:`FlightLog.remedy`, None where

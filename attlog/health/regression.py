@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,8 +16,7 @@ HUBER = 2.0
 HUBER_PASSES = 6
 
 
-@dataclass(frozen=True, slots=True)
-class RobustFit:
+class RobustFit(NamedTuple):
     """Coefficients ``x`` (p,), covariance (p, p), robust residual deviation, number of blocks."""
 
     x: Array

@@ -8,7 +8,7 @@ parameter is not judged. A switched-off function explains no event, so the findi
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,8 +27,7 @@ def _never(log: FlightLog, t: float) -> bool:
     return False
 
 
-@dataclass(frozen=True, slots=True)
-class Switch:
+class Switch(NamedTuple):
     """Safety function and the parameters that switch it off.
 
     ``off``: values by parameter; the function is off where all logged ones have these, and unknown without any.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +37,7 @@ CLEARLY_BETTER = 0.4
 REFERENCE_NAMES = {"truth": "the truth", "smoother": "the smoother"}
 
 
-@dataclass(frozen=True, slots=True)
-class SourceDifference:
+class SourceDifference(NamedTuple):
     """Median tilt and heading difference in deg of two attitudes while beyond the limits.
 
     From ``since`` (None: never for long) to ``until`` s, for a ``share`` of that time; ``lasts``: for most of it.
@@ -197,8 +196,7 @@ LANE_LIMIT = (
 LANE_LIMIT += f"or within {1 / CLEARLY_BETTER:.1f} times the best"
 
 
-@dataclass(frozen=True, slots=True)
-class LaneError:
+class LaneError(NamedTuple):
     """Median errors of a lane in deg in flight over ``n`` samples; unknown heading is NaN."""
 
     lane: int

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,7 @@ MIN_RATE_HZ = 90.0
 GAP_STEPS, MAX_LOST_SHARE = 5.0, 0.1
 
 
-@dataclass(frozen=True, slots=True)
-class Spectra:
+class Spectra(NamedTuple):
     """Spectra of one sensor over ``frequency`` (k,) Hz in windows centred at ``t`` (w,) s.
 
     ``density`` (w, k, 3) along body axes in (deg/s)^2/Hz or (m/s^2)^2/Hz. ``rate`` Hz of the source, ``seconds`` of a
@@ -466,4 +465,4 @@ def scaled_to_usual_throttle(log: FlightLog, spectra: Spectra) -> Spectra:
         for axis in range(scaled.shape[2]):
             density = spectra.density[w, :, axis]
             scaled[w, :, axis] = one * np.interp(spectra.frequency * one, spectra.frequency, density)
-    return replace(spectra, density=scaled)
+    return spectra._replace(density=scaled)

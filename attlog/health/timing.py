@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -156,8 +156,7 @@ MIN_RECORDS, MIN_DATES = 60, 6
 NOMINAL_S, USUAL_SHARE = (0.01, 0.02, 0.04, 0.1), 0.15
 
 
-@dataclass(frozen=True, slots=True)
-class ClockRate:
+class ClockRate(NamedTuple):
     """Seconds of another clock in a second of the log's, over ``seconds``.
 
     ``by``: its source. ``interval_ms``: nominal interval of IMU records by the main loop's schedule.

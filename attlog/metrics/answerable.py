@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from attlog.core.brief import counted
 from attlog.metrics import correction_noise, drift, lag
@@ -24,8 +24,7 @@ WHERE = {"rest": "at rest", "hover": "in hover", "cruise": "in moving flight", "
 ONBOARD = drift.HEADING_REFERENCES["onboard"]
 
 
-@dataclass(frozen=True, slots=True)
-class Availability:
+class Availability(NamedTuple):
     """Amount of usable data for a metric, or the reasons for none."""
 
     found: tuple[str, ...]

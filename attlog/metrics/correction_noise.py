@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,8 +142,7 @@ def correction_residual(
             out[i, 0], out[i, 1], out[i, 2] = x * cosine + y * sine, y * cosine - x * sine, DEG * out[i, 2]
 
 
-@dataclass(frozen=True, slots=True)
-class GyroAttitude:
+class GyroAttitude(NamedTuple):
     """The integrated gyro: ``t`` (n,) s, ``q`` (n, 4), ``segment`` (n,) counts restarts."""
 
     t: Array

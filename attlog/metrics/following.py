@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,7 @@ MADE_RATE_HZ = (20.0, 200.0)
 MIN_STILL_SAMPLES = 20  # smallest number of samples of a rest
 
 
-@dataclass(frozen=True, slots=True)
-class StillSamples:
+class StillSamples(NamedTuple):
     """Samples at rest: ``t`` (n,) s, ``gyro`` (n, 3) rad/s, ``acc`` (n, 3) m/s^2, ``mag`` (n, 3) or None."""
 
     t: Array

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from attlog.estimators.evidence import HeadingOffset
 from attlog.flight.model import Imu
 from attlog.metrics.metric import (
@@ -111,7 +109,7 @@ def _shifted(found: HeadingOffset, turned: float) -> HeadingOffset:
     """Return the heading error before removal of the heading offset."""
     if not turned:
         return found
-    return replace(found, offset_deg=float((found.offset_deg + turned + 180.0) % 360.0 - 180.0))
+    return found._replace(offset_deg=float((found.offset_deg + turned + 180.0) % 360.0 - 180.0))
 
 
 def _record(found: HeadingOffset, turned: float) -> SpanAnswer:

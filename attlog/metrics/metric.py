@@ -6,7 +6,7 @@ import functools
 import weakref
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import Any, Concatenate, Literal, ParamSpec, TypeVar
+from typing import Any, Concatenate, Literal, NamedTuple, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -116,8 +116,7 @@ def missing(code: str, reason: str, unit: str, window: str) -> Answer:
     return Answer(None, unit, window, code=code, reason=reason)
 
 
-@dataclass(frozen=True, slots=True)
-class Resolution:
+class Resolution(NamedTuple):
     """Coarsest answer worth showing.
 
     An answer is withdrawn if its interval includes perfection and reaches farther than ``size`` from it, in the
@@ -129,8 +128,7 @@ class Resolution:
     evidence: Literal["seconds", "steps", "windows"]
 
 
-@dataclass(frozen=True, slots=True)
-class Wording:
+class Wording(NamedTuple):
     """Words of a comparison, as "A ``verb`` 24 % ``more`` than B".
 
     ``more`` is the better one; ``less`` the other. ``noun`` follows "in". Differences whose interval ends below
@@ -144,8 +142,7 @@ class Wording:
     none: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Metric:
+class Metric(NamedTuple):
     """Column of the table; ``definition`` is its paragraph in the report.
 
     ``name`` carries the unit (``noise_roll_deg``); ``better`` is the best value. ``decided_by``: the metric whose
@@ -166,8 +163,7 @@ class Metric:
     covers: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class MetricGroup:
+class MetricGroup(NamedTuple):
     """Metrics that one function computes, with its requirements.
 
     Computed in ``windows`` and any ``T0:T1``, or in every window if ``windows`` is empty. Each of ``needs`` returns

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Iterator
-from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +63,7 @@ def rest_residual(out: Out2, t: F1, q: F2, centre: F2, yaw: F1, edges: I1) -> No
                 out[i, c] -= mean + along / size * (t[i] - t[a] - middle)
 
 
-@dataclass(frozen=True, slots=True)
-class PhaseVariances:
+class PhaseVariances(NamedTuple):
     """Windows that begin at ``t0`` (k,) s, with variances (k, 4) deg^2 about NOISE_AXES and ``seconds`` in all."""
 
     t0: Array

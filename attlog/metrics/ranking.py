@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
 from itertools import combinations
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,8 +156,7 @@ class DuplicateSearch:
         return _largest_deg(whole.q, row.q) if np.array_equal(whole.t, row.t) else np.inf
 
 
-@dataclass(frozen=True, slots=True)
-class _Excerpt:
+class _Excerpt(NamedTuple):
     """Attitudes (m, 4) at times (m,), spread over a row's ``n`` samples."""
 
     n: int
@@ -214,8 +213,7 @@ MIN_COMMON_UNITS: dict[Kind, int] = {"lag_event": 3, "step_event": 6}
 MIN_WINDOWS = 2
 
 
-@dataclass(frozen=True, slots=True)
-class Family:
+class Family(NamedTuple):
     """Compared rows of one column."""
 
     rows: list[str]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -205,8 +204,7 @@ def _metric(statistic: str, aid: str) -> Metric:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class AidSamples:
+class AidSamples(NamedTuple):
     """Innovations ``e`` (n,) of all axes of one aid at ``t`` (n,) s, test ratios and numbers of the axes."""
 
     t: Array

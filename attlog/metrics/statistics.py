@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import pairwise
 from statistics import NormalDist
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -154,8 +154,7 @@ def _nonzero(x: float) -> float:
 Interval = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class VariancePrior:
+class VariancePrior(NamedTuple):
     """Prior ``variance`` of one value, worth ``dof`` degrees of freedom."""
 
     variance: float

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,7 @@ BEFORE_S = 0.3
 SETPOINT_HOLE_S = 0.5
 
 
-@dataclass(frozen=True, slots=True)
-class Curve:
+class Curve(NamedTuple):
     """Turning and error of a row in one event, deg.
 
     At the slower one's times ``t`` (n,) s in the event's window, positive along the stroke. ``reference`` (n,): turning
@@ -60,8 +58,7 @@ def curves(case: Case, row: Track, window: str) -> list[Curve]:
     return _curves(case, row, step_fit.first_with(case, row, window))
 
 
-@dataclass(frozen=True, slots=True)
-class EventSamples:
+class EventSamples(NamedTuple):
     """Samples of a row's errors in one event.
 
     ``own`` (n,): indices in the event, ``before`` (m,): before its onset; ``body`` (3,): axis of the event. ``turned``
@@ -196,8 +193,7 @@ STEP_ERROR_METRICS: tuple[Metric, ...] = tuple(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class EventErrors:
+class EventErrors(NamedTuple):
     """Signed errors and strokes (k,) in deg of events by id."""
 
     ids: Ids

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -302,8 +303,7 @@ MAX_KEPT_BYTES = 64_000_000
 MIN_PAIRS = 4  # fewer rates fit nothing
 
 
-@dataclass(frozen=True, slots=True)
-class EventRanges:
+class EventRanges(NamedTuple):
     """An event that row and reference show without a gap: their samples, its ``axis`` (3,) in the body."""
 
     event: StepEvent

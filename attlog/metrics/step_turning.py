@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +31,7 @@ RUN_AFTER_S = 1.2  # the window and 0.2 s of margin
 RATE_SPAN_S = 0.04
 
 
-@dataclass(frozen=True, slots=True)
-class StepEvent:
+class StepEvent(NamedTuple):
     """One step about a body axis: onset, half and 90 % of the stroke, its size, the window to compare in (s)."""
 
     axis: int
@@ -120,8 +120,8 @@ def _cut_to_neighbours(events: list[StepEvent]) -> list[StepEvent]:
     cut = list(events)
     for k in range(len(events) - 1):
         halfway = 0.5 * (events[k].t90 + events[k + 1].onset)
-        cut[k] = replace(cut[k], end=min(cut[k].end, halfway))
-        cut[k + 1] = replace(cut[k + 1], begin=max(cut[k + 1].begin, halfway))
+        cut[k] = cut[k]._replace(end=min(cut[k].end, halfway))
+        cut[k + 1] = cut[k + 1]._replace(begin=max(cut[k + 1].begin, halfway))
     return cut
 
 
@@ -196,8 +196,7 @@ def about_axes(out: Out2, at: Out1, axes: F2, start: F1, begin: I1, first: I1, t
                 out[i, 1], out[i, 2], out[i, 3] = y * uz - z * uy, z * ux - x * uz, x * uy - y * ux
 
 
-@dataclass(frozen=True, slots=True)
-class Timing:
+class Timing(NamedTuple):
     """Segment ``number`` (n,) between gaps of times (n,), and their median ``step`` in s."""
 
     number: Index

@@ -192,7 +192,7 @@ def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
             log,
             "The reference",
             lambda: reference.choose(log, phases, options, smooth=smooth),
-            lambda: reference.choose(log, phases, replace(options, reference="none")),
+            lambda: reference.choose(log, phases, options._replace(reference="none")),
         )
         headings = guarded_part(
             log, "Other headings", lambda: reference.heading_references(log, phases, ref), dict[str, HeadingReference]

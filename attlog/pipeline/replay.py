@@ -80,7 +80,7 @@ def smoother(
     north, _ = alignment.declination_step(log, options.declination)
     field = alignment.earth_field(log)
     if field is not None and north is not None:
-        field = replace(field, declination_deg=north)
+        field = field._replace(declination_deg=north)
     aids, facts = inputs.aids_of(log, segments, imu, field), inputs.facts_of(log, segments, imu, north)
     t = imu.gyro.t_best
     mag = None if log.mag is None or not compass else log.mags[log.mag]

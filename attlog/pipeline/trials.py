@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,8 +33,7 @@ MIN_BLOCKS = 3
 FILTER_TITLES = {"px4_ekf2": "EKF2", "ap_ekf3": "EKF3"}
 
 
-@dataclass(frozen=True, slots=True)
-class Trials:
+class Trials(NamedTuple):
     """Re-runs of the flown filter of a log: as it flew (``row``), and with changes.
 
     ``before``: statistics of the innovations as it flew.

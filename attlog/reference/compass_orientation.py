@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,7 @@ Verdict = Literal["ok", "fault", "unknown"]
 Reason = Literal["", "data", "iron", "tilt", "drift", "world", "next", "askew", "attitudes"]
 
 
-@dataclass(frozen=True, slots=True)
-class Sums:
+class Sums(NamedTuple):
     """Sums of a window about its nuisance: ``s`` (..., 3, 3) of R R', ``c`` (..., 3, 3, 3) of R m, ``v`` of m m."""
 
     s: Array
@@ -75,8 +74,7 @@ class Sums:
         return h, np.maximum(self.v - np.sum(b * h, axis=-1), 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class Fits:
+class Fits(NamedTuple):
     """Fits of all mountings over all windows, each (p,): field components and their error (uT), residual, drift."""
 
     level: Array
@@ -278,7 +276,7 @@ def judge(windows: Sequence[Window], orders: Array, earth: MagneticField) -> Ori
         return Orientation("unknown", "data", TOO_LITTLE)
     fits = fit_orders(windows, orders)
     found, best = _compare(fits, earth)
-    mirror, other = _compare(replace(fits, down=-fits.down), earth)  # a mirror changes the field's sign alone
+    mirror, other = _compare(fits._replace(down=-fits.down), earth)  # a mirror changes the field's sign alone
     rival = np.inf if best is None else float(fits.left[best])
     mirrored = mirror.verdict != "unknown" and rival > MIN_MIRROR_RATIO * float(fits.left[other])
     if mirrored:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,8 +53,7 @@ MIN_MISFIT_RATIO = 3.0
 MIN_FIELD_CHANGE_DEG = 1.5
 
 
-@dataclass(frozen=True, slots=True)
-class GyroMismatch:
+class GyroMismatch(NamedTuple):
     """Disagreement of gyro and attitude: the wrong one (``of``) and why."""
 
     of: Literal["gyro", "attitude", ""] = ""

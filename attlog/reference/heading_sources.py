@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,8 +90,7 @@ def _clipped(log: FlightLog, imu: Imu) -> list[Span]:
 SAME_SIGMAS = 2.0
 
 
-@dataclass(frozen=True, slots=True)
-class WrongHeading:
+class WrongHeading(NamedTuple):
     """Spans of a wrong heading, with the best known offset."""
 
     spans: list[Span]

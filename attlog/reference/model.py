@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ Array = NDArray[np.float64]
 SMOOTHER = "smoother"
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceOptions:
+class ReferenceOptions(NamedTuple):
     """Options to choose and align the reference.
 
     ``reference``: auto, truth, smoother, onboard, onboard:NAME or none. ``clock``: sample (times of measurement) or

@@ -6,6 +6,7 @@ They do not count where gravity or GNSS acceleration supports the onboard attitu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +31,7 @@ SUSPECT_DEG, WRONG_DEG = {"tilt": 3.0, "heading": 8.0}, {"tilt": 10.0, "heading"
 MIN_ERROR_S = 3.0  # shorter ones may be manoeuvres
 
 
-@dataclass(frozen=True, slots=True)
-class OnboardError:
+class OnboardError(NamedTuple):
     """Error of one angle of the onboard attitude, ``seconds`` long in all.
 
     ``size`` and ``sigma``: medians in the ``longest`` span, deg (sigma 0 for truth). ``wrong``: above WRONG_DEG, else

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +39,7 @@ MAX_FORCE_SAMPLES = 2000
 QUIET_WORDS = {"rest": "at rest", "idle": "on the ground with motors on", "hover": "in hover"}
 
 
-@dataclass(frozen=True, slots=True)
-class QuietSegment:
+class QuietSegment(NamedTuple):
     """Comparison of a reference with the mean force of a quiet segment.
 
     ``tilt``: angle between its down and the force, deg; ``force``: size, m/s^2.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +66,7 @@ def _dip_text(angle: float) -> str:
     return f"points {abs(angle):.0f} deg {'above' if angle < -0.5 else 'below'}"
 
 
-@dataclass(frozen=True, slots=True)
-class DipAngles:
+class DipAngles(NamedTuple):
     """Dip (deg) by accelerometer, by an attitude, and by the earth model."""
 
     by_force: float

@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +40,7 @@ TICK_STEPS = (1.0, 2.0, 5.0)
 NOT_RANKED = re.compile(r"Not ranked \((?P<reason>[^()]*)\)")
 
 
-@dataclass(frozen=True, slots=True)
-class DotScale:
+class DotScale(NamedTuple):
     """Scale from ``low`` to ``high``, logarithmic for sizes, about zero for signed values."""
 
     low: float
@@ -160,8 +160,7 @@ class QuestionColumn:
     onboard: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class FourQuestions:
+class FourQuestions(NamedTuple):
     """Row ids from top to bottom, and the four questions.
 
     ``nothing``: why no question has an answer.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from markupsafe import Markup
@@ -200,8 +200,7 @@ def answer_notes(result: Result) -> dict[str, list[str]]:
 Behind = Callable[[Any], "Place | None"]
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(NamedTuple):
     """Place on the page that shows a finding, event or check: link and title.
 
     ``view``: number of the figure's view that the link chooses, None where the figure stays as it is.

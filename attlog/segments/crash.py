@@ -6,8 +6,8 @@ is no crash by itself: it is also sent for vehicles on a bench or in a hand.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -246,8 +246,7 @@ MIN_UPRIGHT_S, MAX_UPRIGHT_FORCE_DEG, MAX_STEADY_M_S2 = 2.0, 25.0, 0.3
 MIN_CARRIED_GAP_S, MIN_UPRIGHT_AFTER_GAP_S = 5.0, 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Wreck:
+class Wreck(NamedTuple):
     """Wreck from a crash at ``t0`` s until upright again, or the log's end, at ``t1`` s.
 
     ``impact_s``: first impact of the crash, else ``t0``. ``why``: a sentence with numbers.
@@ -259,8 +258,7 @@ class Wreck:
     why: str
 
 
-@dataclass(frozen=True, slots=True)
-class FlightOutcome:
+class FlightOutcome(NamedTuple):
     """Flights of a log, their crashes and hard landings, and its wrecks."""
 
     flights: list[Span]

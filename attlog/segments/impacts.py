@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,8 +235,7 @@ FLIES_ON_S = 6.0
 MIN_IMPACT_HZ = 40.0
 
 
-@dataclass(frozen=True, slots=True)
-class ImpactPeak:
+class ImpactPeak(NamedTuple):
     """Contact of ``g`` (standard gravity) at ``t`` s; ``rate`` of the IMU in Hz.
 
     ``most``: largest force in g of the contacts up to 1 s apart. ``follows``: a harder one after another of these.

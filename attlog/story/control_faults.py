@@ -6,8 +6,8 @@ A pilot moves below 4.5 Hz, and above 20 Hz it is vibration. Limits are from doc
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,7 @@ LAGS_S = np.arange(0.0, 0.41, 0.02)
 MIN_CORRELATION, SLOPES, MAX_LAG_S = 0.65, (0.4, 1.6), 0.2
 
 
-@dataclass(frozen=True, slots=True)
-class Tracking:
+class Tracking(NamedTuple):
     """Medians over ``windows`` of an axis: correlation, slope and lag (s) of the rate against its set-point.
 
     ``t``, ``t_end`` s: first and last window.
@@ -130,8 +129,7 @@ MAX_PAUSE_STEPS = 5.0
 ALIAS_HZ = 50.0
 
 
-@dataclass(frozen=True, slots=True)
-class Oscillation:
+class Oscillation(NamedTuple):
     """Oscillation of an axis: ``hz``, amplitude ``dps`` (medians), ``share`` of the flight; first from t to t_end."""
 
     axis: int

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,8 +86,7 @@ MIN_REJECTION_S = 1.0
 FLIGHT_MARGIN_S = 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Rejection:
+class Rejection(NamedTuple):
     """Rejection of an aid: spans of at least 1 s, largest test ratio, log record."""
 
     aid: str

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -285,8 +285,7 @@ CHANGED_S = 10.0
 THROUGHOUT_S = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class WrongAngle:
+class WrongAngle(NamedTuple):
     """Wrong angle (tilt, heading) of the onboard attitude from ``t`` to ``t_end`` s; ``why`` empty where unknown."""
 
     angle: str

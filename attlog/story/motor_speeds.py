@@ -7,7 +7,7 @@ one motor, by which the two are matched.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,8 +29,7 @@ MIN_STOP_S, MIN_STOP_RECORDS = 0.5, 3
 NO_CURRENT_SHARE, MIN_CURRENT_A = 0.2, 1.0
 
 
-@dataclass(frozen=True, slots=True)
-class Stop:
+class Stop(NamedTuple):
     """A stop of the motor at ``esc`` (index) from ``t`` to ``t_end`` s; ``others`` rpm: median of the others.
 
     ``without_current``: whether the controller measured no current either, None where currents are not measured.

@@ -8,7 +8,7 @@ interval.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from attlog.core.brief import first_part
 from attlog.health.gravity import is_usable_gravity
@@ -69,8 +69,7 @@ ADVICE = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class AnswerLine:
+class AnswerLine(NamedTuple):
     """Answer from a column of the table.
 
     ``onboard`` and ``remark``: additional sentences, or empty. ``where``: start of ``text`` that names quantity or
@@ -123,9 +122,9 @@ def answer_lines(result: Result) -> dict[str, AnswerLine]:
         return found
     wrong = SPOILING_CHECKS[check.question]
     note = f"{_capital(wrong)}: {typeset(check.text.rstrip('.'))}."
-    lines = {question: replace(line, notes=(note, *line.notes)) for question, line in found.items()}
+    lines = {question: line._replace(notes=(note, *line.notes)) for question, line in found.items()}
     return {
-        question: replace(line, text=f"Unreliable, {wrong}: {line.text}", onboard="") if line.answered else line
+        question: line._replace(text=f"Unreliable, {wrong}: {line.text}", onboard="") if line.answered else line
         for question, line in lines.items()
     }
 
@@ -162,7 +161,7 @@ def _accuracy(result: Result) -> AnswerLine:
     replayed = [row for row in result.estimators if row.kind == "replay"]
     if tilt.filters and not any(row.uses_mag or row.north_by_gnss for row in replayed):
         notes.append("Without a compass filters know no north: each heading counts from the start.")
-    return replace(line, notes=(*notes, *reason_notes(result, [("", tilt)])))
+    return line._replace(notes=(*notes, *reason_notes(result, [("", tilt)])))
 
 
 def _noise(result: Result) -> AnswerLine:
@@ -177,7 +176,7 @@ def _noise(result: Result) -> AnswerLine:
     notes += [f"The gyro's own noise is about {own}." for own in (gyro_noise(lead),) if own]
     notes += reason_notes(result, [("", lead)])
     if not lead.ranked:
-        return replace(_unranked(lead), notes=(*advice(result, lead), *notes))
+        return _unranked(lead)._replace(notes=(*advice(result, lead), *notes))
     where = PHASE_WORDS[lead.window]
     where = _capital(where) if lead.window == "rest" else f"Added {where}:"
     return AnswerLine(f"{where} {_compared(lead)}.", lead, _onboard_value(lead), notes=tuple(notes), where=where)
@@ -194,7 +193,7 @@ def _lag(result: Result) -> AnswerLine:
     lag = rank_column(result, LAG, AIR)
     notes = (*imu_delay_notes(result, lag), *reason_notes(result, [("", lag)]))
     if not lag.ranked:
-        return replace(_unranked(lag), notes=(*advice(result, lag), *notes))
+        return _unranked(lag)._replace(notes=(*advice(result, lag), *notes))
     moved = [j for j in lag.ranked if j.significant and abs(j.value) > j.answer.counts_as_zero_below][::-1]
     rest = [j for j in lag.ranked if j not in moved]
     steps = counted(max(j.answer.n for j in lag.ranked), "step")
@@ -263,7 +262,7 @@ def _drift(result: Result) -> AnswerLine:
     notes = (*rest_notes(result, rest), *reason_notes(result, [("at rest, ", rest), ("in the air, ", air)]))
     if not found.ranked:
         line = _unranked(rest if rest.filters or not air.filters else air)
-        return replace(line, notes=(*advice(result, rest), *notes))
+        return line._replace(notes=(*advice(result, rest), *notes))
     drifting = [j for j in found.ranked if j.significant][::-1]
     still = [j for j in found.ranked if not j.significant]
     against = against_heading(result, reference) if found is air else ""

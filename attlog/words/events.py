@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from attlog.result import Event, Finding, Result
 from attlog.words.findings import SEVERITY, question_title
@@ -89,8 +89,7 @@ MESSAGE = re.compile(r"(\w+)(?::\d+)?(?:\.(\w+))?(?=: |$)")
 TEXT = re.compile(r"(?:text|report) at \S+ s: (?P<words>.*)", re.DOTALL)
 
 
-@dataclass(frozen=True, slots=True)
-class ShownEvent:
+class ShownEvent(NamedTuple):
     """Event, or finding with a time, as a row of the list and a mark of the strip.
 
     ``label``: short name of a mark; ``severity``: Serious, Warning or empty; ``style``: ``bad``, ``warn`` or empty.

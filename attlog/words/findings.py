@@ -6,8 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from attlog.result import CHECKS, Check, Setting, setting_number
 from attlog.words.numbers import MINUS, decimals, duration, interval, moment, number, quantity, unit_sign
@@ -26,8 +25,7 @@ SEVERITY = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class ShownFinding:
+class ShownFinding(NamedTuple):
     """Finding for display.
 
     ``when``: the part of its sentence with the time, or empty. ``t`` to ``t_end`` s, None without a time. ``why``:
@@ -94,12 +92,12 @@ def first_screen_findings(trouble: Sequence[ShownFinding]) -> list[ShownFinding]
 def _first_sentence(finding: ShownFinding) -> ShownFinding:
     """Return a finding whose later sentences are evidence, unless its time stands in one of them."""
     action, *more = SENTENCE_END.split(finding.action, maxsplit=1)
-    finding = replace(finding, action=action, why=(*more, *finding.why))
+    finding = finding._replace(action=action, why=(*more, *finding.why))
     ends = SENTENCE_END.split(finding.after if finding.when else finding.before, maxsplit=1)
     if len(ends) < 2 or (finding.when and SENTENCE_END.search(finding.before)):
         return finding
     why = (ends[1], *finding.why)
-    return replace(finding, after=ends[0], why=why) if finding.when else replace(finding, before=ends[0], why=why)
+    return finding._replace(after=ends[0], why=why) if finding.when else finding._replace(before=ends[0], why=why)
 
 
 # Brackets at the end of a sentence, which take its time too.
@@ -160,8 +158,7 @@ LOPSIDED = 0.25
 COUNTED = ("satellites", "samples")
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterChange:
+class ParameterChange(NamedTuple):
     """Parameter to set: name, logged value (empty if unknown) and new value.
 
     ASCII only, because users type or paste the values.
@@ -176,8 +173,7 @@ class ParameterChange:
         return f"{self.name} {self.old} -> {self.new}" if self.old else f"{self.name} {self.new}"
 
 
-@dataclass(frozen=True, slots=True)
-class ShownCheck:
+class ShownCheck(NamedTuple):
     """Check for display: a row of a table.
 
     ``value`` with unit and 95 % interval. ``settings``: parameters to set; ``advice``: action if there are none.
@@ -224,7 +220,7 @@ def repeat_advice_once(rows: Iterable[ShownCheck]) -> list[ShownCheck]:
     for row in rows:
         sensor = first.setdefault((row.question, row.advice), row.sensor)
         again = row.advice and sensor != row.sensor
-        found.append(replace(row, advice=f"The same as for {sensor or 'the first'}.") if again else row)
+        found.append(row._replace(advice=f"The same as for {sensor or 'the first'}.") if again else row)
     return found
 
 

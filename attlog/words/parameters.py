@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from attlog.flight.parameters import Origin, ParameterHistory
 from attlog.result import Result
@@ -19,8 +19,7 @@ VALUE_DIGITS = 7
 ORIGINS = {"airframe": "by the airframe", "file": "by the parameter file"}
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterChange:
+class ParameterChange(NamedTuple):
     """New value of a parameter at ``t`` s; ``flying``: in the air."""
 
     t: float

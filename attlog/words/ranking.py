@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from attlog.result import Answer, EstimatorRow, Result
 from attlog.words.names import name_in_sentence
@@ -149,8 +150,7 @@ class RankedValue:
         return self.answer.ci95 is not None and not self.ends[0] <= 0.0 <= self.ends[1]
 
 
-@dataclass(frozen=True, slots=True)
-class MissingValue:
+class MissingValue(NamedTuple):
     """A row without a value, and the reason."""
 
     row: EstimatorRow

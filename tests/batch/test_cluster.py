@@ -78,7 +78,7 @@ def test_a_cluster_gives_what_this_machine_gives_also_when_a_worker_is_killed(ow
         if not found:
             victim.kill()
         found.append(record)
-    here = [run_one(replace(work, folder=tmp_path / "here")) for work in todo]
+    here = [run_one(work._replace(folder=tmp_path / "here")) for work in todo]
     assert {r.name for r in found} == {r.name for r in here}
     assert sorted(map(same, found), key=lambda r: r.name) == sorted(map(same, here), key=lambda r: r.name)
     assert {r.code for r in found} == {0}
@@ -99,7 +99,7 @@ def test_a_log_that_takes_its_workers_along_is_a_row_and_the_others_are_done(own
         PLUGIN.format(f"pid = os.getppid()\nfor _ in range(2): pid = {above}\nos.kill(pid, 9)\ntime.sleep(60)")
     )
     todo = works(tmp_path / "out", 5)
-    todo[1] = replace(todo[1], config=Config(estimators=[str(killer)]))
+    todo[1] = todo[1]._replace(config=Config(estimators=[str(killer)]))
     found = {r.name: r for r in cluster_runner(own.address, at_once=2)(todo)}
     assert [found[w.name].code for w in todo] == [0, 70, 0, 0, 0]
     assert "the workers that had it died" in found[todo[1].name].message
@@ -125,14 +125,14 @@ def test_a_log_that_workers_do_not_see_is_sent_along(
     found = list(cluster_runner(dask.address)(todo))
     assert sorted((r.name, r.code) for r in found) == [(w.name, 0) for w in todo]
     for work in todo:
-        run_one(replace(work, folder=tmp_path / "here"))
+        run_one(work._replace(folder=tmp_path / "here"))
     assert files(tmp_path / "there") == files(tmp_path / "here")
     assert {r.log for r in found} == {w.source.name for w in todo}
 
 
 @pytest.mark.slow
 def test_resume_asks_the_cluster_for_nothing_that_is_done(dask: Cluster, tmp_path: Path) -> None:
-    todo = [replace(work, resume=True) for work in works(tmp_path, 3)]
+    todo = [work._replace(resume=True) for work in works(tmp_path, 3)]
     run_one(todo[0])
     assert sorted((r.name, r.again) for r in cluster_runner(dask.address)(todo)) == [
         (w.name, w is todo[0]) for w in todo
@@ -150,7 +150,7 @@ def test_who_stops_reading_cancels_the_rest(dask: Cluster, tmp_path: Path) -> No
     marks.mkdir()
     sleeper.write_text(PLUGIN.format(f"open(f'{marks}/{{os.getpid()}}', 'w').close()\ntime.sleep(60)"))
     todo = works(tmp_path / "out", 8)
-    todo[1:] = [replace(work, config=Config(estimators=[str(sleeper)])) for work in todo[1:]]
+    todo[1:] = [work._replace(config=Config(estimators=[str(sleeper)])) for work in todo[1:]]
     reading = cluster_runner(dask.address)(todo)
     assert next(reading).code == 0
     until = time.monotonic() + 60

@@ -134,7 +134,7 @@ def processes() -> Iterator[ForkServer]:
 def work(folder: Path, log: Path = LOG, specs: str = "gyro", **more: Any) -> Job:
     config = Config(estimators=specs.split(","))
     settings = settings_key(config, deterministic=True)
-    return replace(Job(Source(str(log)), log.name, folder, config, settings, deterministic=True), **more)
+    return Job(Source(str(log)), log.name, folder, config, settings, deterministic=True)._replace(**more)
 
 
 def plugin(folder: Path, body: str) -> str:
@@ -172,7 +172,7 @@ def test_what_is_done_is_not_done_again_unless_something_changed(tmp_path: Path,
     task = work(tmp_path / "out", log, resume=True)
     assert run_one(task, processes).again
     assert run_one(task, processes) == first
-    assert not run_one(replace(task, resume=False), processes).again
+    assert not run_one(task._replace(resume=False), processes).again
     report = tmp_path / "out" / "a.bin.html"
     whole = report.read_bytes()
     report.write_bytes(whole[:-1] + b" ")
@@ -347,7 +347,7 @@ def test_a_fresh_process_writes_what_a_forked_one_does(tmp_path: Path, request: 
 def test_a_fresh_process_that_fails_is_one_record(tmp_path: Path, fresh_processes: ForkServer) -> None:
     record = run_one(work(tmp_path, specs=harm("import os; os._exit(9)")), fresh_processes)
     assert (record.code, "without an answer (exit status 9)" in record.message) == (70, True)
-    slow = replace(work(tmp_path, specs=harm("import time; time.sleep(100)")), timeout=3.0)
+    slow = work(tmp_path, specs=harm("import time; time.sleep(100)"))._replace(timeout=3.0)
     record = run_one(slow, fresh_processes)
     assert (record.code, "longer than 3 s" in record.message) == (75, True)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -284,9 +284,9 @@ FOUND = gnss.HeadingOffset(0.0, 1.0, 1.0, 0.9, 0.1, 9.0, 0.0, 60.0, True, "")
 def test_a_heading_is_wrong_beyond_eight_and_sound_within_three_degrees_or_its_sigmas(
     offset: float, sigma: float, wrong: bool, sound: bool
 ) -> None:
-    found = replace(FOUND, offset_deg=offset, sigma_deg=sigma)
+    found = FOUND._replace(offset_deg=offset, sigma_deg=sigma)
     assert (found.wrong, found.sound) == (wrong, sound)
-    silent = replace(found, known=False)
+    silent = found._replace(known=False)
     assert (silent.wrong, silent.sound) == (False, False)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from attlog.health import registry
@@ -51,7 +49,7 @@ def asked(monkeypatch: pytest.MonkeyPatch, *found: Check, seen: list[HealthCase]
             seen.append(case)
         return list(found)
 
-    rows = {question: replace(row, make=make) for question, row in registry.CHECKS.items()}
+    rows = {question: row._replace(make=make) for question, row in registry.CHECKS.items()}
     monkeypatch.setattr(registry, "CHECKS", rows)
     # What is made here is not tried on the filter that flew.
     monkeypatch.setattr("attlog.pipeline.evaluation.prove_settings", lambda case, checks: checks)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ def summary(median: float = 0.3, above: float = 0.0, longest: float = 0.0, **mor
     """Ratios of a compass in 100 s of flight."""
     stretch = (40.0, 40.0 + longest) if longest else None
     one = RatioSummary("compass", "XKF4:0.SM", median, (median, median), 0.9, above, stretch, 1000, 100.0)
-    return replace(one, **more)
+    return one._replace(**more)
 
 
 @pytest.mark.parametrize("aid", ["velocity", "position", "height", "airspeed"])

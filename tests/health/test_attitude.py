@@ -320,7 +320,7 @@ def part(t0: float, off: float, sigma: float, told: bool) -> HeadingOffset:
 
 def test_neighbours_that_are_off_as_far_say_since_when_and_others_do_not() -> None:
     right, unclear, wrong = part(0.0, 2.0, 4.0, True), part(45.0, -50.0, 12.0, False), part(60.0, -48.0, 8.0, True)
-    whole = replace(right, known=False)
+    whole = right._replace(known=False)
     found = find_wrong_heading(whole, [right, part(30.0, 45.0, 12.0, False), unclear, wrong])
     assert found is not None
     assert found.spans == [(45.0, 90.0)]
@@ -341,6 +341,6 @@ def test_a_second_source_that_differs_is_not_left_open_where_gnss_tells() -> Non
 def test_neighbours_on_both_sides_of_south_are_off_alike() -> None:
     """178 deg one way and 177 deg the other way are 5 deg from each other."""
     wrong, unclear = part(60.0, 178.0, 8.0, True), part(45.0, -177.0, 12.0, False)
-    found = find_wrong_heading(replace(wrong, known=False), [unclear, wrong])
+    found = find_wrong_heading(wrong._replace(known=False), [unclear, wrong])
     assert found is not None
     assert found.spans == [(45.0, 90.0)]

@@ -116,7 +116,7 @@ def test_info_health_and_analyze_name_the_same_checks(monkeypatch: pytest.Monkey
 
 def test_a_check_that_ends_in_a_bug_is_unknown_and_costs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
     asked(monkeypatch, OFFSET)
-    monkeypatch.setitem(registry.CHECKS, "gyro_bias", replace(registry.CHECKS["gyro_bias"], make=lambda case: 1 // 0))
+    monkeypatch.setitem(registry.CHECKS, "gyro_bias", registry.CHECKS["gyro_bias"]._replace(make=lambda case: 1 // 0))
     monkeypatch.delenv("ATTLOG_RAISE")
     found = run_checks(HealthCase(attlog.read(SAMPLES / "px4_hover.ulg"), Segments()))
     assert [(c.question, c.verdict, c.about) for c in found] == [

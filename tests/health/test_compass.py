@@ -306,7 +306,7 @@ def test_of_bent_compasses_all_say_to_use_the_one_that_a_compensation_mends() ->
     """The other one, bent by the place, has none that helps."""
     mends, place = samples((0.0, 0.0, 0.0), (0.5, -0.3, 0.1)), samples((0.0, 3.0, 0.0), (0.4, 0.0, 0.0))
     studies = [study(place), study(mends)]
-    studies[0] = replace(studies[0], before=None)
+    studies[0] = studies[0]._replace(before=None)
     answered = [compass.motor_check(case_of(empty_log()), one) for one in studies]
     one, two = compass.motor_advice(answered, studies)
     assert two == answered[1]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -171,7 +170,7 @@ def test_on_the_same_numbers_it_is_that_of_magfit() -> None:
     rows = np.tile(np.eye(3), (len(raw_mgauss), 1))
     ofs, *_ = np.linalg.lstsq(rows, (expected - raw_mgauss).ravel(), rcond=None)
     zeros, t = np.zeros(len(raw_mgauss)), field.t_best[use]
-    made = replace(samples(), t=t, measured=0.1 * raw_mgauss, expected=0.1 * expected, sigma_heading=zeros)
+    made = samples()._replace(t=t, measured=0.1 * raw_mgauss, expected=0.1 * expected, sigma_heading=zeros)
     found = fit_offset(made, zeros == 0.0)
     assert found is not None
     assert 10.0 * found.offset == pytest.approx(-ofs, abs=1.0)

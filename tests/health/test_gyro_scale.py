@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,7 +122,7 @@ def turn(share: float, by: str = "MAG", sigma: float = 0.008) -> Turn:
 
 def judged(**known: object) -> Check:
     made = ScaleEvidence([], [], [], [])
-    return scale_check(GYRO, replace(made, **known))  # type: ignore[arg-type]
+    return scale_check(GYRO, made._replace(**known))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -140,7 +139,7 @@ def judged(**known: object) -> Check:
         ({"truth": [turn(-0.05)], "field": [turn(0.0)]}, "fault"),
         ({"truth": [turn(0.0)], "field": [turn(-0.05)]}, "ok"),
         ({"truth": [turn(0.0, sigma=0.05)]}, "unknown"),
-        ({"truth": [replace(turn(0.0), axis=0)], "field": [turn(-0.05)], "units": [turn(0.0, "IMU2")]}, "unknown"),
+        ({"truth": [turn(0.0)._replace(axis=0)], "field": [turn(-0.05)], "units": [turn(0.0, "IMU2")]}, "unknown"),
         ({"onboard": [turn(-0.07, "ATT")]}, "unknown"),
         ({"field": [turn(-0.023, sigma=0.01)]}, "ok"),
     ],

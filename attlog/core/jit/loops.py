@@ -20,10 +20,9 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import cached_property
 from types import CodeType, FunctionType, ModuleType
-from typing import Annotated, Any, Generic, ParamSpec, TypeVar, get_type_hints
+from typing import Annotated, Any, Generic, NamedTuple, ParamSpec, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,8 +42,7 @@ STARTED = time.time()
 CONTIGUOUS, WRITEABLE = 0x1 | 0x100, 0x400
 
 
-@dataclass(frozen=True, slots=True)
-class Cells:
+class Cells(NamedTuple):
     """An array in an annotation: numpy's kind of number, dimensions, and whether the loop writes it."""
 
     kind: str
@@ -66,8 +64,7 @@ NUMBERS = {float: Cells("f8", 0), int: Cells("i8", 0), bool: Cells("b1", 0)}
 CTYPES: dict[str, Any] = {"f8": ctypes.c_double, "i8": ctypes.c_int64, "b1": ctypes.c_int64}
 
 
-@dataclass(frozen=True, slots=True)
-class Group:
+class Group(NamedTuple):
     """A NamedTuple among the arguments, and what it holds."""
 
     made: type

@@ -15,8 +15,8 @@ import platform
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import attlog
 from attlog.core.files import installed_version, private_folder
@@ -29,8 +29,7 @@ LEVELS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class ObjectCode:
+class ObjectCode(NamedTuple):
     """Machine code that defines ``symbol`` and calls the functions ``needs`` of the C library."""
 
     symbol: str

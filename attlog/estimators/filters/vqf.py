@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -77,7 +77,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     begun = 0 if not has_mag else 1 + int(np.argmax(u.mag.any(axis=1)))
     out = updated(filter_, u, has_mag, round(float(params["settle"]) / u.period), begun)
     nothing = np.empty((0, 3))
-    u = replace(u, gyr=nothing, acc=nothing, mag=nothing)
+    u = u._replace(gyr=nothing, acc=nothing, mag=nothing)
     q = out.q
     if not has_mag:
         q = rotation.turn_about_down(q, -rotation.to_euler(q[0])[2])

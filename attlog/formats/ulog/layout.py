@@ -12,10 +12,9 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,8 +45,7 @@ _TYPE_DTYPES = {kind: np.dtype(dtype) for kind, dtype in BASIC_TYPES.items()} | 
 Members = list[tuple[str, int | None, str]]
 
 
-@dataclass(frozen=True, slots=True)
-class _Extent:
+class _Extent(NamedTuple):
     """Size of a flattened format, or why it cannot be used."""
 
     size: int = 0
@@ -348,8 +346,7 @@ _CHECKS: dict[int, Callable[[bytes, int], bool]] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Subscription:
+class Subscription(NamedTuple):
     """Topic, instance and layout of an id."""
 
     name: str

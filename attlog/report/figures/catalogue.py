@@ -6,8 +6,7 @@ A figure is one builder, listed in SECTIONS. A builder returns None where there 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from attlog.core.errors import UsageError
 from attlog.report.figures import drift, flight, flight_data, rerun, rest, sensors, steps, vibration
@@ -56,8 +55,7 @@ def widen_last(part: list[PageFigure]) -> None:
             figure.wide = True
 
 
-@dataclass(frozen=True, slots=True)
-class Album:
+class Album(NamedTuple):
     """Figures of a result by name, in the order of the page."""
 
     source: FigureSource

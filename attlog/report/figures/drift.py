@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -67,8 +66,7 @@ def overlapping(traces: list[Trace]) -> list[Trace]:
     return [t for t in traces if t.t[0] <= longest.t[-1] and t.t[-1] >= longest.t[0]]
 
 
-@dataclass(frozen=True, slots=True)
-class AnswerDot:
+class AnswerDot(NamedTuple):
     """Value of row ``r`` with interval, origin, and the single values behind it."""
 
     r: int

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -45,8 +44,7 @@ BEFORE_FIX = 0.02
 STRAY = 0.0005
 
 
-@dataclass(frozen=True, slots=True)
-class Axis:
+class Axis(NamedTuple):
     """Vertical axis of a panel: title without its unit, smallest range, step of the stored values."""
 
     title: str
@@ -55,8 +53,7 @@ class Axis:
     fit: tuple[tuple[str, float], ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class DataFigure:
+class DataFigure(NamedTuple):
     """Figure of flight data: its panels and the sentences below it."""
 
     id: str

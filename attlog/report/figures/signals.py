@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -23,8 +22,7 @@ COLUMNS = ["time_s", "quantity", "value", "unit"]
 HEIGHT_PX = 340
 
 
-@dataclass(frozen=True, slots=True)
-class Picker:
+class Picker(NamedTuple):
     """Signals of a page: ``figure`` to draw them, ``block`` of samples, number of signals, messages without samples."""
 
     figure: PageFigure

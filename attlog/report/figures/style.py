@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from attlog.result import EstimatorRow, Result
 from attlog.words.names import row_names
@@ -58,8 +57,7 @@ MANY_ROWS = 9
 FEW_ROWS = 6
 
 
-@dataclass(frozen=True, slots=True)
-class RowStyle:
+class RowStyle(NamedTuple):
     """Style of a row: palette ``slot``, ``dash``, and whether it is ``shown`` at first.
 
     A ``lost`` row (diverged, or of a filter without memory) does not set the range of an axis.

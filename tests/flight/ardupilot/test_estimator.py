@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -122,7 +121,7 @@ def test_a_north_heading_in_degrees_is_known_by_its_unit() -> None:
     tables = {("IMU", 0): imu(), ("XKY0", 0): estimated(np.full(5, 3.0), np.sqrt(np.degrees(SIGMA**2)))}
     opened = messages("dataflash", tables, (), (BANNER,))
     fields = opened["XKY0", 0].fields
-    fields["YC"] = replace(fields["YC"], unit="degheading")
+    fields["YC"] = fields["YC"]._replace(unit="degheading")
     stream = reader.read(opened).estimator.yaw
     assert stream is not None
     np.testing.assert_allclose(np.degrees(stream.x[:, 0]), 3.0, rtol=1e-5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -348,8 +349,7 @@ LEARNING_PASSES = 3
 DOUBT_S = 40.0
 
 
-@dataclass(frozen=True, slots=True)
-class Constants:
+class Constants(NamedTuple):
     """``levels`` of noise, delays and spreads; ``state`` (39,) the smoothed state at the start, None where unknown."""
 
     levels: NoiseLevels
