@@ -22,6 +22,7 @@ from attlog.metrics.statistics import (
     UnitValues,
     make_ids,
 )
+from attlog.metrics.step_fit import timing
 from attlog.metrics.windows import covered_seconds, why_no_errors, why_no_heading, why_unproven
 from attlog.reference import scoring, sigma_deg
 from attlog.reference.model import Track
@@ -162,14 +163,7 @@ def _segments(case: Case, row: Track) -> NDArray[np.int64]:
     """Return the segments (n,) of a row's errors between gaps and resets."""
     errors = row.errors
     assert errors is not None
-    return model.merge_numbers(model.number_segments(errors.t), errors.segment)
-
-
-@per_row
-def median_step(case: Case, row: Track) -> float:
-    """Return the median interval between a row's errors, s."""
-    assert row.errors is not None
-    return float(np.median(np.diff(row.errors.t)))
+    return model.merge_numbers(timing(case, errors.t).number, errors.segment)
 
 
 def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
@@ -177,7 +171,7 @@ def block_units(case: Case, row: Track, window: str, angle: str) -> UnitValues:
     errors, length = row.errors, BLOCK_S[angle]
     begin, values = np.zeros(0), np.zeros(0)
     if errors is not None and len(errors.t) > 1:
-        needed = BLOCK_FILLED * length / median_step(case, row)
+        needed = BLOCK_FILLED * length / timing(case, errors.t).step
         begin, first, last = _error_blocks(case, errors.t, window, length)
         total = statistics.group_sums(_block_squares(case, row, angle), first, last)
         count = _block_counts(case, row, window, length)

@@ -16,6 +16,7 @@ from attlog.metrics.metric import (
     per_object,
     per_row,
 )
+from attlog.metrics.step_fit import timing
 from attlog.metrics.windows import imu_of, own_start
 from attlog.reference.heading_sources import GnssMotion, find_gnss_motion
 from attlog.reference.model import Track
@@ -92,7 +93,7 @@ def _offsets(case: Case, row: Track, window: str) -> tuple[HeadingOffset, list[H
     """Return the heading error over the flight and per 30 s."""
     motion = _motion_of(case, row)
     assert motion is not None
-    segment = model.merge_numbers(model.number_segments(row.t), row.segment)
+    segment = model.merge_numbers(timing(case, row.t).number, row.segment)
     within = case.segments.spans(window) if ":" in window else None
     return motion.offsets(row.t, row.q, segment, own_start(case, row), within)
 
