@@ -106,10 +106,16 @@ def _longest_segment(case: Case, row: Track, spans: list[Span]) -> slice | None:
 
 
 @per_row
+def rest_angles(case: Case, row: Track, segment: slice) -> Array:
+    """Return the small rotations (n, 3) in deg of a row at rest from its mean attitude."""
+    return deviations(row.q[segment])
+
+
+@per_row
 def heading_deviation(case: Case, row: Track, segment: slice) -> Deviation:
     """Return the Allan deviation of a row's heading in one segment."""
     t = row.t[segment]
-    return deviation(deviations(row.q[segment])[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
+    return deviation(rest_angles(case, row, segment)[:, 2], float(t[-1] - t[0]) / (len(t) - 1))
 
 
 def random_walk(d: Deviation) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from attlog.metrics.step_error import Curve
 from attlog.metrics.step_products import STRIDE_S
 from attlog.metrics.step_turning import StepEvent
 from attlog.metrics.trace import BUDGET, SampleBudget, Trace, envelope, height_trace, sensor_traces
-from attlog.metrics.windows import detrended, deviations, own_start, within
+from attlog.metrics.windows import detrended, own_start, within
 from attlog.reference import alignment
 from attlog.reference.model import Reference, Track
 from attlog.segments import model
@@ -55,7 +55,7 @@ class RestTraces:
         segment = self._segment(row)
         if segment is None:
             return
-        t, angles = row.t[segment], deviations(row.q[segment])
+        t, angles = row.t[segment], allan.rest_angles(self._case, row, segment)
         self._drawn.append(close_up(row.name, t, angles, self._budget.keep(len(t), row.kind != "onboard")))
         self._scatters.append(Scatter.of(row.name, residual(t, angles[:, :2]).ravel()))
 
@@ -389,7 +389,7 @@ def allan_curves(case: Case, row: Track) -> list[Trace]:
         return []
     step = float(row.t[segment.stop - 1] - row.t[segment.start]) / (segment.stop - segment.start - 1)
     found = []
-    for axis, angle in zip(("roll", "pitch", "heading"), deviations(row.q[segment]).T, strict=True):
+    for axis, angle in zip(("roll", "pitch", "heading"), allan.rest_angles(case, row, segment).T, strict=True):
         d = allan.average_deviation(angle, step)
         columns = {"tau": d.tau, "deviation": d.sigma, "low": d.low, "high": d.high}
         found.append(Trace("allan", row.name, d.tau, columns, axis))
