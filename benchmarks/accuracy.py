@@ -198,13 +198,11 @@ def told_from(e: Estimate) -> slice:
     return slice(int(known[0]) if len(known) else len(e.t), None)
 
 
-RATIOS = (
-    ("broad", "mekf", "peer vqf"),
-    ("broad_mid", "mekf", "peer vqf"),
-    ("broad", "smoother", "peer vqf_offline"),
-    ("broad_mid", "smoother", "peer vqf_offline"),
-    ("euroc", "mekf", "peer vqf"),
-    ("euroc", "smoother", "peer vqf_offline"),
+RATIOS = tuple(
+    (group, row, f"peer {peer}{gyro}")
+    for group in ("broad", "broad_mid", "euroc")
+    for row, peer in (("mekf", "vqf"), ("smoother", "vqf_offline"))
+    for gyro in ("", "_restored")
 )
 """Set, row, and what it is divided by: means over the set."""
 
@@ -215,7 +213,7 @@ def ratios(table: dict[tuple[str, str], list[Array]]) -> Iterator[str]:
         if (row, group) in table and (peer, group) in table:
             a, b = (np.mean(table[name, group], axis=0)[:3] for name in (row, peer))
             parts = "".join(f"{x:8.2f}" if np.isfinite(x) else f"{'':8}" for x in a / b)
-            yield f"{group:20}{row + ' / ' + peer[5:]:28}{len(table[row, group]):4}{parts}   ratio of means"
+            yield f"{group:10}{row + ' / ' + peer[5:]:38}{len(table[row, group]):4}{parts}   ratio of means"
 
 
 def flights(corpus: Path | None) -> list[Path]:

@@ -23,7 +23,9 @@ SET_OF |= {"unbiased/ardupilot": "simulated_unbiased", "unbiased/px4": "simulate
 """Groups of trials -> sets of the file; other groups are not kept."""
 PEERS = {
     "peer vqf": "package vqf",
+    "peer vqf_restored": "package vqf, gyro restored",
     "peer vqf_offline": "package vqf, its own smoother",
+    "peer vqf_offline_restored": "package vqf, its own smoother, gyro restored",
     "peer imufusion": "package imufusion",
     "peer ahrs": "package ahrs, Madgwick",
     "peer qmt_madgwick": "package qmt, Madgwick",

@@ -3,7 +3,8 @@
 ============================ =====================================================================================
 peer                         what it takes and gives
 ============================ =====================================================================================
-``vqf``, ``vqf_offline``     rad/s, m/s², any unit of field; FLU to ENU
+``vqf``, ``vqf_offline``     rad/s, m/s², any unit of field; FLU to ENU; ``..._restored``: with the gyro that attlog's
+                             filters get, half a step put back where its readings are cut towards zero
 ``imufusion``                deg/s, g, µT; FLU to NWU
 ``ahrs``                     rad/s, m/s², nT; FLU to NWU, inverse
 ``qmt_madgwick, qmt_mahony`` rad/s, m/s², any unit of field; FLU to ENU
@@ -26,6 +27,7 @@ import io
 import math
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
@@ -33,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.truncation import truncation_of
 from attlog.estimators.start import start_attitude
 
 if TYPE_CHECKING:
@@ -97,6 +100,19 @@ def peer_vqf_offline(trial: Trial) -> tuple[Array, float]:
     out = offlineVQF(gyr, acc, mag, step(trial))
     spent = time.thread_time() - clock
     return from_enu(out["quat6D" if mag is None else "quat9D"]), 1e9 * spent / len(gyr)
+
+
+def restored(peer: Peer) -> Peer:
+    """The same peer with the gyro that attlog's filters get: causal, :mod:`attlog.core.truncation`."""
+
+    def run(trial: Trial) -> tuple[Array, float]:
+        cut = truncation_of(trial.gyr)
+        if cut is None:
+            return peer(trial)
+        gyr = np.concatenate([trial.gyr[: cut.readings], cut.restore(trial.gyr[cut.readings :])])
+        return peer(replace(trial, gyr=gyr))
+
+    return run
 
 
 def peer_imufusion(trial: Trial) -> tuple[Array, float]:
@@ -214,6 +230,8 @@ def field_heading(vertical: Sequence[float], field: Sequence[float]) -> float:
 PEERS: dict[str, Peer] = {
     "vqf": peer_vqf,
     "vqf_offline": peer_vqf_offline,
+    "vqf_restored": restored(peer_vqf),
+    "vqf_offline_restored": restored(peer_vqf_offline),
     "imufusion": peer_imufusion,
     "ahrs": peer_ahrs,
     "qmt_madgwick": peer_qmt_madgwick,
@@ -224,6 +242,8 @@ PEERS: dict[str, Peer] = {
 NEEDS = {
     "vqf": ("vqf", "VQF"),
     "vqf_offline": ("vqf", "offlineVQF"),
+    "vqf_restored": ("vqf", "VQF"),
+    "vqf_offline_restored": ("vqf", "offlineVQF"),
     "imufusion": ("imufusion", "Ahrs"),
     "ahrs": ("ahrs.filters", "Madgwick"),
     "qmt_madgwick": ("qmt.cpp.madgwick", "MadgwickAHRS"),
