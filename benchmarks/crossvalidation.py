@@ -33,6 +33,8 @@ from peers import PEERS
 
 from attlog.core import rotation
 from attlog.estimators import estimate
+from attlog.estimators.filters.inertial.backward import smooth
+from attlog.estimators.samples import prepare
 
 Array = NDArray[np.float64]
 Run = Callable[[accuracy.Trial], Array]
@@ -69,7 +71,11 @@ def filtered(name: str, as_read: bool = False, **settings: float) -> Run:
 
     def run(trial: accuracy.Trial) -> Array:
         with patch("attlog.estimators.samples.truncation_of", lambda _: None) if as_read else nullcontext():
-            found = estimate(name, trial.t, trial.gyr, trial.acc, trial.mag, **settings)
+            if name == "smoother":  # whose settings without GNSS are nobody's option
+                s = prepare(trial.t, trial.gyr, trial.acc, trial.mag)
+                found = smooth(s.t, s.gyr, s.acc, s.mag, settings)
+            else:
+                found = estimate(name, trial.t, trial.gyr, trial.acc, trial.mag, **settings)
         return trial.errors(found.t, found.q)
 
     return run

@@ -20,7 +20,18 @@ from tests.conftest import ROOT, SAMPLES, few
 
 BENCHMARKS = ROOT / "benchmarks"
 Script = Callable[[str], ModuleType]
-PEERS = ["vqf", "vqf_offline", "imufusion", "ahrs", "qmt_madgwick", "qmt_mahony", "riann", "attipy"]
+PEERS = [
+    "vqf",
+    "vqf_offline",
+    "vqf_restored",
+    "vqf_offline_restored",
+    "imufusion",
+    "ahrs",
+    "qmt_madgwick",
+    "qmt_mahony",
+    "riann",
+    "attipy",
+]
 
 
 @pytest.fixture
