@@ -35,6 +35,7 @@ import attlog
 from attlog import segments
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
+from attlog.core.truncation import truncation_of
 from attlog.estimators import Aids, Estimate, estimate, place, select
 from attlog.estimators.samples import Sampling
 from attlog.pipeline import inputs
@@ -185,6 +186,8 @@ def scores(cases: list[Trial], specs: list[str], peers: list[str]) -> dict[tuple
             row = np.append(trial.errors(e.t[told], e.q[told]), e.ns_per_update)
             found.setdefault((spec, trial.group), []).append(row)
         for name in peers:
+            if name.endswith("_restored") and truncation_of(trial.gyr) is None:
+                continue  # the same as without
             q, ns = PEERS[name](trial)
             turned = rotation.turn_about_down(rotation.normalize(q), np.deg2rad(trial.declination))
             row = np.append(trial.errors(trial.t, turned, heading=name not in WITHOUT_HEADING), ns)
