@@ -11,7 +11,7 @@ from pathlib import Path
 
 from measured import versions
 
-PACKAGES = ["numpy", "numba", "llvmlite", "pyulog", "pymavlink", "vqf", "imufusion", "ahrs", "plotly", "typer"]
+PACKAGES = ["numpy", "numba", "llvmlite", "pyulog", "pymavlink", "vqf", "plotly", "typer"]
 
 
 def described() -> list[tuple[str, str]]:

@@ -1,32 +1,37 @@
-"""How fast attlog reads logs, against the official libraries.
+"""How fast attlog reads logs, against every other reader of the same format that is at hand.
 
-    python benchmarks/readers.py [--megabytes 60] [--slow-megabytes 10] [--runs 5] [--corpus DIR]
+    python benchmarks/readers.py [--runs 5] [--only TEXT] [--corpus DIR] [--peers PYTHON]
 
-Both readers run by turns in one process that reads nothing else, as often as each other, imports outside, file in the
-page cache; CPU seconds, medians. *first* is the first log of a fresh process, which loads the machine code of attlog's
-loops from where it is kept where the log is large enough, *later* are further ones, machine code loaded: of a process
-that runs filters as well (``batch``, ``compare``), or has read some 30 MB. "Wanted" are IMU, magnetometer, attitude and
-GNSS, every column of them. Logs of ``sample_logs`` and of ``--corpus`` (default $ATTLOG_CORPUS) as they are, and sample
-logs repeated to ``--megabytes``, ``--slow-megabytes`` where the official library is slow.
+Each reader reads the same file in a process of its own, by turns, file in the page cache; CPU seconds, medians, the
+fastest peer counts. *Reading*: further readings of a process, imports outside. *Whole process*: start, imports and one
+reading. Peers are looked for beside ``--peers`` (default $ATTLOG_PEERS, else this Python), in an environment of their
+own, because some bring half a web framework:
+
+    python -m venv peers && peers/bin/pip install pyulog pymavlink ardupilot-mcp signalviewer mavparser
+    peers/bin/pip install scikit-build-core pybind11 && peers/bin/pip install --no-build-isolation fasttlogparser
+
+Peers read as they offer it: SignalViewer and fasttlogparser scaled to doubles or as stored, mavparser into a dictionary
+for each record, ardupilot-mcp without the raw batches of the IMU. Those that cannot leave messages out read all.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from statistics import median
 
-import numpy as np
 from made_logs import SAMPLES, kept
-from measured import Pair, anonymous_mb, apart, by_turns, cpu, environment, quiet
-from table import Measured, Target, Task, of_pair, seconds
+from measured import child
+from table import Measured, Target, Task, as_text, rows, seconds
 
-from attlog import formats
-from attlog.core.machine import release_memory
 from attlog.formats import Messages
 
 WANTED = {
@@ -34,11 +39,9 @@ WANTED = {
     ".bin": ["IMU", "MAG", "ATT", "GPS"],
     ".tlog": ["RAW_IMU", "ATTITUDE", "GPS_RAW_INT"],
 }
-PEERS = {
-    ".ulg": "pyulog",
-    ".bin": "pymavlink DFReader, recv_match + to_dict",
-    ".tlog": "pymavlink mavlogfile, recv_match + to_dict",
-}
+"""What a replay reads: IMU, magnetometer, attitude and GNSS."""
+SOURCES = {".ulg": "px4_steps.ulg", ".bin": "copter_yaw_turns.bin", ".tlog": "copter_steps_stabilize.tlog"}
+TITLES = {".ulg": "ULog", ".bin": "DataFlash", ".tlog": "tlog"}
 REAL = {
     ".ulg": ["logs/ulg_px4_1.15dev_cubeorange_quad_cut.ulg", "logs/ulg_px4_1.16_cuav7nano_quad_cut.ulg"],
     ".bin": ["logs/bin_copter_3.6.4_781s.bin", "logs/bin_copter_4.7dev_crash_isb_cut.bin"],
@@ -48,76 +51,161 @@ REAL = {
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How long both readers took for one log: the first time in a process, and later."""
+class Reader:
+    """A package, and code that defines ``read(path, wanted)`` with it; logs beyond ``most_mb`` take it minutes."""
 
-    path: Path
-    everything: bool
-    first: Pair
-    later: Pair
-
-    @property
-    def times_faster(self) -> float:
-        """The peer's time over ours, machine code loaded."""
-        return 1.0 / self.later.ratio
-
-    @property
-    def first_times_faster(self) -> float:
-        """The same for the first log of a process."""
-        return 1.0 / self.first.ratio
+    name: str
+    code: str
+    most_mb: float = 100.0
 
 
-def compared(
-    path: Path, everything: bool = False, runs: int = 5, seconds: float = 60.0, *, compiled: bool = True
-) -> Reading:
-    """Read a log with both readers, each time in fresh processes for the first log.
-
-    ``compiled`` False: attlog reads by numpy alone, as it does where no machine code is at hand.
+OURS = Reader(
+    "attlog",
     """
-    with environment(ATTLOG_NO_JIT="" if compiled else "1"):
-        if compiled:
-            apart(_kept, path)
-        first, later = Pair(), Pair()
-        for turn in range(min(runs, 3)):
-            cold, warm = apart(_by_turns, path, everything, turn, runs if turn == 0 else 0, seconds / 2)
-            first.ours += cold.ours
-            first.peer += cold.peer
-            if turn == 0:
-                later = warm
-            if sum(first.ours + first.peer) * (turn + 2) / (turn + 1) > seconds / 2:
+from attlog import formats
+def read(path, wanted):
+    log = formats.open(path)
+    for (name, _), table in log.items():
+        if wanted is None or name in wanted:
+            for column in table.fields:
+                table[column]
+    return log
+""",
+)
+SIGNALVIEWER = """
+import signalviewer
+def read(path, wanted):
+    log = signalviewer.load(path)
+    for name in log.signals:
+        if wanted is None or name.split(".")[0].split("[")[0] in wanted:
+            log.signal(name)
+    return log
+"""
+PYMAVLINK = """
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega
+def read(path, wanted):
+    log = mavutil.mavlink_connection(path, dialect="ardupilotmega")
+    while (message := log.recv_match(type=wanted)) is not None:
+        message.to_dict()
+"""
+PEERS = {
+    ".ulg": (
+        Reader("pyulog", "from pyulog import ULog\ndef read(path, wanted):\n    return ULog(path, wanted)\n"),
+        Reader("signalviewer", SIGNALVIEWER),
+    ),
+    ".bin": (
+        Reader(
+            "ardupilot-mcp",
+            "from ardupilot_mcp.parser import parse_bin\ndef read(path, wanted):\n    return parse_bin(path)\n",
+        ),
+        Reader("signalviewer", SIGNALVIEWER),
+        Reader("mavparser", "import mavparser\ndef read(path, wanted):\n    return mavparser.parse(path)\n"),
+        Reader("pymavlink", PYMAVLINK, 3.0),
+    ),
+    ".tlog": (
+        Reader(
+            "fasttlogparser",
+            "import fasttlogparser\ndef read(path, wanted):\n"
+            "    return fasttlogparser.parseTLog(path, whitelist=wanted)\n",
+        ),
+        Reader("signalviewer", SIGNALVIEWER, 3.0),
+        Reader("pymavlink", PYMAVLINK, 3.0),
+    ),
+}
+TIMED = """
+import contextlib, io, json, sys, time
+path, wanted, runs = sys.argv[1], json.loads(sys.argv[2]), int(sys.argv[3])
+times = []
+with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    for _ in range(runs):
+        begin = time.process_time()
+        held = read(path, wanted)
+        times.append(time.process_time() - begin)
+        del held
+print(*times)
+"""
+
+
+@dataclass
+class Times:
+    """CPU seconds of one reader: further readings, and processes that read once."""
+
+    later: list[float] = field(default_factory=list)
+    process: list[float] = field(default_factory=list)
+
+
+def peers_python() -> str:
+    """The Python beside which peers are installed."""
+    return os.environ.get("ATTLOG_PEERS") or sys.executable
+
+
+@cache
+def peers_installed() -> dict[str, str]:
+    """Version of each peer that is at hand."""
+    names = sorted({reader.name for group in PEERS.values() for reader in group})
+    code = f"""
+import json
+from importlib import metadata
+found = {{}}
+for name in {names!r}:
+    try:
+        found[name] = metadata.version(name)
+    except metadata.PackageNotFoundError:
+        pass
+print(json.dumps(found))
+"""
+    found: dict[str, str] = json.loads(child([peers_python(), "-c", code]).output)
+    return found
+
+
+def peers_described() -> str:
+    """Versions of the peers that are at hand, and which are not."""
+    names = dict.fromkeys(reader.name for group in PEERS.values() for reader in group)
+    return ", ".join(f"{name} {peers_installed().get(name, 'not installed')}" for name in names)
+
+
+@cache
+def compared(path: Path, everything: bool = True, runs: int = 5, most_s: float = 20.0) -> dict[str, Times]:
+    """Times of attlog and of every peer that is at hand; after ``most_s`` fewer turns than ``runs``."""
+    names, size = None if everything else WANTED[path.suffix.lower()], path.stat().st_size / 1e6
+    chosen = [r for r in PEERS[path.suffix.lower()] if r.name in peers_installed() and size <= r.most_mb]
+    readers = [OURS, *chosen]
+    found = {reader.name: Times() for reader in readers}
+    path.read_bytes()  # the page cache
+    begin = time.monotonic()
+    with tempfile.TemporaryDirectory() as home:  # SignalViewer keeps an index there
+        for turn in range(runs):
+            for reader in readers[:: -1 if turn % 2 else 1]:
+                python = sys.executable if reader is OURS else peers_python()
+                command = [python, "-c", reader.code + TIMED, str(path), json.dumps(names), "4"]
+                cost = child(command, environment={"HOME": home, **_cache_of_user()})
+                _, *later = map(float, cost.output.split())
+                found[reader.name].later += later
+                found[reader.name].process.append(cost.cpu_s - sum(later))
+            if (time.monotonic() - begin) * (turn + 2) / (turn + 1) > most_s:
                 break
-    return Reading(path, everything, first, later)
+    return found
 
 
-def _kept(path: Path) -> None:
-    """Have the loops of this log's reader compiled and kept, as the first analysis of a user does."""
-    import numba  # noqa: F401  (readers have their loops compiled only where the compiler is loaded)
-
-    with quiet():
-        columns(formats.open(path), WANTED[path.suffix.lower()])
+def _cache_of_user() -> dict[str, str]:
+    """Where attlog looks for machine code that is kept, whatever HOME is."""
+    return {"XDG_CACHE_HOME": os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")}
 
 
-def _by_turns(path: Path, everything: bool, turn: int, runs: int, seconds: float) -> tuple[Pair, Pair]:
-    """One reading each in a process that has read nothing, then ``runs`` by turns."""
-    names = None if everything else WANTED[path.suffix.lower()]
-    read = _peer(path.suffix.lower())
-    with quiet():
-        works: tuple[Callable[[], float], Callable[[], float]] = (
-            lambda: cpu(lambda: columns(formats.open(path), names)),
-            lambda: cpu(lambda: read(path, names)),
-        )
-        path.read_bytes()  # the page cache
-        times = [work() for work in (works if turn % 2 == 0 else works[::-1])]
-        first = Pair([times[turn % 2]], [times[1 - turn % 2]])
-        load_machine_code(path)
-        return first, by_turns(*works, runs, seconds) if runs else Pair()
-
-
-def load_machine_code(path: Path) -> None:
-    """As a process that runs filters has it, and the loops of this log's reader with it."""
-    import llvmlite.binding  # noqa: F401  (readers look whether it is loaded)
-
-    columns(formats.open(path), WANTED[path.suffix.lower()])
+def judged(found: list[dict[str, Times]], which: str, suffix: str) -> Measured:
+    """What attlog and the peers took for all these logs, against the fastest peer; peers that are missing."""
+    took = {
+        name: sum(median(getattr(log[name], which)) for log in found)
+        for name in found[0]
+        if all(name in log for log in found)
+    }
+    ours = took.pop(OURS.name)
+    if not took:
+        raise RuntimeError(f"no peer is installed beside {Path(peers_python()).name}")
+    words = [f"{name} {seconds(x)}" for name, x in sorted(took.items(), key=lambda item: item[1])]
+    words += [f"{reader.name} not installed" for reader in PEERS[suffix] if reader.name not in peers_installed()]
+    return Measured(min(took.values()) / ours, seconds(ours), ", ".join(words), len(found[0][OURS.name].process))
 
 
 def columns(log: Messages, names: list[str] | None) -> None:
@@ -128,85 +216,9 @@ def columns(log: Messages, names: list[str] | None) -> None:
                 table[column]
 
 
-def _peer(suffix: str) -> Callable[[Path, list[str] | None], object]:
-    """The official reader, imported."""
-    if suffix == ".ulg":
-        from pyulog import ULog
-
-        return lambda path, names: ULog(str(path), names)
-    from pymavlink import mavutil
-    from pymavlink.DFReader import DFReader_binary
-    from pymavlink.dialects.v20 import ardupilotmega  # noqa: F401  (a connection imports it)
-
-    def read(path: Path, names: list[str] | None) -> None:
-        log = (
-            DFReader_binary(str(path))
-            if suffix == ".bin"
-            else mavutil.mavlink_connection(str(path), dialect="ardupilotmega")
-        )
-        while (message := log.recv_match(type=names)) is not None:
-            message.to_dict()
-
-    return read
-
-
-def index_against_copy(path: Path, runs: int = 5) -> Pair:
-    """The bare pass of a ULog that finds every data record, against a plain copy of the mapped file."""
-    from attlog.formats.ulog import walk
-
-    mapped = np.memmap(path, np.uint8, "r")
-    data, log = np.asarray(mapped), formats.open(path)
-    sizes = walk.Sizes()
-    for table in log.values():
-        at = int(table.offsets[0])
-        size = int(data[at]) + 256 * int(data[at + 1])
-        sizes.set(int(data[at + 3]) + 256 * int(data[at + 4]), size, size)
-    begin = min(int(table.offsets[0]) for table in log.values())
-
-    def follow() -> None:
-        chain, position = walk.DataChain(data, sizes), begin
-        while position < len(data):
-            starts, _ = chain.follow(position, len(data))
-            if len(starts):
-                position = int(starts[-1])
-            position += 3 + int(data[position]) + 256 * int(data[position + 1])  # also over a record of another type
-
-    follow()
-    return by_turns(lambda: cpu(follow), lambda: cpu(lambda: mapped.copy()), runs)
-
-
-def peak_share(path: Path) -> float:
-    """Most anonymous memory that opening and the wanted columns take beside the file's own bytes, as a share of the
-    file; NaN where not told. What code takes (imports, loops, dialects) is loaded before."""
-    import threading
-
-    from attlog.core.limits import READ_BYTES
-
-    load_machine_code(path)
-    release_memory(path.stat().st_size)
-    base = most = anonymous_mb()
-    done = threading.Event()
-
-    def watch() -> None:
-        nonlocal most
-        while not done.wait(0.001):
-            most = max(most, anonymous_mb())
-
-    watcher = threading.Thread(target=watch)
-    watcher.start()
-    log = formats.open(path)
-    columns(log, WANTED[path.suffix.lower()])
-    most = max(most, anonymous_mb())
-    done.set()
-    watcher.join()
-    size = path.stat().st_size
-    return (most - base) * 2**20 / size - (size <= READ_BYTES)
-
-
 def real(corpus: Path | None, suffix: str) -> list[Path]:
-    """Logs that were not made long: of the corpus where there is one, else the samples."""
-    found = [corpus / name for name in REAL[suffix] if (corpus / name).is_file()] if corpus else []
-    return found or sorted(SAMPLES.glob(f"*{suffix}"))
+    """The corpus's logs of a format, empty without a corpus."""
+    return [corpus / name for name in REAL[suffix] if corpus and (corpus / name).is_file()]
 
 
 def corpus_of(given: str | None) -> Path | None:
@@ -215,122 +227,62 @@ def corpus_of(given: str | None) -> Path | None:
     return Path(name) if name else None
 
 
-GROUPS = ("Readers", "Readers' memory")
+AIM = Target("≥", 1.3)
+GROUP = "Readers, against the fastest peer"
 
 
-@cache
-def reading(make: Callable[[], Path], everything: bool, runs: int) -> Reading:
-    """A log that may have to be made first, read by both."""
-    return compared(make(), everything, runs)
-
-
-def tasks(runs: int = 5, corpus: Path | None = None, megabytes: float = 60, slow_megabytes: float = 10) -> list[Task]:
+def tasks(runs: int = 5, corpus: Path | None = None) -> list[Task]:
     """Every row about readers."""
-    speed, memory = GROUPS
+    return [task for suffix in TITLES for task in tasks_of(suffix, runs, corpus)]
 
-    def ulog() -> Path:
-        return kept("px4_steps.ulg", megabytes)
 
-    def binary() -> Path:
-        return kept("copter_steps_stabilize.bin", slow_megabytes)
+def tasks_of(suffix: str, runs: int, corpus: Path | None) -> list[Task]:
+    """The rows of a format."""
+    sample, flown = SAMPLES / SOURCES[suffix], real(corpus, suffix)
 
-    def telemetry() -> Path:
-        return kept("copter_steps_stabilize.tlog", slow_megabytes)
-
-    def later(make: Callable[[], Path], everything: bool = False) -> Callable[[], Measured]:
-        return lambda: of_pair(reading(make, everything, runs).later, short(make().suffix), faster=True)
-
-    def first(make: Callable[[], Path], everything: bool = False) -> Callable[[], Measured]:
-        return lambda: of_pair(reading(make, everything, runs).first, short(make().suffix), faster=True)
-
-    def short(suffix: str) -> str:
-        return "pyulog" if suffix == ".ulg" else "pymavlink"
-
-    def numpy_alone() -> Measured:
-        return of_pair(compared(ulog(), False, runs, compiled=False).later, "pyulog", faster=True)
-
-    def of_several(suffix: str) -> Callable[[], Measured]:
-        """Real logs: all their times together."""
-
-        def measure() -> Measured:
-            found = [compared(path, False, runs).later for path in real(corpus, suffix)]
-            ours, theirs = (sum(median(getattr(p, side)) for p in found) for side in ("ours", "peer"))
-            peer = f"{short(suffix)} {seconds(theirs)}"
-            return Measured(theirs / ours, seconds(ours), peer, min(len(p.ours) for p in found))
-
-        return measure
-
-    def names(suffix: str) -> str:
-        found = real(corpus, suffix)
-        kind = "samples as they are" if found[0].parent == SAMPLES else "real logs"
-        return f"{len(found)} {kind}, {min(p.stat().st_size for p in found) / 1e6:.1f} to " + (
-            f"{max(p.stat().st_size for p in found) / 1e6:.1f} MB"
+    def row(
+        what: str, logs: Callable[[], list[Path]], which: str = "later", everything: bool = True, large: bool = False
+    ) -> Task:
+        return Task(
+            GROUP,
+            f"{TITLES[suffix]}, {what}",
+            AIM,
+            lambda: judged([compared(log, everything, runs) for log in logs()], which, suffix),
+            large,
         )
 
-    def against_copy() -> Measured:
-        pair = apart(index_against_copy, ulog(), runs)
-        return of_pair(pair, "numpy copy", faster=True)
+    def short() -> list[Path]:
+        return [sample]
 
-    def share(make: Callable[[], Path]) -> Callable[[], Measured]:
-        def measure() -> Measured:
-            value = apart(peak_share, make())
-            size = make().stat().st_size / 1e6
-            return Measured(value, f"{value * size:.1f} MB", f"file of {size:.0f} MB")
+    def ten() -> list[Path]:
+        return [kept(sample.name, 10)]
 
-        return measure
+    def sixty() -> list[Path]:
+        return [kept(sample.name, 60)]
 
+    size = f"{sample.stat().st_size / 1e6:.1f} MB"
     return [
-        Task(speed, f"ULog wanted, {megabytes:g} MB", Target("≥", 40, earlier=50), later(ulog), True),
-        Task(speed, f"ULog wanted, {megabytes:g} MB, first log of a process", None, first(ulog), True),
-        Task(speed, f"ULog wanted, {megabytes:g} MB, numpy alone", Target("≥", 12), numpy_alone, True),
-        Task(speed, f"ULog all topics, {megabytes:g} MB", Target("≥", 25), later(ulog, True), True),
-        Task(speed, f"ULog wanted, {names('.ulg')}", None, of_several(".ulg")),
-        Task(speed, "ULog index", Target("≥", 0.7), against_copy, True),
-        Task(speed, f"DataFlash wanted, {slow_megabytes:g} MB", Target("≥", 100, earlier=120), later(binary)),
-        Task(speed, f"DataFlash wanted, {slow_megabytes:g} MB, first log of a process", None, first(binary)),
-        Task(speed, f"DataFlash wanted, {names('.bin')}", Target("≥", 60), of_several(".bin")),
-        Task(speed, f"tlog wanted, {slow_megabytes:g} MB", Target("≥", 60, earlier=100), later(telemetry)),
-        Task(speed, f"tlog wanted, {slow_megabytes:g} MB, first log of a process", None, first(telemetry)),
-        Task(speed, f"tlog wanted, {names('.tlog')}", None, of_several(".tlog")),
-        Task(memory, "ULog, share of the file beside its own bytes", Target("≤", 1.0), share(ulog), True),
-        Task(memory, "DataFlash, share of the file beside its own bytes", Target("≤", 1.0), share(binary)),
-        Task(memory, "tlog, share of the file beside its own bytes", Target("≤", 1.0), share(telemetry)),
+        row(size, short),
+        row("10 MB", ten),
+        row("60 MB", sixty, large=True),
+        row("60 MB, messages of a replay", sixty, everything=False, large=True),
+        *([row(f"{len(flown)} real logs, 0.5 to 1 MB", lambda: flown)] if flown else []),
+        row(f"{size}, whole process", short, "process"),
+        row("10 MB, whole process", ten, "process"),
     ]
 
 
-def readings(megabytes: float, slow_megabytes: float, corpus: Path | None, runs: int) -> Iterator[Reading]:
-    """Every log of the table."""
-    ulog = kept("px4_steps.ulg", megabytes)
-    yield compared(ulog, False, runs)
-    yield compared(ulog, True, runs)
-    for path in real(corpus, ".ulg"):
-        yield compared(path, False, runs)
-    yield compared(kept("copter_steps_stabilize.bin", slow_megabytes), False, runs)
-    for path in real(corpus, ".bin"):
-        yield compared(path, False, runs)
-    yield compared(kept("copter_steps_stabilize.tlog", slow_megabytes), False, runs)
-    for path in real(corpus, ".tlog"):
-        yield compared(path, False, runs)
-
-
-def main(arguments: list[str] | None = None) -> list[Reading]:
+def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--megabytes", type=float, default=60)
-    parser.add_argument("--slow-megabytes", type=float, default=10)
     parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--only", default="", help="rows whose name holds this")
     parser.add_argument("--corpus")
+    parser.add_argument("--peers", help="a Python beside which peers are installed")
     options = parser.parse_args(arguments)
-    print(f"{'log':44}{'MB':>6} {'columns':8}{'ms':>8}{'peer ms':>9}{'faster':>8}{'first':>8}  peer")
-    found = []
-    for row in readings(options.megabytes, options.slow_megabytes, corpus_of(options.corpus), options.runs):
-        found.append(row)
-        print(
-            f"{row.path.name:44}{row.path.stat().st_size / 1e6:6.1f} {'all' if row.everything else 'wanted':8}"
-            f"{1e3 * median(row.later.ours):8.1f}{1e3 * median(row.later.peer):9.0f}{row.times_faster:8.1f}"
-            f"{row.first_times_faster:8.1f}  {PEERS[row.path.suffix.lower()]}",
-            flush=True,
-        )
-    return found
+    os.environ.update({"ATTLOG_PEERS": options.peers} if options.peers else {})
+    chosen = [t for t in tasks(options.runs, corpus_of(options.corpus)) if options.only.lower() in t.what.lower()]
+    for row in rows(chosen, False):
+        print(as_text(row), flush=True)
 
 
 if __name__ == "__main__":

@@ -147,7 +147,7 @@ def held(temporary: str) -> dict[str, float]:
 def huge(gigabytes: float) -> Iterator[Seen]:
     """A log of two gigabytes."""
     log = kept("px4_steps.ulg", 1000 * gigabytes)
-    commands.warm(commands.STEPS)
+    commands.warm()
     size = log.stat().st_size / 1e9
     told = child([*commands.ATTLOG, "info", str(log)])
     yield Seen(f"info of {size:.1f} GB, CPU", told.cpu_s, INFO_S_PER_GB * size, "s")
@@ -159,7 +159,7 @@ def huge(gigabytes: float) -> Iterator[Seen]:
 
 def hours() -> Iterator[Seen]:
     """Six hours at 25 Hz with the default filters."""
-    cost, log = commands.long_run(commands.six_hours, "")
+    cost, log = commands.hours(), commands.six_hours()
     yield Seen(f"6 h at 25 Hz ({log.stat().st_size / 1e6:.0f} MB), CPU", cost.cpu_s, HOURS_S, "s")
     yield Seen("6 h at 25 Hz, memory of its own", cost.anonymous_mb, HOURS_MB, "MB")
 

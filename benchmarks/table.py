@@ -128,7 +128,7 @@ def rows(tasks: list[Task], quick: bool, minutes: float = math.inf) -> Iterator[
 def as_text(row: Row) -> str:
     """A line for the terminal."""
     what, ours, peer, value, aim, verdict, runs = row.cells()
-    return f"{what:58.58} {ours:>9}  {peer:44.44} {value:>9} {aim:>9}  {verdict}" + (f"  [{runs}]" if runs else "")
+    return f"{what:58.58} {ours:>9}  {peer:76.76} {value:>9} {aim:>9}  {verdict}" + (f"  [{runs}]" if runs else "")
 
 
 def as_markdown(found: list[Row]) -> str:
