@@ -449,7 +449,7 @@ def million(state: Out1, params: F1, gyr: F2, acc: F2, mag: F2, aid: F1, out: Ou
 @pytest.mark.slow
 def test_the_covariance_stays_symmetric_and_positive_over_a_million_steps() -> None:
     m = flight(50.0, 200.0, noise=CONSUMER_NOISE)
-    params = parameters(field_sigma=3.0)
+    params = parameters(field_sigma=3.0, home_noise=1.2)
     out = np.empty((1000, N * N))
     million(mekf.start(params, m.acc[0], m.mag[0], m.q[0]), params, m.gyr, m.acc, m.mag, np.full(SIZE, np.nan), out)
     p = out.reshape(-1, N, N)
