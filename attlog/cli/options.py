@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
 
 import typer
 
+from attlog.cli.process import reuse_freed_memory
 from attlog.core.errors import AttlogError, PluginError, UsageError
 
 if TYPE_CHECKING:
@@ -285,6 +286,7 @@ def with_options(command: Callable[..., None]) -> Callable[..., None]:
     def run(**values: Any) -> None:
         for name, kind in sets.items():
             values[name] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+        reuse_freed_memory()
         command(**{name: value for name, value in values.items() if name in hints})
 
     run.__signature__ = inspect.Signature(seen + common)  # type: ignore[attr-defined]

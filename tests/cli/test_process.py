@@ -342,3 +342,21 @@ def test_without_docstrings_and_assertions_the_numbers_are_the_same(samples: Pat
 
     assert numbers("-OO") == numbers("-B")
     assert run("-OO", "-m", "attlog", "analyze", "--imu", "99", samples / "copter_yaw_turns.bin").returncode == 2
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the option is glibc's")
+def test_a_freed_block_of_a_long_log_is_used_again() -> None:
+    lines = [
+        "import resource, numpy as np",
+        "from attlog.cli.process import reuse_freed_memory",
+        "faults = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt",
+        "reuse_freed_memory()",
+        "block = np.ones(8 << 20)",
+        "del block",
+        "before = faults()",
+        "block = np.ones(8 << 20)",
+        "print(faults() - before)",
+    ]
+    small_pages = os.environ | {"NUMPY_MADVISE_HUGEPAGE": "0"}
+    done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, env=small_pages, check=True)
+    assert int(done.stdout) < 1000  # of 16,384 pages
