@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 from attlog import estimators, reference
 from attlog.core.errors import AttlogError, PluginError, UsageError, call_guarded
+from attlog.core.jit import build, store
 from attlog.core.spans import Span
 from attlog.estimators.interface import Estimate
-from attlog.estimators.registry import BUILT_IN, FLOWN
+from attlog.estimators.registry import FLOWN
 from attlog.flight.model import FlightLog, Imu, Mag
 from attlog.metrics.gyro_bias import CommonBias
 from attlog.metrics.metric import Case, per_case
@@ -447,15 +448,11 @@ def table_row(
 
 
 def preload(specs: Sequence[str]) -> None:
-    """Load compiled loops of built-in filters into a process before it forks.
+    """Load the loops of an analysis with these filters into a process before it forks, all that flew among them.
 
     Plug-ins are left out, because their code runs where a log is analysed. Errors are reported there too.
     """
-    t = np.arange(100) * 0.004
-    rest = (np.zeros((t.size, 3)), np.tile([0.0, 0.0, -9.80665], (t.size, 1)), np.tile([2e-5, 0.0, 4e-5], (t.size, 1)))
-    for item in estimators.items(",".join(specs)):
-        name = item.partition(":")[0].partition("@")[0]
-        for one in BUILT_IN if name == "all" else [item] if name in ("default", *BUILT_IN) else []:
-            with suppress(Exception):
-                for row in estimators.select(one):
-                    estimators.estimate(row, t, *rest, check_units=False)
+    flown = [name for name in build.flown_names(build.FLOWN) if store.has(build.loop_by_name(name).key)]
+    for name in [*build.names_for(specs), *flown]:
+        with suppress(Exception):
+            build.loop_by_name(name).compiled()
