@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 import textwrap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import MISSING, fields
@@ -37,6 +36,7 @@ def table_text(title: str, rows: Sequence[tuple[str, str]]) -> str:
 
 def table_html(title: str, rows: Sequence[tuple[str, str]]) -> str:
     """Return a title and its rows (name, text) as a table for notebooks; all text is escaped."""
+    import html
 
     def cell(text: str) -> str:
         return html.escape(_cut(_printable(text), 2 * MAX_WIDTH))

@@ -46,8 +46,8 @@ TURN_LIMIT = f"ok up to {TURN_OFF_DEG:.0f} deg, fault above {TURN_FAR_DEG:.0f} d
 class TurnFit(NamedTuple):
     """Offset (3,) uT and clockwise turn of a compass by the simplest model that fits.
 
-    ``left_ut``: residual RMS. ``steady``: both halves of the flight agree; ``one_fault``: an offset or a turn alone
-    explains the field.
+    ``left_ut``: residual RMS. ``steady``: both halves of the flight agree, or the fit is small; ``one_fault``: an
+    offset or a turn alone explains the field.
     """
 
     offset: Array
@@ -59,6 +59,13 @@ class TurnFit(NamedTuple):
     seconds: float
     steady: bool = True
     one_fault: bool = True
+
+    @property
+    def is_large(self) -> bool:
+        """Return whether offset or turn is above its limit and its error."""
+        level, unsure = np.hypot(*self.offset[:2]), self.offset_sigma[:2].max()
+        turned = abs(self.turn_deg) > max(TURN_OFF_DEG, SIGMAS * self.turn_sigma)
+        return bool(turned or level > max(OFFSET_OFF_UT, SIGMAS * unsure))
 
     def reason_unsure(self, reference: Reference) -> str:
         """Return why the fit is not reliable; empty where it is."""
@@ -137,9 +144,11 @@ def fit_turn(log: FlightLog, segments: Segments, reference: Reference) -> TurnFi
         return None
     u = rotation.rotate_inverse(q[use], 1e6 * np.array(model.ned_t))
     found = fit_simplest(t, u, m, seconds)
+    if found is None or not found.is_large:
+        return found
     middle = len(t) // 2
     halves = [fit_simplest(t[k], u[k], m[k], seconds / 2) for k in (slice(None, middle), slice(middle, None))]
-    return None if found is None else found._replace(steady=_halves_agree(found, *halves))
+    return found._replace(steady=_halves_agree(found, *halves))
 
 
 def _halves_agree(found: TurnFit, one: TurnFit | None, two: TurnFit | None) -> bool:

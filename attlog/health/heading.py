@@ -19,7 +19,7 @@ from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS
 from attlog.flight.model import Array, FlightLog
 from attlog.health.check import Check, HealthCase, Verdict, unknown
 from attlog.reference import alignment
-from attlog.reference.heading_sources import WrongHeading, find_gnss_motion, find_wrong_heading, onboard_offsets
+from attlog.reference.heading_sources import WrongHeading, find_wrong_heading, onboard_offsets
 from attlog.segments import model
 from attlog.segments.model import Segments
 from attlog.story.estimator_events import aid_rejections

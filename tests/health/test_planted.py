@@ -219,9 +219,11 @@ def test_iron_that_comes_during_the_flight_is_no_constant_offset(since: float, s
     for mag in log.mags:
         later = mag.field.t_best >= a + since * (b - a)
         mag.field.x = mag.field.x + np.outer(later, 1e-6 * np.array([20.0, -10.0, 0.0]))
-    found = compass_turn.fit_turn(log, phases, choose(log, phases))
+    reference = choose(log, phases)
+    found = compass_turn.fit_turn(log, phases, reference)
     assert found is not None
-    assert found.steady is steady
+    assert (found.is_large and found.steady) is steady
+    assert any(check.is_trouble for check in compass_turn.fit_checks("MAG", found, reference)) is steady
 
 
 def test_an_onboard_heading_that_a_compass_drags_is_no_step_of_the_gyro() -> None:
