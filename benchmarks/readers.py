@@ -166,7 +166,7 @@ def peers_described() -> str:
 
 
 @cache
-def compared(path: Path, everything: bool = True, runs: int = 5, most_s: float = 20.0) -> dict[str, Times]:
+def compared(path: Path, everything: bool = True, runs: int = 5, most_s: float = 12.0) -> dict[str, Times]:
     """Times of attlog and of every peer that is at hand; after ``most_s`` fewer turns than ``runs``."""
     names, size = None if everything else WANTED[path.suffix.lower()], path.stat().st_size / 1e6
     chosen = [r for r in PEERS[path.suffix.lower()] if r.name in peers_installed() and size <= r.most_mb]
