@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from attlog.core.jit import B1, F1, F2, I1, Cells, IOut1, Out1, Out2
+from attlog.core.jit import B1, F1, F2, I1, Cells, IOut1, Out1, Out2, aligned_zeros
 from attlog.estimators.vectors import cross, matrix, multiplied, places, quaternion
 
 ERROR_SIZES = {
@@ -135,7 +135,9 @@ class State(NamedTuple):
 
     def copy(self) -> State:
         """Return a state of its own."""
-        return State(*(x.copy() for x in self))
+        P = aligned_zeros(len(self.P))
+        P[:] = self.P
+        return State(self.q.copy(), self.x.copy(), P, self.memory.copy())
 
 
 class Filtered(NamedTuple):
@@ -581,7 +583,7 @@ def across(P: Any, row: int, first: int, last: int) -> None:
 
 def padded(P: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a covariance (39, 39) as the kernels take it, flat."""
-    out = np.zeros((N, ROW))
+    out = aligned_zeros(N, ROW)
     out[:, :N] = P
     return out.ravel()
 

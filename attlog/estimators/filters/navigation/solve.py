@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.jit import aligned_zeros
 from attlog.estimators.filters.navigation import backward, forward
 from attlog.estimators.filters.navigation.inputs import Inputs
 from attlog.estimators.filters.navigation.model import (
@@ -107,7 +108,7 @@ class Runner:
             if b < m:
                 self.run(a, b, found, state, begin, par, along, None)
         found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
-        adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
+        adjoint = backward.Adjoint(aligned_zeros(ROW), aligned_zeros(N * ROW))
         outputs: list[tuple[NDArray[Any], ...]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
             store = self.storage(schedule, a, b)
@@ -132,7 +133,7 @@ class Runner:
         used = int(store.update_of[b - origin])
         shocks = np.empty((count, 12))
         out = backward.Smoothed(np.empty((count, 6)), np.empty((count, 3)), np.empty(used), np.zeros((2, N)), shocks)
-        adjoint = backward.Adjoint(np.zeros(ROW), np.zeros(N * ROW))
+        adjoint = backward.Adjoint(aligned_zeros(ROW), aligned_zeros(N * ROW))
         own = store._replace(P_rows=store.P_rows[6 * ROW * at :], sums=store.sums[at:], update_of=store.update_of[at:])
         rest_of = np.ascontiguousarray(schedule.rest_of[a:b])
         backward.backward(a == 0, False, par, rest_of, own, adjoint, out, backward.new_work())
