@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from attlog.core.log_cache import cached_per_log, log_cache
+from attlog.core.log_cache import cached_by_content, cached_per_log, log_cache
+from attlog.estimators.aids import Measurements
 
 
 class Sensor:
@@ -49,3 +51,20 @@ def test_an_object_that_is_gone_does_not_answer_for_another_in_its_place(counted
     with log_cache():
         found = {answer(Sensor()) for _ in range(50)}
     assert len(found) == 50
+
+
+def test_equal_content_is_computed_once_within_a_block():
+    asked = []
+
+    @cached_by_content
+    def answer(fixes, level):
+        asked.append(level)
+        return len(asked)
+
+    def fixes(x=1.0):
+        return Measurements(np.array([0.0, 1.0]), np.array([x, 2.0]))
+
+    with log_cache():
+        found = [answer(fixes(), 1.0), answer(fixes(), 1.0), answer(fixes(1.5), 1.0), answer(fixes(), 2.0)]
+    assert found == [1, 1, 2, 3]
+    assert answer(fixes(), 1.0) == 4

@@ -243,7 +243,7 @@ def smooth_part(
         return inertial(inputs, mag, aids.airspeed)
     tuned, gate, count = started(params), float(params["soft_gate"]), int(params["passes"])
     if inputs.mag is None:
-        chosen = without_compass_twin(smoothed(inputs, passes.solved(inputs, tuned, gate, count)))
+        chosen = without_compass_twin(smoothed(inputs, passes.solved_without_compass(inputs, tuned, gate, count)))
     else:
         with_compass, without = passes.solved_twice(inputs, tuned, gate, count)
         chosen = choose_heading(smoothed(inputs, with_compass), smoothed(replace(inputs, mag=None), without))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.log_cache import cached_by_content
 from attlog.estimators.filters.navigation import calibration
 from attlog.estimators.filters.navigation import jumps as jumping
 from attlog.estimators.filters.navigation.inputs import FINE_S, NODE_S, Inputs, NoiseLevels
@@ -37,12 +38,11 @@ WORSE = 0.01
 
 @dataclass(slots=True)
 class Solution:
-    """The pass that is kept, what it was run with, how it began, and the run's tools."""
+    """The pass that is kept, what it was run with, and how it began."""
 
     found: Pass
     tuned: NoiseLevels
     begin: StartState
-    runner: Runner
     # Levels after the last calibration.
     next: NoiseLevels
     passes: int
@@ -95,7 +95,6 @@ def solved(
     if len(run.jumps) > len(known):
         run.place_jumps()
     run.advance(passes)
-    runner.store = None
     return replace(run.best, jumps=run.modelled, unmodelled=unmodelled)
 
 
@@ -156,7 +155,7 @@ class Sequence:
         flight = float(np.sum(inputs.dt[inputs.rest == 0]))
         following = calibration.calibrated(found, tuned, self.begun, flight, number < 2)
         if better:
-            self.kept = Solution(found, tuned, self.begin, self.runner, following, number + 1, number, ratios)
+            self.kept = Solution(found, tuned, self.begin, following, number + 1, number, ratios)
             self.along, self.schedule = found.smoothed_nodes(), schedule
         self.best.passes = number + 1
         self.kicked = found.memory[MEM.kicked] > 0
@@ -271,10 +270,16 @@ def _at_nodes(q: Array, before: Schedule, now: Schedule, inputs: Inputs) -> Arra
 # finds the second takes over where its own size of the jump agrees.
 
 
+@cached_by_content
+def solved_without_compass(blind: Inputs, begun: NoiseLevels, gate: float, passes: int) -> Solution:
+    """Solve a run that has no compass, once for a reference and for the attitude by motion alone."""
+    return solved(blind, begun, gate, passes)
+
+
 def solved_twice(inputs: Inputs, begun: NoiseLevels, gate: float, passes: int) -> tuple[Solution, Solution]:
     """Solve the runs with and without the compass over inputs that hold one."""
     blind = replace(inputs, mag=None)
-    without = solved(blind, begun, gate, passes)
+    without = solved_without_compass(blind, begun, gate, passes)
     suspected = without.unmodelled > 0.0 or any(jump.counts for jump in without.jumps)
     with_compass = solved(inputs, begun, gate, passes, suspected=suspected)
     known = {jump.t: jump.t_sigma for jump in with_compass.jumps if jump.counts}
