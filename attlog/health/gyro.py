@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.kinematics import body_rates
+from attlog.core.spans import between
 from attlog.flight.model import Array, FlightLog, Imu
 from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
 from attlog.health.flown import before_crashes, flight_spans, still_spans
@@ -115,9 +116,8 @@ def _step_check(
     if len(solved) < 3:
         return unknown("gyro_bias_step", "The flight turns too little about one axis.", STEP_LIMIT)
     left = np.degrees(columns @ np.column_stack([one.x for one in solved]) - a)
-    block = (t // BLOCK_S).astype(np.int64)
-    numbers = np.unique(block)
-    bias = np.array([np.median(left[block == n], axis=0) for n in numbers])
+    numbers, begin = np.unique((t // BLOCK_S).astype(np.int64), return_index=True)
+    bias = np.array([np.median(part, axis=0) for part in np.split(left, begin[1:])])
     if len(bias) < 2 * STEP_BLOCKS:
         why = f"{len(bias)} blocks of {BLOCK_S:.0f} s; {2 * STEP_BLOCKS} are needed."
         return unknown("gyro_bias_step", why, STEP_LIMIT)
@@ -140,9 +140,11 @@ def largest_step(bias: Array) -> tuple[float, float, int, int]:
     """
     scatter = 1.4826 * np.median(np.abs(np.diff(bias, axis=0)), axis=0) / math.sqrt(2.0)
     n, found = len(bias), []
+    parts = np.arange(STEP_BLOCKS, n - STEP_BLOCKS + 1)
     for axis, x in enumerate(bias.T):
-        parts = range(STEP_BLOCKS, n - STEP_BLOCKS + 1)
-        at = min(parts, key=lambda k, x=x: float(np.var(x[:k]) * k + np.var(x[k:]) * (n - k)))  # type: ignore[misc]
+        # The part of the variance that one step at each block explains.
+        explained = np.cumsum(x - x.mean())[STEP_BLOCKS - 1 : n - STEP_BLOCKS] ** 2 / (parts * (n - parts))
+        at = int(parts[np.argmax(explained)])
         sigma = math.hypot(1.25 * float(scatter[axis]) * math.sqrt(1.0 / at + 1.0 / (n - at)), STEP_FLOOR_DPS)
         found.append((float(np.median(x[at:]) - np.median(x[:at])), sigma, axis, at))
     return max(found, key=lambda one: abs(one[0]) / one[1])
@@ -257,9 +259,9 @@ def _rest_bias(imu: Imu, segments: Segments) -> Check | None:
 
 def _moved_bias(imu: Imu, segments: Segments) -> Check | None:
     """Check for a bias change between rests, hidden in their common median."""
-    t = imu.gyro.t
     good = rotation.finite_rows(imu.gyro.x)
-    rests = [(a, b, imu.gyro.x[good & (t >= a) & (t <= b)]) for a, b in segments.spans("rest")]
+    t, x = imu.gyro.t[good], imu.gyro.x[good]
+    rests = [(a, b, x[between(t, a, b)]) for a, b in segments.spans("rest")]
     known = [(a, b, np.degrees(np.median(x, axis=0))) for a, b, x in rests if len(x) >= MIN_REST_SAMPLES]
     if len(known) < 2:
         return None

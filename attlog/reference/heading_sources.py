@@ -13,7 +13,7 @@ from attlog import estimators
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
 from attlog.core.log_cache import cached_per_log
-from attlog.core.spans import Span, complement, intersect, merge
+from attlog.core.spans import Span, between, complement, intersect, merge
 from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS, HeadingOffset, both
 from attlog.flight.model import Attitude, FlightLog, Gnss, Imu
 from attlog.reference import alignment, scoring, sensor_faults
@@ -24,6 +24,8 @@ from attlog.segments.model import interpolate_attitudes
 
 Array = NDArray[np.float64]
 FIX_3D = 3
+# Windows of 1.3 s, with the longest delay of a receiver, depend on no sample further from them.
+BESIDE_SPAN_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +41,13 @@ class GnssMotion:
     fixes_t: Array
     velocity: Array
     spans: list[Span]
+
+    def near(self, span: Span) -> GnssMotion:
+        """Return all that offsets within a span depend on."""
+        begin, end = span[0] - BESIDE_SPAN_S, span[1] + BESIDE_SPAN_S
+        at, fixes = between(self.t, begin, end), between(self.fixes_t, begin, end)
+        spans = intersect(self.spans, [span])
+        return GnssMotion(self.t[at], self.acc[at], self.fixes_t[fixes], self.velocity[fixes], spans)
 
     def offsets(
         self, t: Array, q: Array, segment: NDArray[np.int64], since: float = -np.inf, spans: list[Span] | None = None

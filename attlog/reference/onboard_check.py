@@ -6,6 +6,7 @@ They do not count where gravity or GNSS acceleration supports the onboard attitu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -164,9 +165,14 @@ class OnboardEvidence:
         motion, reference = find_gnss_motion(self._log, self._segments), self._reference
         if motion is None:
             return None, None
-        t, q, _ = alignment.usable_samples(self._attitude, reference.alignment.clock)
-        onboard, _ = motion.offsets(t, q, model.number_segments(t), spans=[span])
-        return onboard, motion.offsets(reference.t, reference.q, reference.gap_segment, spans=[span])[0]
+        motion = motion.near(span)
+        return motion.offsets(*self._onboard)[0], motion.offsets(reference.t, reference.q, reference.gap_segment)[0]
+
+    @cached_property
+    def _onboard(self) -> tuple[Array, Array, NDArray[np.int64]]:
+        """Times, attitudes and segments of the onboard attitude."""
+        t, q, _ = alignment.usable_samples(self._attitude, self._reference.alignment.clock)
+        return t, q, model.number_segments(t)
 
 
 def _angle_error(angle: str, found: OnboardComparison, evidence: OnboardEvidence) -> tuple[OnboardError | None, bool]:

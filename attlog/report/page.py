@@ -76,7 +76,7 @@ MAX_OWN_BYTES, LEAST_SAMPLES_BYTES = 2_400_000, 200_000
 # Lines over time, which take most of a page's bytes, and samples that each keeps in any case.
 LONG_LINES = ("attitude", "difference", "bias", "rest", "rerun", "demand", "sigma", "drift", "data")
 LEAST_LINE_SAMPLES = 1000
-# Reduction of long lines over the excess, because other data keeps its size, and reductions tried.
+# Reduction of long lines over the excess, because extremes are compressed less, and reductions tried.
 REDUCTION_MARGIN, MAX_REDUCTIONS = 1.5, 8
 
 
@@ -109,21 +109,29 @@ def render(
         whole = whole | {"estimators": without_keys(whole.get("estimators", []), EVIDENCE)}
         page = drawn(result, whole, plot, samples, deterministic, evidence=False)
     for _ in range(MAX_REDUCTIONS):
-        if len(page) <= limit:
+        spare = sum(map(spare_values, result.traces))
+        if len(page) <= limit or not spare:
             break
         data = len(re.findall(r'id="data">([^<]*)', page)[0])
-        result = with_fewer_samples(result, 1.0 - min(REDUCTION_MARGIN * (len(page) - limit) / data, 0.9))
+        values = sum(len(trace.t) * len(trace.columns) for trace in result.traces)
+        excess = REDUCTION_MARGIN * values * (len(page) - limit) / data
+        result = with_fewer_samples(result, max(1.0 - excess / spare, 0.0))
         page = drawn(result, whole, plot, samples, deterministic, evidence=False)
     return page
 
 
+def spare_values(trace: Trace) -> int:
+    """Return how many values of a long line can be left out, 0 of other lines."""
+    return max(len(trace.t) - LEAST_LINE_SAMPLES, 0) * len(trace.columns) if trace.figure in LONG_LINES else 0
+
+
 def with_fewer_samples(result: Result, share: float) -> Result:
-    """Return the result with a share of the samples of its long lines, their peaks kept."""
+    """Return the result with a share of the spare samples of its long lines, their peaks kept."""
 
     def fewer(trace: Trace) -> Trace:
-        keep = max(int(share * len(trace.t)), LEAST_LINE_SAMPLES)
-        if trace.figure not in LONG_LINES or len(trace.t) <= keep:
+        if not spare_values(trace):
             return trace
+        keep = LEAST_LINE_SAMPLES + int(share * (len(trace.t) - LEAST_LINE_SAMPLES))
         t, kept = envelope(trace.t, np.column_stack(list(trace.columns.values())), keep)
         columns = {name: kept[:, k] for k, name in enumerate(trace.columns)}
         return replace(trace, t=t, columns=columns, ratio=trace.ratio * len(trace.t) / len(t))
