@@ -86,30 +86,26 @@ def unsettled(variances: Array) -> int:
     return max(0, len(variances) - MIN_LATER)
 
 
-def phase_variances(case: Case, row: Track, phase: str, window: str) -> PhaseVariances | None:
-    """Return the windows of a row in a phase and their variances; None without a usable window."""
-    found = [span_variances(case, row, phase, span) for span in phase_spans(case, phase, window)]
-    parts = [part for part in found if part is not None]
-    if not parts:
-        return None
-    t0, variances = (np.concatenate([getattr(part, name) for part in parts]) for name in ("t0", "variances"))
-    return PhaseVariances(t0, variances, sum((p.seconds for p in parts), 0.0))
-
-
 @per_row
-def span_variances(case: Case, row: Track, phase: str, span: Span) -> PhaseVariances | None:
-    """Return the windows of one span, without those at rest in which the row settles; None without any."""
-    laid = windows.span_windows(case, row, phase, span)
-    inside = [samples for _, samples in laid]
-    left = residuals_at_rest(row, inside) if phase == "rest" else correction_noise.window_residuals(case, row, inside)
-    found = [(w, variance(r)) for (w, _), r in zip(laid, left, strict=True) if r is not None]
-    skip = unsettled(np.array([v for _, v in found])) if phase == "rest" and len(found) > MIN_LATER else 0
-    kept = found[skip:]
+def phase_variances(case: Case, row: Track, phase: str, window: str) -> PhaseVariances | None:
+    """Return the windows of a row in a phase and their variances; None without a usable window.
+
+    Windows of a rest in which the row settles are left out.
+    """
+    spans = windows.row_windows(case, row, phase, window)
+    inside = [samples for span in spans for _, samples in span]
+    left = iter(
+        residuals_at_rest(row, inside) if phase == "rest" else correction_noise.window_residuals(case, row, inside)
+    )
+    kept: list[tuple[Span, Array]] = []
+    for span in spans:
+        found = [(w, variance(r)) for (w, _), r in zip(span, left, strict=False) if r is not None]
+        skip = unsettled(np.array([v for _, v in found])) if phase == "rest" and len(found) > MIN_LATER else 0
+        kept += found[skip:]
     if not kept:
         return None
-    t0 = np.array([w[0] for w, _ in kept])
-    seconds = sum((w[1] - w[0] for w, _ in kept), 0.0)
-    return PhaseVariances(t0, np.array([v for _, v in kept]), seconds)
+    t0, variances = np.array([w[0] for w, _ in kept]), np.array([v for _, v in kept])
+    return PhaseVariances(t0, variances, sum((w[1] - w[0] for w, _ in kept), 0.0))
 
 
 def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Array]:

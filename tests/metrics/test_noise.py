@@ -406,7 +406,7 @@ def test_windows_that_settle_are_left_out_at_rest_alone(kind: str, left: int) ->
     case = flights.case([row], [Segment("continuous", 0, 80), Segment(kind, 20, 80)])
     gyro, acc = (Stream(t, np.tile(x, (len(t), 1)), "", "FRD", "made") for x in ((0.0, 0.0, 0.0), (0.0, 0.0, -9.8)))
     case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
-    found = noise.span_variances(case, row, phase, (20.0, 80.0))
+    found = noise.phase_variances(case, row, phase, phase)
     assert found is not None
     assert len(found.t0) == len(found.variances) == left
 
