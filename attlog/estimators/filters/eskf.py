@@ -7,12 +7,12 @@ Innovations are gated softly at 2.5 sigma and refused at 30; what is refused for
 that does not fit for a while opens the hard iron. Without GNSS it is ``mekf``.
 
 Each attitude rests on samples up to its own time (a delayed aid acts when it came, and the gyro carries the attitude
-from there). Noise levels, delays, prior spreads, scale factors (gyro, soft iron) and the antenna's lever arm are
-constants of the sensors. ``constants`` says where they come from:
+from there). ``constants`` says where noise levels, delays and prior spreads come from:
 
     past (default)     estimated on the way from the past (``navigation/passes.py``)
     fixed              the defaults
-    whole_log          of all of the log, as a tuned vehicle has them: knows what comes
+    whole_log          of all of the log, as a tuned vehicle has them, with scale factors (gyro, soft iron) and the
+                       antenna's lever arm: knows what comes
     whole_log_biases   also biases, hard iron and declination start where the smoother puts them: knows what comes
 
 The last two keep the defaults where GNSS lasts for less than 30 s.
@@ -41,7 +41,7 @@ WITHOUT_GNSS = "mekf"
 STATE = {"q": 4, "bias": 3}
 # Which constants of the sensors a run begins with, by where they come from.
 KNOWN: dict[str, tuple[str, ...]] = {
-    "past": ("soft", "scale", "arm"),
+    "past": (),
     "fixed": (),
     "whole_log": ("soft", "scale", "arm"),
     "whole_log_biases": tuple(passes.CONSTANTS),
@@ -77,7 +77,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
         if ahead:
             known = passes.constants_of_log(inputs, begun, gate)
         elif a > 0:
-            known = passes.constants_of_past(inputs.part(0, a), begun, gate)
+            known = passes.Constants(passes.levels_of_past(inputs.part(0, a), begun, gate))
         stage = inputs if b == len(t) else inputs.part(0, b)
         found.append(filtered(stage, a, known, gate, KNOWN[constants]))
     numbers = found[-1].quality | {"constants": constants}

@@ -337,9 +337,10 @@ def _begun_with(begin: StartState, smoothed: Array, constants: Collection[str]) 
 
 # What a filter learns of its sensors on the way: the passes of the smoother over what came so far, again and again.
 #
-# At some moments noise levels, delays, prior spreads and scale factors are estimated from the log up to there. The
-# filter then runs again from the start with these, and its attitudes count from that moment on: no attitude knows
-# what comes after it. What shows constants is motion, so these moments lie at 10, 16, 26, ... s of it, up to 400 s.
+# At some moments noise levels, delays and prior spreads are estimated from the log up to there. The filter then runs
+# again from the start with these, and its attitudes count from that moment on: no attitude knows what comes after it.
+# Scale factors and lever arm it estimates itself: begun from smoothed ones it would count the same samples twice.
+# What shows constants is motion, so these moments lie at 10, 16, 26, ... s of it, up to 400 s.
 
 # Of a longer log so much is looked at for the constants, where it turns most (measured: docs/smoother.md).
 MAX_LEARNING_S = 400.0
@@ -373,17 +374,16 @@ def learning_stages(inputs: Inputs) -> list[tuple[int, int]]:
     return list(pairwise([*looks, len(inputs.t)]))
 
 
-def constants_of_past(inputs: Inputs, begun: NoiseLevels, gate: float) -> Constants:
-    """Estimate constants of the sensors from a run up to now; ``begun`` are the default levels."""
+def levels_of_past(inputs: Inputs, begun: NoiseLevels, gate: float) -> NoiseLevels:
+    """Estimate noise levels, delays and spreads from a run up to now; ``begun`` are the default levels."""
     solution = solved(most_turning_part(inputs, MAX_LEARNING_S), begun, gate, passes=LEARNING_PASSES, spread=False)
     seen = float(np.sum(inputs.dt[inputs.rest == 0]))
     share = seen / (seen + DOUBT_S)
-    levels = replace(
+    return replace(
         hold_delays(solution.next),
         gyro=begun.gyro ** (1.0 - share) * solution.next.gyro**share,
         acc=begun.acc ** (1.0 - share) * solution.next.acc**share,
     )
-    return Constants(levels, solution.begin.x + solution.found.first)
 
 
 def constants_of_log(inputs: Inputs, begun: NoiseLevels, gate: float) -> Constants:

@@ -13,7 +13,7 @@ from attlog.estimators import Measurements, estimate
 from attlog.estimators.filters.navigation import passes
 from attlog.estimators.filters.navigation import passes as sequence
 from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, prepare_inputs
-from attlog.estimators.filters.navigation.passes import constants_of_past, learning_stages
+from attlog.estimators.filters.navigation.passes import learning_stages, levels_of_past
 from attlog.estimators.filters.navigation.start import StartState
 from tests.estimators.filters.navigation.made import flight, off
 
@@ -175,10 +175,20 @@ def test_without_ten_seconds_of_fixes_there_is_no_look():
 def test_the_delay_of_gnss_is_learnt_within_half_a_minute_of_flight():
     """Planted are 100 ms, begun with 250 ms."""
     inputs = inputs_of(40.0)
-    found = constants_of_past(inputs, replace(NoiseLevels(), gnss_delay=0.25), 2.5)
-    assert found.levels.gnss_delay == pytest.approx(0.100, abs=0.02)
-    assert found.levels.prior.gnss_delay == 0.010
-    assert found.state is not None
+    found = levels_of_past(inputs, replace(NoiseLevels(), gnss_delay=0.25), 2.5)
+    assert found.gnss_delay == pytest.approx(0.100, abs=0.02)
+    assert found.prior.gnss_delay == 0.010
+
+
+def test_a_gyro_scale_far_from_its_prior_is_not_held_by_what_is_learnt_early():
+    """Planted are 3 %, six sigma; where samples count twice, heading errs by 3.2 of its own sigma."""
+    z = []
+    for seed in (1, 2):
+        made = flight(seconds=40.0, seed=seed)
+        t, gyr, acc, mag = made.motion.sensors
+        found = estimate("eskf", t, 1.03 * gyr, acc, mag, aids=made.aids)
+        z.append((off(found.q, made.motion.q)[1] / found.aux["sigma_heading"])[t > 20.0])
+    assert np.sqrt(np.mean(np.concatenate(z) ** 2)) < 2.8
 
 
 def test_what_was_learnt_makes_the_filter_better_than_one_that_never_learns():
