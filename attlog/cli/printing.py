@@ -139,6 +139,7 @@ class GrowingText:
     def __init__(self, out: Console | Piped, before: Iterable[str] = ()) -> None:
         """``before``: lines above it."""
         self.out, self._before = out, list(before)
+        self.width = out.width  # a terminal may be resized between the parts
         self._shown: list[TextLine] = []
 
     def show(self, lines: Iterable[TextLine]) -> None:

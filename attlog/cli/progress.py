@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from attlog.cli.printing import GrowingText, terminal, to_stderr
 
@@ -152,10 +152,10 @@ class FirstLinesHandler(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         from attlog.cli.tables import first_lines
 
-        result = cast("Result", cast("tuple[object, ...]", record.args)[0])
+        result: Result = record.__dict__["result"]
         self._before()
         with suppress(OSError):  # the last lines end the command in the same way, after the report is written
-            self._text.show(first_lines(result, self._text.out.width))
+            self._text.show(first_lines(result, self._text.width))
 
 
 @contextmanager

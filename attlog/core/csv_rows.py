@@ -22,9 +22,11 @@ Block = Annotated[NDArray[np.uint8], jit.Cells("u1", 2, written=True)]
 
 # Rows written together; bounds the memory of a block.
 ROWS = 1 << 13
+# Largest block; one with longer texts or more columns is written in halves.
+BLOCK_BYTES = 1 << 24
 # Bytes of the longest numbers, -1.2345678901234567e-308 and -9223372036854775807; of a quoted empty text.
 FLOAT_BYTES, EMPTY_BYTES = 24, 2
-BYTES = {"f4": FLOAT_BYTES, "f8": FLOAT_BYTES, "i8": 20}
+BYTES = {"f2": FLOAT_BYTES, "f4": FLOAT_BYTES, "f8": FLOAT_BYTES, "i8": 20}
 # Largest of both signs.
 MAX_INTEGER = 2**63 - 1
 # Digits that are enough for every single, and that never differ between two ways of rounding a double.
@@ -56,22 +58,22 @@ def csv_texts(values: Sequence[Any]) -> list[bytes]:
 
 def _rows(columns: list[NDArray[Any]]) -> bytes:
     kinds = [_kind(column) for column in columns]
-    texts = {k: _fixed(csv_texts(columns[k].tolist())) for k, kind in enumerate(kinds) if kind == "text"}
-    widths = [texts[k].shape[1] if k in texts else BYTES[kind] for k, kind in enumerate(kinds)]
+    texts = {k: csv_texts(columns[k].tolist()) for k, kind in enumerate(kinds) if kind == "text"}
+    widths = [max(EMPTY_BYTES, *map(len, texts[k])) if k in texts else BYTES[kind] for k, kind in enumerate(kinds)]
     ends = np.cumsum(np.array(widths, np.int64) + 1) - 1
-    firsts = ends - widths
-    block = np.zeros((len(columns[0]), ends[-1] + 1), np.uint8)
+    firsts, count = ends - widths, len(columns[0])
+    if count > 1 and count * (ends[-1] + 1) > BLOCK_BYTES:
+        return b"".join(
+            _rows([column[part] for column in columns]) for part in (np.s_[: count // 2], np.s_[count // 2 :])
+        )
+    block = np.zeros((count, ends[-1] + 1), np.uint8)
     block[:, ends] = ord(",")
     block[:, -1] = ord("\n")
-    for k, text in texts.items():
-        block[:, firsts[k] : ends[k]] = text
+    for k, cells in texts.items():
+        block[:, firsts[k] : ends[k]] = _fixed(np.array(cells, f"S{widths[k]}"))
     for kind in set(kinds).difference(["text"]):
         own = [k for k in range(len(columns)) if kinds[k] == kind]
-        values = np.array([columns[k] for k in own], kind)
-        if kind == "i8":
-            put_integers(block, firsts[own], values)
-        else:
-            _put_floats(block, firsts[own], values)
+        _put_numbers(block, firsts[own], np.array([columns[k] for k in own], kind))
     if len(columns) == 1:  # a line of nothing would be no row
         block[~block[:, :-1].any(axis=1), :EMPTY_BYTES] = ord('"')
     used: NDArray[np.uint8] = block[block != 0]
@@ -79,22 +81,35 @@ def _rows(columns: list[NDArray[Any]]) -> bytes:
 
 
 def _kind(column: NDArray[Any]) -> str:
-    """Return the type as which a column is written: ``f4``, ``f8``, ``i8`` or ``text``."""
+    """Return the type as which a column is written: a key of BYTES, or ``text``."""
     if column.dtype in (np.int64, np.uint64) and (column.min() < -MAX_INTEGER or column.max() > MAX_INTEGER):
         return "text"
     if column.dtype.kind == "f":
-        return "f4" if column.dtype.itemsize == 4 else "f8"
+        return f"f{min(column.dtype.itemsize, 8)}"
     return "i8" if column.dtype.kind in "iu" else "text"
 
 
-def _fixed(cells: list[bytes]) -> NDArray[np.uint8]:
+def _fixed(cells: NDArray[np.bytes_]) -> NDArray[np.uint8]:
     """Return cells as a table of bytes."""
-    width = max(EMPTY_BYTES, *map(len, cells))
-    return np.array(cells, f"S{width}").view(np.uint8).reshape(len(cells), width)
+    return cells.view(np.uint8).reshape(len(cells), cells.dtype.itemsize)
+
+
+def _put_numbers(block: NDArray[np.uint8], firsts: NDArray[np.int64], values: NDArray[Any]) -> None:
+    """Write numbers, a row of ``values`` a column, into cells that begin at ``firsts``; numpy writes what is left."""
+    if jit.jit_wanted():
+        if values.dtype.kind == "i":
+            put_integers(block, firsts, values)
+        elif values.dtype != np.float16:
+            _put_floats(block, firsts, values)
+    width = BYTES[values.dtype.str[1:]]
+    for first, column in zip(firsts, values, strict=True):
+        left = np.flatnonzero((block[:, first] == 0) & ~np.isnan(column))
+        if len(left):
+            block[left, first : first + width] = _fixed(column[left].astype(f"S{width}"))
 
 
 def _put_floats(block: NDArray[np.uint8], firsts: NDArray[np.int64], values: NDArray[Any]) -> None:
-    """Write floats, a row of ``values`` a column, into cells that begin at ``firsts``."""
+    """Write most singles or doubles."""
     with np.errstate(invalid="ignore", over="ignore"):
         x = values.astype(np.float64)
         if values.dtype == np.float32:
@@ -105,11 +120,6 @@ def _put_floats(block: NDArray[np.uint8], firsts: NDArray[np.int64], values: NDA
         else:
             exactly = np.zeros_like(x)
             put_decimals(block, firsts, x, exactly, exactly, DOUBLE_DIGITS, MAX_POSITIONAL, POWERS)
-    for first, column in zip(firsts, values, strict=True):
-        left = np.flatnonzero((block[:, first] == 0) & ~np.isnan(column))
-        if len(left):
-            texts = column[left].astype(f"S{FLOAT_BYTES}")
-            block[left, first : first + FLOAT_BYTES] = texts.view(np.uint8).reshape(len(left), FLOAT_BYTES)
 
 
 @jit.loop("the numbers of tables")

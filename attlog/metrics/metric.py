@@ -110,6 +110,10 @@ class Answer:
                 raise ValueError(f"an answer without value needs a code of CODES and a reason: {self.code!r}")
             self.ranked = False
 
+    def copied(self, window: str) -> Answer:
+        """Return the answer with lists of its own, as that of a window."""
+        return replace(self, window=window, each=list(self.each), records=list(self.records))
+
 
 def missing(code: str, reason: str, unit: str, window: str) -> Answer:
     """Return an answer without a value, with code and reason."""
@@ -190,8 +194,8 @@ class MetricGroup(NamedTuple):
         if self.rests_on is None:
             return self.compute(case, row, window)
         key, known = (self.name, self.rests_on(case, row, window)), case.of_row.setdefault(row, {})
-        first, found = _remembered(known, key, lambda: (window, self.compute(case, row, window)))
-        return found if window == first else {name: replace(a, window=window) for name, a in found.items()}
+        found = _remembered(known, key, lambda: self.compute(case, row, window))
+        return {name: answer.copied(window) for name, answer in found.items()}
 
     def without(self, code: str, reason: str, window: str) -> dict[str, Answer]:
         """Return answers without a value for all metrics."""

@@ -48,6 +48,7 @@ from attlog.pipeline.preparation import (
     flight_of,
     prepared,
     reference_options,
+    require_imu,
     samples_of,
     with_next_reference,
 )
@@ -103,9 +104,14 @@ def assess(
     described = describe(log, phases) if case is None else _described(case)  # before the findings: has its own errors
     found = findings(log, checks, [] if case is None else contradiction(case.reference), events=happened)
     happened = with_sensor_events(happened, checks, phases)
+    return Assessment(dict(described), _headline(log, phases, happened, checks, found), happened, found, checks, drawn)
+
+
+def _headline(
+    log: FlightLog, phases: Segments, happened: list[story.Event], checks: list[Check], found: list[Finding]
+) -> str:
     sound, wrong, trouble = nothing_wrong(found), wrong_angle(checks), first_serious(found)
-    said = guarded_part(log, "The headline", lambda: story.headline(log, phases, happened, sound, wrong, trouble), str)
-    return Assessment(dict(described), said, happened, found, checks, drawn)
+    return guarded_part(log, "The headline", lambda: story.headline(log, phases, happened, sound, wrong, trouble), str)
 
 
 @per_case
@@ -416,7 +422,7 @@ def evaluate(
         best=ranking.best,
         worst=ranking.worst,
         ranked=ranking.ranked,
-        checks=[] if found is None else found.checks,
+        checks=[] if found is None else list(found.checks),
         traces=drawn if found is None else drawn + found.drawn,
         tracks=measurement.tracks,
         timing=stage.seconds,
@@ -424,7 +430,9 @@ def evaluate(
     if found is not None:
         result.verdicts = guarded_part(case.log, "The verdicts", lambda: verdicts(result), list)
         result.findings = all_of(case, result, rows, own)
-        result.events, result.headline = found.events, found.headline
+        result.events, result.headline = list(found.events), found.headline
+        if nothing_wrong(found.findings) and not nothing_wrong(result.findings):  # a part of attlog failed since
+            result.headline = _headline(case.log, case.segments, result.events, result.checks, result.findings)
     return result
 
 
@@ -442,8 +450,8 @@ def analyze(
     mapping of the same options, which keywords override. ``command`` is stored in the result. Combines :func:`prepare`
     and :func:`evaluate` with traces and costs, and raises their errors: LogUnreadable, LogUnusable, NotALog,
     TooLittleMemory, UsageError. A log that cannot be replayed but has an attitude, a position or arming gives a result
-    without the comparison. The logger ``attlog.known`` receives the result while it grows: name and vehicle of the
-    log, then its headline.
+    without the comparison. The logger ``attlog.known`` receives records with a ``result`` as far as it is known: name
+    and vehicle of the log, then its headline with events, checks and findings.
     """
     settings, stage = Config.of(config, options), Stages()
     with log_cache():
@@ -451,11 +459,23 @@ def analyze(
             log = flight_of(source, settings)
         if log.imu is None and has_a_story(log):
             return with_signals(without_replay(log, settings, stage, command), log, settings)
+        require_imu(log)
+        replay.select_rows(settings.estimators, log)  # an unknown name is an error before anything is known
         case = prepared(log, settings, stage)
         with stage("checks"):  # here, where they share what was computed for the reference
             known = _assessed(case, True)
         if settings.reference != "auto" or case.reference.kind != "onboard":  # one that filters may refuse
-            KNOWN.info("%s", Result(versions(), command, case.settings, known.log, known.headline))
+            told = Result(
+                versions(),
+                command,
+                case.settings,
+                known.log,
+                known.headline,
+                list(known.events),
+                list(known.findings),
+                checks=list(known.checks),
+            )
+            KNOWN.info("headline: %s", known.headline, extra={"result": told})
     return with_signals(evaluate(case, traces=True, cost=True, command=command), case.log, settings)
 
 

@@ -29,7 +29,7 @@ from attlog.segments.model import WINDOWS, Segments
 
 # Logs the name of each stage as it begins.
 STAGES = logging.getLogger("attlog.stages")
-# Logs the result as far as it is known.
+# Logs the result as far as it is known, as ``result`` of the record.
 KNOWN = logging.getLogger("attlog.known")
 SENTENCES = {
     "read": "reading the log",
@@ -180,7 +180,7 @@ def prepared(log: FlightLog, config: Config, stage: Stages) -> Case:
     with stage("segments"):
         phases = segments.build(log)
         shown = windows(config, phases)
-    KNOWN.info("%s", Result({}, "", {}, name_and_vehicle(log)))
+    KNOWN.info("log: %s", log.path.name, extra={"result": Result({}, "", {}, name_and_vehicle(log))})
     options = reference_options(config)
 
     def smooth() -> Estimate:

@@ -16,7 +16,7 @@ from rich.console import Console
 from attlog import Config
 from attlog.batch.job import Job, Record
 from attlog.batch.sources import Source
-from attlog.cli.printing import GrowingText, Piped, TextLine, console, say
+from attlog.cli.printing import GrowingText, Piped, TextLine, console, say, wrapped
 from attlog.cli.progress import COMPILING, KNOWN, STAGES, Bar, StageHandler, first_lines_shown, progress
 from attlog.result import Result
 from tests.conftest import SAMPLES
@@ -48,12 +48,30 @@ def test_a_growing_text_is_printed_once_and_again_where_its_beginning_changed() 
 
 
 def test_a_reader_that_goes_away_after_the_headline_does_not_end_the_analysis() -> None:
+    tried = []
+
     class Gone(io.StringIO):
         def write(self, text: str) -> int:
+            tried.append(text)
             raise BrokenPipeError
 
     with first_lines_shown(GrowingText(Piped(Gone())), lambda: None):
-        logging.getLogger(KNOWN).info("%s", Result({}, "", {}, {"name": "a.ulg"}, "Flew."))
+        result = Result({}, "", {}, {"name": "a.ulg"}, "Flew.")
+        logging.getLogger(KNOWN).info("headline: %s", result.headline, extra={"result": result})
+    assert tried == ["a.ulg;\n"]
+
+
+def test_a_terminal_made_narrower_meanwhile_is_not_shown_the_first_lines_again() -> None:
+    class Resized(Piped):
+        width = 80
+
+    piped, words = io.StringIO(), " ".join(["word"] * 12)
+    out = Resized(piped)
+    text = GrowingText(out)
+    for width in (80, 40):
+        out.width = width
+        text.show(wrapped("", words, text.width))
+    assert piped.getvalue() == words + "\n"
 
 
 # What a run says while it works: stages of one log, a bar over many, on a terminal only.

@@ -173,8 +173,10 @@ def strangers_file(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setitem(sys.modules, file.__name__, file)
     monkeypatch.setattr(metrics, "FILES", (*metrics.FILES, "sway"))
     metrics.groups.cache_clear()
+    metrics.definitions.cache_clear()
     yield
     metrics.groups.cache_clear()
+    metrics.definitions.cache_clear()
 
 
 @pytest.mark.usefixtures("strangers_file")

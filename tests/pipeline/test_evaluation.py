@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import attlog
-from attlog import estimators
-from attlog.core.errors import AttlogError, PluginError, PluginTimeout, UsageError
+from attlog import estimators, metrics
+from attlog.core.errors import RAISE_VARIABLE, AttlogError, PluginError, PluginTimeout, UsageError
 from attlog.estimators.interface import Estimate
 from attlog.metrics.metric import Case
 from attlog.pipeline import evaluation, preparation, replay
@@ -98,11 +98,43 @@ def test_two_evaluations_of_one_name_with_other_parameters_do_not_mix(case: Case
     assert noise[0] != noise[1]
 
 
+def test_results_of_one_case_share_no_answers_and_no_lists(case: Case) -> None:
+    first, second = (attlog.evaluate(case, "gyro") for _ in range(2))
+    flown = next(row.name for row in second.estimators if row.kind == "onboard")
+    kept = {name: (a.value, a.each[:], len(a.records)) for name, a in answers(second, flown)["all"].items()}
+    for answer in answers(first, flown)["all"].values():
+        answer.value = 999.0
+        answer.each.clear()
+        answer.records.clear()
+    first.checks.clear()
+    first.events.clear()
+    assert kept == {name: (a.value, a.each, len(a.records)) for name, a in answers(second, flown)["all"].items()}
+    third = attlog.evaluate(case, "gyro")
+    assert kept == {name: (a.value, a.each, len(a.records)) for name, a in answers(third, flown)["all"].items()}
+    assert second.checks == third.checks != []
+    assert second.events == third.events != []
+
+
+def test_nothing_went_wrong_is_not_said_beside_a_metric_that_failed(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object) -> Any:
+        raise ZeroDivisionError
+
+    sound = "Nothing went wrong" in attlog.evaluate(case, "gyro").headline
+    groups = [group._replace(compute=fails) if group.name == "set-point" else group for group in metrics.groups()]
+    monkeypatch.setattr(metrics, "groups", lambda: groups)
+    monkeypatch.delenv(RAISE_VARIABLE, raising=False)
+    result = attlog.evaluate(case, "gyro")
+    assert [finding.kind for finding in result.findings].count("part_failed")
+    assert (sound, "Nothing went wrong" in result.headline) == (True, False)
+
+
 def test_traces_and_costs_come_when_asked_for(case: Case, alone: Result) -> None:
     full = attlog.evaluate(case, "mahony", traces=True, cost=True)
     assert (alone.traces, "cost_ns" in answers(alone, "mahony")["all"]) == ([], False)
     assert {"attitude", "difference"} <= {t.figure for t in full.traces}
-    assert answers(full, "mahony")["all"]["cost_ns"].value
+    assert "cost_ns" in answers(full, "mahony")["all"]
 
 
 @pytest.mark.slow
@@ -177,7 +209,7 @@ class Heard(logging.Handler):
         self.messages: list[Any] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.messages.append(record.args[0] if isinstance(record.args, tuple) and record.args else record.msg)
+        self.messages.append(record.__dict__.get("result", record.msg))
 
 
 @pytest.fixture
@@ -200,6 +232,7 @@ def test_title_and_headline_are_known_before_the_filters_run(heard: Heard) -> No
     assert all(
         one.log[key] == result.log[key] for one in known for key in ("name", "vehicle", "firmware", "duration_s")
     )
+    assert (known[1].checks, known[1].events) == (result.checks, result.events)
     assert heard.messages.index(known[1]) < heard.messages.index("running filters")
 
 

@@ -228,7 +228,7 @@ class AnalyzeRun:
             from attlog.cli.tables import result_lines
             from attlog.report import bundle_notice
 
-            text.show(result_lines(result, self.config.window or "all", out.width, self.common.verbose > 0))
+            text.show(result_lines(result, self.config.window or "all", text.width, self.common.verbose > 0))
             say([f"report: {page}"], out)
             if self.figures is not None:
                 say([f"figures: {self.figures}"], out)

@@ -242,7 +242,7 @@ def health_command(
             if json:
                 json_to_stdout(health_document(result))
             if not common.quiet:
-                text.show(health_lines(result, out.width, common.verbose > 0))
+                text.show(health_lines(result, text.width, common.verbose > 0))
             if (
                 output is not None
                 and (written := write_parameters(result, output / f"{name}{PARAM}", params)) is not None
