@@ -464,7 +464,7 @@ def analyze(
         case = prepared(log, settings, stage)
         with stage("checks"):  # here, where they share what was computed for the reference
             known = _assessed(case, True)
-        if settings.reference != "auto" or case.reference.kind != "onboard":  # one that filters may refuse
+        if not _may_refuse(case):
             told = Result(
                 versions(),
                 command,
@@ -527,6 +527,15 @@ def _known_metrics(only: Collection[str]) -> Collection[str]:
 def _onboard(case: Case) -> list[Track]:
     make = partial(reference.onboard_rows, case.log, case.segments, case.reference)
     return guarded_part(case.log, "What the vehicle estimated", make, list)
+
+
+def _may_refuse(case: Case) -> bool:
+    """Return whether filters might refuse the reference, on which the headline rests."""
+    log, imu, choice = case.log, case.log.replay_imu, str(case.settings.get("reference", "auto"))
+    if imu is None:
+        return False
+    check = reference.ReferenceCheck(log, imu, case.reference, lambda row: row, choice)
+    return guarded_part(log, "What filters say against the reference", check.may_refuse, lambda: True)
 
 
 @per_case

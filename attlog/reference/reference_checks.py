@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation, spans
 from attlog.core.errors import AttlogError
-from attlog.core.kinematics import earth_force, tilt_deg
+from attlog.core.kinematics import earth_force, known_earth_force, tilt_deg
 from attlog.core.log_cache import cached_per_log
 from attlog.core.spans import Span
 from attlog.core.spans import between as time_slice
 from attlog.estimators.evidence import still_windows, tilt_residual, within
-from attlog.flight.model import Attitude, FlightLog, Imu
+from attlog.flight.model import Attitude, FlightLog, Gnss, Imu
 from attlog.reference import alignment, scoring, sensor_faults
 from attlog.reference.model import SMOOTHER, AlignmentStep, Reference, Track
 from attlog.segments import Segments, increments, model
@@ -312,6 +312,9 @@ MAX_SPREAD_DEG, MIN_APART_DEG, MIN_SPREAD_RATIO = 8.0, 15.0, 2.5
 MIN_APART_SHARE, MIN_APART_S = 0.2, 2.0
 # Residual of the mean force without gravity: largest by the filters, smallest by the reference.
 MAX_FORCE_RESIDUAL_M_S2, MIN_FORCE_FAULT_M_S2 = 1.0, 2.0
+# Before filters run: a longer span contains one of 2 to 4 s with the same fault. Its ends are known to half a step, by
+# which the mean force differs.
+SPAN_STEP_S, SPAN_STEPS, POSSIBLE_SHARE, FORCE_RATE_HZ = 0.25, range(8, 17), 0.75, 100.0
 SAMPLES = 4000  # of the reference: enough for medians
 DOWN = np.array([0.0, 0.0, 1.0])
 
@@ -334,6 +337,26 @@ class ReferenceCheck:
         checked = choice == "auto" and sound and reference.kind in ("onboard", "smoother")
         self._asked = checked and len(self._use) >= 10
         self._heard: dict[str, tuple[Track, Array]] = {}
+
+    def may_refuse(self) -> bool:
+        """Return whether filters might contradict the reference, whose mean force is somewhere not gravity."""
+        if not self._asked:
+            return False
+        t0, t1 = self._reference.t[self._use[[0, -1]]]
+        edges = np.arange(t0, t1 + SPAN_STEP_S, SPAN_STEP_S)
+        most = max(int(FORCE_RATE_HZ * (t1 - t0)), 1)
+        t, force = _known_force(self._imu, self._reference, self._reference.alignment.trim, t0, t1, most)
+        at = np.searchsorted(t, edges)
+        change = np.vstack([np.zeros(3), np.cumsum(force + np.array([0.0, 0.0, GRAVITY_M_S2]), axis=0)])[at]
+        receiver = next((g for g in self._log.gnss if _moving(g).sum() > 3), None)
+        velocity = np.zeros((len(edges), 3)) if receiver is None else _velocity(receiver, edges)
+        for n in SPAN_STEPS:
+            count = at[n:] - at[:-n]
+            mean = (change[n:] - change[:-n]) / np.maximum(count, 1)[:, None]
+            off = mean - (velocity[n:] - velocity[:-n]) / (n * SPAN_STEP_S)
+            if (np.sqrt(np.sum(off[count > 0] ** 2, axis=1)) >= POSSIBLE_SHARE * MIN_FORCE_FAULT_M_S2).any():
+                return True
+        return False
 
     def add(self, row: Track) -> None:
         """Add a row; it replaces an earlier row of the same filter."""
@@ -429,21 +452,42 @@ def _angle(a: Array, b: Array) -> Array:
 
 def _mean_force(imu: Imu, attitude: Reference | Track, trim: Array | None, t0: float, t1: float) -> Array | None:
     """Return the mean specific force (3,) in earth axes by an attitude over [t0, t1] s."""
+    _, earth = _known_force(imu, attitude, trim, t0, t1, SAMPLES)
+    return np.asarray(earth.mean(axis=0)) if len(earth) else None
+
+
+def _known_force(
+    imu: Imu, attitude: Reference | Track, trim: Array | None, t0: float, t1: float, most: int
+) -> tuple[Array, Array]:
+    """Return times (k,) s and specific forces (k, 3) in earth axes over [t0, t1] s, thinned to about ``most``."""
     at = imu.acc.t_best
-    inside = (at >= t0) & (at <= t1) & rotation.finite_rows(imu.acc.x)
+    inside = np.flatnonzero((at >= t0) & (at <= t1) & rotation.finite_rows(imu.acc.x))
+    inside = inside[:: max(1, len(inside) // most)]
     q = alignment.untrim(attitude.q, trim)
-    return earth_force(at[inside], imu.acc.x[inside], attitude.t, q, attitude.segment, SAMPLES)
+    return known_earth_force(at[inside], imu.acc.x[inside], attitude.t, q, attitude.segment)
 
 
 def _acceleration(log: FlightLog, t0: float, t1: float) -> Array:
     """Return the mean acceleration (3,) m/s^2 NED by GNSS, zero if unknown."""
     for gnss in log.gnss:
-        good = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned)
+        good = _moving(gnss)
         if good.sum() > 3 and gnss.t[good][0] <= t0 + 1.0 and gnss.t[good][-1] >= t1 - 1.0:
-            ends = [np.interp(x, gnss.t[good], gnss.vel_ned[good, k]) for x in (t0, t1) for k in range(3)]
-            change: Array = (np.array(ends[3:]) - np.array(ends[:3])) / (t1 - t0)
+            begin, end = _velocity(gnss, np.array([t0, t1]))
+            change: Array = (end - begin) / (t1 - t0)
             return change
     return np.zeros(3)
+
+
+def _moving(gnss: Gnss) -> NDArray[np.bool_]:
+    """Return where a receiver knows its velocity."""
+    known: NDArray[np.bool_] = (gnss.fix >= 3) & rotation.finite_rows(gnss.vel_ned)
+    return known
+
+
+def _velocity(gnss: Gnss, t: Array) -> Array:
+    """Return velocities (n, 3) m/s NED at times (n,) s."""
+    good = _moving(gnss)
+    return np.stack([np.interp(t, gnss.t[good], gnss.vel_ned[good, k]) for k in range(3)], axis=1)
 
 
 def _shown(force: Array) -> str:

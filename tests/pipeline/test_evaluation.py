@@ -243,6 +243,13 @@ def test_the_headline_waits_for_filters_that_refuse_the_onboard_attitude(corpus:
     assert [one.headline for one in heard.messages if isinstance(one, Result)] == [""]
 
 
+def test_the_headline_does_not_wait_where_the_mean_force_agrees_with_the_reference(corpus: Path, heard: Heard) -> None:
+    result = attlog.analyze(corpus / "logs" / "cases" / "copter_4.5.7_gps_delay.BIN", estimators=["gyro"])
+    assert result.reference is not None
+    assert result.reference.choice == "smoother"
+    assert [one.headline for one in heard.messages if isinstance(one, Result)] == ["", result.headline]
+
+
 @pytest.mark.parametrize("name", ["log_tradheli_brownout.log", "cases/copter_4.2_radio_4hz.tlog"])
 def test_a_log_that_cannot_be_replayed_has_the_height_of_its_headline(corpus: Path, name: str) -> None:
     result = attlog.analyze(corpus / "logs" / name)

@@ -209,6 +209,20 @@ def test_filters_that_agree_with_each_other_and_with_the_force_refuse_the_onboar
     assert "ATT is wrong by 25 deg: all filters agree" in found
 
 
+def test_only_a_reference_whose_mean_force_is_not_gravity_can_be_refused() -> None:
+    phases = segments.Segments([Segment("continuous", 0.0, 60.0)])
+    wrong_for_a_while = np.where(((T >= 31.3) & (T < 43.7))[:, None], tilted(TURN, 25.0), TURN)
+    for onboard, choice, expected in (
+        (tilted(TURN, 25.0), "auto", True),
+        (tilted(TURN, 25.0), "onboard", False),
+        (tilted(TURN, 2.0), "auto", False),
+        (wrong_for_a_while, "auto", True),
+    ):
+        log = flight(onboard)
+        chosen = choose(log, phases, ReferenceOptions())
+        assert ReferenceCheck(log, log.imus[0], chosen, lambda row: row, choice).may_refuse() == expected
+
+
 def test_rows_that_have_passed_and_are_empty_refuse_it_as_well_and_one_is_run_again() -> None:
     log, phases = flight(tilted(TURN, 25.0)), segments.Segments([Segment("continuous", 0.0, 60.0)])
     whole = {row.name: row for row in rows(TURN, tilted(TURN, 2.0), tilted(TURN, -2.0))}
