@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -122,17 +123,19 @@ def test_samples_changed_before_a_filter_get_the_bias_that_they_have_then(sample
     assert case.gyro_of(shifted) == pytest.approx(case.gyro_of(imu), abs=1e-12)
 
 
-def test_telemetry_in_whole_milliradians_gets_half_of_one_back_before_its_bias_is_taken(samples):
-    """ArduPilot sends rates as ``int16_t(1000 * rate)``, cut towards zero; the log of the same flight has them whole."""
-    log = attlog.read(samples / "copter_steps_stabilize.tlog")
-    case, whole = attlog.prepare(log), attlog.prepare(samples / "copter_steps_stabilize.bin")
-    (bias,) = case.gyro_bias.values()
-    assert bias.steps_dps == pytest.approx([np.degrees(1e-3)] * 3, rel=1e-3)
-    assert 0.0 < bias.steps_seen_s < 60.0
-    given, read = case.log.replay_imu.gyro.x, log.replay_imu.gyro.x
-    assert given == pytest.approx(read + 0.5e-3 * np.sign(np.round(read, 4)), abs=1e-9)
-    assert log.replay_imu.truncation is None
-    assert whole.log.replay_imu.truncation is None
+def test_a_cut_gyro_gets_half_a_step_back_before_its_bias_is_taken(samples):
+    log, step = attlog.read(samples / "copter_steps_stabilize.bin"), 1e-3
+    assert attlog.prepare(log).log.replay_imu.truncation is None
+    imu = log.replay_imu
+    noise = np.random.default_rng(1).normal((2.0, -2.4, 1.7), 1.5, imu.gyro.x.shape)
+    cut = step * np.trunc(noise + imu.gyro.x / step * (np.arange(len(noise)) > 2000)[:, None])
+    imus = [replace(one, gyro=replace(one.gyro, x=cut)) if one is imu else one for one in log.imus]
+    case = attlog.prepare(replace(log, imus=imus))
+    bias = case.gyro_bias[imu.index]
+    assert bias.steps_dps == pytest.approx([np.degrees(step)] * 3, rel=1e-3)
+    assert 0.0 < bias.steps_seen_s < imu.gyro.t[2000]
+    given = case.log.replay_imu.gyro.x
+    assert given == pytest.approx(cut + 0.5 * step * np.sign(np.round(cut, 4)), abs=1e-9)
 
 
 @pytest.mark.slow

@@ -34,7 +34,6 @@ CHARACTERS_PER_S = 3500.0
 # Modules whose loops run in each analysis, in those of logs of a firmware, and in other commands.
 DEFAULTS = (
     "attlog.core.rotation",
-    "attlog.core.truncation",
     "attlog.estimators.filters.navigation.backward",
     "attlog.estimators.filters.navigation.forward",
     "attlog.estimators.filters.navigation.turns",
