@@ -74,8 +74,9 @@ FIELD_NOISE, FIELD_WALK = 0.023, 0.01
 BODY_FIELD_SIGMAS = 4.0
 # A rest counts after that long; a later one measures the first one's field for that long: more would average no room.
 HOME_QUIET_S, HOME_SEEN_S = 1.0, 4.0
-# The same field again: norm (relative) and dip [rad], and a heading within so many sigmas.
-HOME_NORM, HOME_DIP, HOME_SIGMAS = 0.012, 0.6 * RAD, 4.0
+# The same field again: norm (relative) and dip [rad], and a heading within so many sigmas of drift and field together:
+# what is farther off is as likely another field, which neither norm nor dip shows where it lies across north.
+HOME_NORM, HOME_DIP, HOME_SIGMAS = 0.012, 0.6 * RAD, 1.0
 # Largest slope of the field that carries tilt into heading: beyond it the field is too steep to show north.
 MAX_FIELD_SLOPE = 6.0
 
@@ -307,7 +308,10 @@ def subtract_column(state: Any, at: int, c: float) -> None:
 
 
 def home_field(state: Any, params: Any) -> None:
-    """Measure home - psi by the low-passed field in the first rest, and in later ones where the field is that one."""
+    """Measure home - psi by the low-passed field in the first rest, and in later ones where the field is that one.
+
+    A rest has one error of its field, in direction: steeper fields show north worse, and a longer look shows no more.
+    """
     if params[K.home_noise] <= 0.0:
         return
     if state[S.quiet] < HOME_QUIET_S:
@@ -315,9 +319,12 @@ def home_field(state: Any, params: Any) -> None:
         return
     x, y, z = state[S.field_now], state[S.field_now + 1], state[S.field_now + 2]
     level = math.sqrt(x * x + y * y)
+    if not level * MAX_FIELD_SLOPE > abs(z):
+        return
     norm = math.sqrt(x * x + y * y + z * z)
     dip = math.atan2(z, level)
     time = min(state[S.field_since], 1.0)
+    spread = square(RAD * params[K.home_noise] * norm / level)
     if state[S.home_time] == 0.0:
         state[S.home] = math.atan2(y, x)
     value = wrapped(state[S.home] - math.atan2(y, x))
@@ -329,10 +336,10 @@ def home_field(state: Any, params: Any) -> None:
         state[S.quiet] > HOME_QUIET_S + HOME_SEEN_S
         or abs(norm - state[S.home_norm]) > HOME_NORM * state[S.home_norm]
         or abs(dip - state[S.home_dip]) > HOME_DIP
-        or abs(value) > HOME_SIGMAS * math.sqrt(heading_variance(state, E.home) + square(RAD))
+        or abs(value) > HOME_SIGMAS * math.sqrt(heading_variance(state, E.home) + spread)
     ):
         return
-    update_heading(state, E.home, value, x, y, z, square(RAD * params[K.home_noise]) / time)
+    update_heading(state, E.home, value, x, y, z, spread * HOME_SEEN_S / time)
 
 
 def trust(state: Any, x: float, y: float, z: float) -> float:

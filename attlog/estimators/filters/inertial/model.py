@@ -112,7 +112,7 @@ PARAMETERS = (
     Parameter("field_sigma", 0.0, "deg", 0, 90, "deviation of the local field's heading", RECORDED),
     Parameter("field_time", 60.0, "s", 0.1, 10000, "time of motion after which it is another", RECORDED),
     Parameter(
-        "home_noise", 0.0, "deg*sqrt(s)", 0, 1000, "noise of the first rest's field seen again; 0: off", PHYSICAL
+        "home_noise", 0.0, "deg", 0, 90, "direction of the first rest's field when seen again, sigma; 0: off", PHYSICAL
     ),
     Parameter("lead", 0.0, "ms", -100, 100, "output turned on by this time: for an IMU that lags", "attlog"),
     # Half of the flights with truth have more; it moves no attitude.
