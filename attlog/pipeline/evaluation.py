@@ -465,7 +465,7 @@ def analyze(
         with stage("checks"):  # here, where they share what was computed for the reference
             known = _assessed(case, True)
         if not _may_refuse(case):
-            told = Result(
+            so_far = Result(
                 versions(),
                 command,
                 case.settings,
@@ -475,7 +475,7 @@ def analyze(
                 list(known.findings),
                 checks=list(known.checks),
             )
-            KNOWN.info("headline: %s", known.headline, extra={"result": told})
+            KNOWN.info("headline: %s", known.headline, extra={"result": so_far})
     return with_signals(evaluate(case, traces=True, cost=True, command=command), case.log, settings)
 
 
