@@ -167,7 +167,7 @@ def peers_described() -> str:
 
 @cache
 def compared(path: Path, everything: bool = True, runs: int = 5, most_s: float = 12.0) -> dict[str, Times]:
-    """Times of attlog and of every peer that is at hand; after ``most_s`` fewer turns than ``runs``."""
+    """Times of attlog and of every peer at hand, none of one that fails; after ``most_s`` fewer turns than ``runs``."""
     names, size = None if everything else WANTED[path.suffix.lower()], path.stat().st_size / 1e6
     chosen = [r for r in PEERS[path.suffix.lower()] if r.name in peers_installed() and size <= r.most_mb]
     readers = [OURS, *chosen]
@@ -177,9 +177,16 @@ def compared(path: Path, everything: bool = True, runs: int = 5, most_s: float =
     with tempfile.TemporaryDirectory() as home:  # SignalViewer keeps an index there
         for turn in range(runs):
             for reader in readers[:: -1 if turn % 2 else 1]:
+                if turn and not found[reader.name].process:
+                    continue
                 python = sys.executable if reader is OURS else peers_python()
                 command = [python, "-c", reader.code + TIMED, str(path), json.dumps(names), "4"]
-                cost = child(command, environment={"HOME": home, **_cache_of_user()})
+                try:
+                    cost = child(command, environment={"HOME": home, **_cache_of_user()})
+                except SystemExit:
+                    if reader is OURS:
+                        raise
+                    continue  # a peer that fails on this log has no time
                 _, *later = map(float, cost.output.split())
                 found[reader.name].later += later
                 found[reader.name].process.append(cost.cpu_s - sum(later))
@@ -198,12 +205,13 @@ def judged(found: list[dict[str, Times]], which: str, suffix: str) -> Measured:
     took = {
         name: sum(median(getattr(log[name], which)) for log in found)
         for name in found[0]
-        if all(name in log for log in found)
+        if all(name in log and log[name].process for log in found)
     }
     ours = took.pop(OURS.name)
     if not took:
         raise RuntimeError(f"no peer is installed beside {Path(peers_python()).name}")
     words = [f"{name} {seconds(x)}" for name, x in sorted(took.items(), key=lambda item: item[1])]
+    words += [f"{name} fails" for name in found[0] if any(name in log and not log[name].process for log in found)]
     words += [f"{reader.name} not installed" for reader in PEERS[suffix] if reader.name not in peers_installed()]
     return Measured(min(took.values()) / ours, seconds(ours), ", ".join(words), len(found[0][OURS.name].process))
 

@@ -326,9 +326,12 @@ def _flights_before_wrecks(context: CrashContext, found: list[CrashEvent]) -> Fl
 def _same_crash(crash: list[CrashEvent], ending: CrashEvent) -> bool:
     """Return whether an event extends a crash.
 
-    Another kind, a harder impact, one with the ground after one in the air, or an overturn after a fall.
+    Another kind, a harder impact, one with the ground after one in the air, or an overturn after a fall. What spins
+    after it struck the ground is the wreck.
     """
     last, impacts = crash[-1], [e.size for e in crash if e.kind == "impact" and not e.in_air]
+    if ending.kind == "tumble" and impacts:
+        return False
     if ending.kind == "impact" and impacts:
         return ending.size > HARDER_RATIO * max(impacts)
     if ending.kind == last.kind == "impact":
