@@ -296,4 +296,4 @@ def why_unproven(case: Case) -> str | None:
     """Return why nothing against an onboard attitude without a smoother is ranked, else None."""
     if case.reference.kind != "onboard" or SMOOTHER not in case.reference.faults.refused:
         return None
-    return "the onboard attitude is unproven, because the smoother was refused"
+    return "the onboard attitude is unproven, the smoother refused"

@@ -131,7 +131,7 @@ def test_the_columns_of_dots_are_as_reviewed() -> None:
 
 
 def test_a_long_reason_is_given_once_also_where_values_are_not_ranked() -> None:
-    why = "the onboard attitude is unproven, because the smoother was refused"
+    why = "the onboard attitude is unproven, the smoother refused"
     columns = [
         QuestionColumn("accuracy", "Accuracy", "", "", f"Not ranked ({why}): tilt 1 to 2°.", False),
         QuestionColumn("noise", "Static noise", "", "", "Not ranked (too short): 0.1°.", False),
