@@ -297,6 +297,15 @@ def test_of_two_tumbles_that_are_one_the_faster_is_told_in_size_and_words():
     assert (found.size, "600 deg/s" in found.why) == (pytest.approx(600.0, abs=0.1), True)
 
 
+@pytest.mark.parametrize(("fell_m", "counts"), [(0.0, False), (50.0, True)])
+def test_a_wreck_that_spins_is_no_tumble(fell_m, counts):
+    """After a blow in the air it tumbles, after one with the ground it rolls."""
+    blow = CrashEvent("impact", 10.0, 10.1, 20.0, "g", "", fell_m=fell_m)
+    spin = CrashEvent("tumble", 10.9, 11.5, 700.0, "deg/s", "")
+    assert blow.in_air == counts
+    assert crash._same_crash([blow], spin) == counts
+
+
 @pytest.mark.parametrize(("driven", "angle"), [(False, 60.0), (True, None)])
 def test_an_attitude_argues_with_how_it_lies_only_while_motors_push(driven, angle):
     """The onboard attitude says level: with motors off the accelerometer is right."""
