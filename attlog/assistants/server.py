@@ -36,7 +36,7 @@ T = TypeVar("T")
 CALL_S, MAX_KEPT = 900.0, 16
 # Time between reports of progress, and between looks whether a waiting call was given up: clients give up after 60 s.
 PROGRESS_S, WAIT_S = 5.0, 0.5
-MISSING = "attlog mcp needs the package mcp (2.0 or newer) of the Model Context Protocol: pip install 'attlog[mcp]'"
+MISSING = "the package mcp (2.0 or newer) of the Model Context Protocol is missing: pip install 'attlog[mcp]'"
 INSTRUCTIONS = f"""\
 attlog reads flight logs of ArduPilot and PX4: what happened, which sensors are off, how good the attitude is.
 Begin with logs, then info or analyze; signals shows any field over time; explain says what a name means.

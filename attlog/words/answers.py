@@ -298,8 +298,15 @@ def _compared(found: ColumnRanking) -> str:
         return f"{_who(ranked, found)} {_range(ranked)} (not significant)"
     others = [j for j in ranked if j not in best]
     leaders = f"{_counted(best)} best ({_range(best)})" if len(best) > 1 else _span(best)
-    rest = f"{others[0].name} {others[0].text}" if len(others) == 1 else f"others {_range(others)}"
-    return f"{leaders}, {rest}" if others else leaders
+    if not others:
+        return leaders
+    rest, verb = (others[0].name, "is") if len(others) == 1 else ("others", "are")
+    equal = best[1:]
+    if equal and (equal[-1].size >= others[0].size or equal[-1].text == others[0].text):
+        # A large uncertain value is not significantly worse where a smaller, sure one is.
+        leaders = f"{_span(best[:1])}, {_counted(equal)} not significantly worse ({_range(equal)})"
+        return f"{leaders}, {rest} {verb} ({_range(others)})"
+    return f"{leaders}, {rest} {_range(others)}"
 
 
 def _significant(beyond: list[RankedValue], still: list[RankedValue], found: ColumnRanking) -> str:

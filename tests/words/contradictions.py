@@ -101,14 +101,15 @@ def leaders(result: Result, verdict: Verdict) -> Iterator[str]:
     best = {j.row.name for j in column.ranked if j.row.name in marked(result.best, verdict.window, verdict.metric)}
     if len(column.ranked) == 1:
         return
-    if "not significant" in said:
+    if "(not significant)" in said:
         if best:
             yield "called too close although the ranking marks some"
         return
-    head = said.partition(", ")[0]
+    as_good = re.match(r"(.*) not significantly worse", said)
+    head = as_good[1] if as_good else said.partition(", ")[0]
     counted = re.search(r"(\d+) filters", head)
     named = rows_in(result, head)
-    if counted and int(counted[1]) != len(best):
+    if counted and int(counted[1]) + bool(as_good) != len(best):
         yield f"{counted[0]} called best, ranking says {best}"
     elif not counted and named != best:
         yield f"{named} called best, ranking says {best}"

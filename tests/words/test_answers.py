@@ -54,6 +54,8 @@ def tilts() -> Iterator[Situation]:
     yield "one best, others a range", q, result(rows(0.4, 1.2, 0.9), {TILT: ["a"]})
     yield "one best of two", q, result(rows(0.4, 1.2), {TILT: ["a"]})
     yield "two best", q, result(rows(0.4, 0.5, 3.2), {TILT: ["a", "b"]})
+    yield "an uncertain one as good, a sure one worse", q, result(rows(0.4, 1.6, 0.8, 4.3), {TILT: ["a", "b"]})
+    yield "two uncertain ones as good, one worse", q, result(rows(0.4, 1.5, 1.6, 0.8), {TILT: ["a", "b", "c"]})
     yield "none significantly better", q, result(rows(0.4, 0.5, 0.6))
     yield "one filter, with its interval", q, result(rows(0.5))
     unsettled = row("b", absent(TILT, "airborne", "not_converged", "did not settle"))
