@@ -108,25 +108,25 @@ def first_seconds(
     """
     end = int(np.searchsorted(t, t[0] + MOTION_S, side="right"))
     late = None if _there(mag[:end]).any() else next(iter(end + np.flatnonzero(_there(mag[end:]))), None)
-    soon = t[:end] - t[0] <= REST_S
-    dt = np.diff(t, prepend=t[:1]) if dt is None else dt
-    rest = at_rest(gyr[:end][soon], acc[:end][soon])
-    # What the gyro shows at rest is its bias: a field that comes a second later is not turned by that.
-    bias = gyr[:end][soon].mean(axis=0) if rest else np.zeros(3)
-    held = derotate(dt[:end], gyr[:end] - bias, acc[:end], mag[:end])
-    forces, fields = (np.flatnonzero(_there(x)) for x in (held.acc, held.mag))
+    t, gyr, acc, mag = t[:end], gyr[:end], acc[:end], mag[:end]
+    soon = t - t[0] <= REST_S
+    rest = at_rest(gyr[soon], acc[soon])
+    forces, fields = (np.flatnonzero(_there(x)) for x in (acc, mag))
     picked = []
     for rows in (forces, fields):
         if init == "first":
             picked.append(rows[:1])
         else:
             picked.append(rows[t[rows] - t[rows[0]] <= REST_S] if rest and len(rows) else rows)
-    if rest and init != "first" and len(fields) and soon[fields[0]]:
-        # Nothing moves: the vectors as they are, and the gyro's noise stays out.
-        held = held._replace(acc=acc[:end], mag=mag[:end])
+    if not (rest and init != "first" and len(fields) and soon[fields[0]]):
+        # Where nothing moves the vectors stay as they are, and the gyro's noise out. What it shows at rest is its bias:
+        # a field that comes a second later is not turned by that.
+        step = np.diff(t, prepend=t[:1]) if dt is None else dt[:end]
+        held = derotate(step, gyr - gyr[soon].mean(axis=0) if rest else gyr, acc, mag)
+        acc, mag = held.acc, held.mag
     return StartVectors(
-        held.acc[picked[0]].mean(axis=0) if len(forces) else np.zeros(3),
-        held.mag[picked[1]].mean(axis=0) if len(fields) else np.zeros(3),
+        acc[picked[0]].mean(axis=0) if len(forces) else np.zeros(3),
+        mag[picked[1]].mean(axis=0) if len(fields) else np.zeros(3),
         None if late is None else int(late),
     )
 
