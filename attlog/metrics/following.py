@@ -101,29 +101,32 @@ def add_pulse(t: Array, vectors: Array, axis: int) -> tuple[Array, Array]:
 
 
 @per_row
-def pulse_gains(case: Case, row: Track) -> Array | None:
-    """Return the gains (3,) of a pulse about body x, y, z.
+def pulse_gain(case: Case, row: Track, axis: int) -> float | None:
+    """Return the gain of a pulse about body x, y or z.
 
     At the end of the log's longest rest, else on synthetic samples. Real filters have 1.00, those with an accelerometer
     alone 0.2 to 0.7, a frozen one 0. None without a replay.
     """
-    rest = rest_samples(case, row, SETTLE_S + PULSE_S, LONGEST_S) or level_samples(case, row, LONGEST_S)
-    if rest is None:
-        return None
-    t, mag = rest.t, rest.mag
     try:
-        before = final_attitude(row, rest, rest.gyro, rest.acc, mag)
-        shown = np.zeros(3)
-        for axis in range(3):
-            rate, acc_turned = add_pulse(t, rest.acc, axis)
-            mag_turned = None if mag is None else add_pulse(t, mag, axis)[1]
-            turned = final_attitude(row, rest, rest.gyro + rate, acc_turned, mag_turned)
-            turn = np.degrees(rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), turned)))
-            whole = np.degrees(np.sum(rate[1:, axis] * np.diff(t)))
-            shown[axis] = turn[axis] / whole
+        probe = _probe(case, row)
+        if probe is None:
+            return None
+        rest, before = probe
+        rate, acc = add_pulse(rest.t, rest.acc, axis)
+        mag = None if rest.mag is None else add_pulse(rest.t, rest.mag, axis)[1]
+        after = final_attitude(row, rest, rest.gyro + rate, acc, mag)
     except AttlogError:
         return None  # a filter that cannot be run again stays unranked
-    return shown if np.isfinite(shown).all() else None
+    turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), after))[axis]
+    gain = float(turn / np.sum(rate[1:, axis] * np.diff(rest.t)))
+    return gain if np.isfinite(gain) else None
+
+
+@per_row
+def _probe(case: Case, row: Track) -> tuple[StillSamples, Array] | None:
+    """Return samples at rest, and the filter's attitude (4,) after them; AttlogError if it cannot run."""
+    rest = rest_samples(case, row, SETTLE_S + PULSE_S, LONGEST_S) or level_samples(case, row, LONGEST_S)
+    return None if rest is None else (rest, final_attitude(row, rest, rest.gyro, rest.acc, rest.mag))
 
 
 STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0  # settling, tilt by 10 deg, and recovery
@@ -226,9 +229,9 @@ def _gains(case: Case, row: Track, axis: int) -> Iterator[tuple[float, str]]:
     regression = _regression(case, row)
     if np.isfinite(regression[axis]):
         yield float(regression[axis]), "by regression on the reference's rate"
-    probed = pulse_gains(case, row)
+    probed = pulse_gain(case, row, axis)
     if probed is not None:
-        yield float(probed[axis]), "in a probe at rest"
+        yield probed, "in a probe at rest"
 
 
 def unrank_frozen(case: Case, row: Track, axis: str, answer: Answer) -> Answer:

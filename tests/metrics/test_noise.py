@@ -14,7 +14,7 @@ from attlog.core import rotation
 from attlog.flight.model import Imu, Stream
 from attlog.metrics import compute, noise, rank, windows
 from attlog.metrics.correction_noise import correction_residual
-from attlog.metrics.following import pulse_gains
+from attlog.metrics.following import pulse_gain
 from attlog.metrics.noise import gyro_noise_floor, rest_residual
 from attlog.metrics.windows import SETTLING_S, detrended
 from attlog.segments.model import Segment
@@ -202,7 +202,7 @@ def test_a_filter_that_never_moved_is_ranked_by_a_probe_and_only_if_it_can_be_re
     case = flights.case(rows, [Segment("continuous", 0, 20), Segment("rest.long", 0, 20)])
     case.log.imus, case.log.imu = [Imu(0, gyro, acc)], 0
     for row in rows:
-        np.testing.assert_allclose(pulse_gains(case, row), 1.0, atol=0.03)
+        np.testing.assert_allclose([pulse_gain(case, row, axis) for axis in range(3)], 1.0, atol=0.03)
         assert noise.NOISE.ask(case, row, "rest")["noise_roll_deg"].ranked == (row.name == "mahony")
     rows[1].estimator = "unknown-file"
     case.forget()
