@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +130,8 @@ Index = NDArray[np.int64]
 
 # The change of velocity between two fixes so far apart, and what still counts as that.
 WINDOW_S, FROM_S, TO_S = 1.0, 0.7, 1.3
-SEGMENT_S, EVERY_S, BLOCK_S = 30.0, 15.0, 5.0
+# Parts of 30 s are two halves side by side.
+HALF_S, BLOCK_S = 15.0, 5.0
 GAP_S = 0.15
 DELAYS_S, STEP_S = (-0.25, 0.6), 0.025
 # A delay is known where the residual so far beside it is so many times larger, else known to so many seconds.
@@ -228,16 +228,14 @@ def both(
     steps = velocity_steps(t, acc, q, fixes_t, velocity, spans)
     if len(steps.t0) < MIN_WINDOWS:
         return _none("no GNSS velocity beside samples of the IMU"), []
-    begin = float(steps.t0[0])
-    segments = _of_segments(np.floor_divide(steps.t0 - begin, SEGMENT_S).astype(np.int64))
-    delay = _delay_of(steps, segments)
-    whole = _fitted(steps, segments, delay, MIN_BLOCKS)
-    parts = []
-    for k in range(int((steps.t0[-1] - begin) // EVERY_S) + 1):
-        a, b = np.searchsorted(steps.t0, [begin + k * EVERY_S, begin + k * EVERY_S + SEGMENT_S])
-        if b - a >= MIN_WINDOWS:
-            parts.append(_fitted(steps, [np.arange(a, b)], delay, MIN_BLOCKS_OF_SEGMENT))
-    return whole, parts
+    number = np.floor_divide(steps.t0 - steps.t0[0], HALF_S)
+    edges = np.searchsorted(number, np.arange(number[-1] + 3.0)).tolist()
+    parts = {k: slice(a, b) for k, (a, b) in enumerate(zip(edges[:-2], edges[2:], strict=True)) if b - a >= MIN_WINDOWS}
+    beside = [k for k in parts if k % 2 == 0]
+    delay = _delay_of(steps, [parts[k] for k in beside])
+    chosen = {k: _without_outliers(steps, part, delay) for k, part in parts.items()}
+    whole = _fitted(steps, [chosen[k] for k in beside], delay, MIN_BLOCKS)
+    return whole, [_fitted(steps, [part], delay, MIN_BLOCKS_OF_SEGMENT) for part in chosen.values()]
 
 
 def velocity_steps(
@@ -304,13 +302,7 @@ def _inside(spans: Array, t0: Array, t1: Array) -> NDArray[np.bool_]:
     return found
 
 
-def _of_segments(number: Index) -> list[Index]:
-    """Return the windows of each 30 s that hold enough of them."""
-    edges = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1, [len(number)]])
-    return [np.arange(a, b) for a, b in pairwise(edges.tolist()) if b - a >= MIN_WINDOWS]
-
-
-def _delay_of(steps: VelocitySteps, segments: list[Index]) -> _Delay:
+def _delay_of(steps: VelocitySteps, segments: list[slice]) -> _Delay:
     """Return the delay at which force and GNSS agree best, the heading of each 30 s free.
 
     Delay and heading are one quantity while a vehicle circles one way: then the residual hardly changes with it.
@@ -332,14 +324,14 @@ def _delay_of(steps: VelocitySteps, segments: list[Index]) -> _Delay:
     return _Delay(at, SIGMA_DELAY_S if known else BESIDE_S, why)
 
 
-def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_blocks: float) -> HeadingOffset:
-    """Fit the rotation over all segments, each cleaned of outliers by its own fit."""
-    kept = [_without_outliers(steps.gnss[part], steps.force[delay.at, part]) for part in segments]
-    chosen = [part[keep] for part, keep in zip(segments, kept, strict=True)]
+def _fitted(steps: VelocitySteps, chosen: list[Index], delay: _Delay, least_blocks: float) -> HeadingOffset:
+    """Fit the rotation over the chosen windows of several segments, each about its own mean."""
     if not sum(len(part) for part in chosen):
         return _none("no GNSS velocity beside samples of the IMU")
-    aside, a = max(1, round(delay.sigma_s / STEP_S)), _centred(steps.gnss, chosen)
-    before, after, b = (_centred(steps.force[at], chosen) for at in (delay.at - aside, delay.at + aside, delay.at))
+    aside = max(1, round(delay.sigma_s / STEP_S))
+    tried = np.array([steps.gnss, *steps.force[[delay.at - aside, delay.at + aside, delay.at]]])
+    own = [tried[:, part] for part in chosen if len(part)]
+    a, before, after, b = np.concatenate([x - x.mean(axis=1, keepdims=True) for x in own], axis=1)
     rotations = [np.angle(np.sum(x * a.conj())) for x in (before, after, b)]
     t = np.concatenate([steps.t0[part] for part in chosen])
     turned = np.angle(np.exp(1j * (rotations[1] - rotations[0]))) * delay.sigma_s / (2.0 * aside * STEP_S)
@@ -363,20 +355,20 @@ def _fitted(steps: VelocitySteps, segments: list[Index], delay: _Delay, least_bl
     return found._replace(known=not why, why=why)
 
 
-def _centred(x: Complex, parts: list[Index]) -> Complex:
-    """Return the values of all parts, each about its own mean."""
-    return np.concatenate([own - own.mean() for own in (x[part] for part in parts)])
-
-
-def _without_outliers(a: Complex, b: Complex) -> NDArray[np.bool_]:
-    """Select the windows (k,) near the fit of the others, in three rounds."""
-    keep = np.ones(len(a), bool)
+def _without_outliers(steps: VelocitySteps, part: slice, delay: _Delay) -> Index:
+    """Return the windows of a part near the fit of the others, after at most three rounds."""
+    a, b = steps.gnss[part], steps.force[delay.at, part]
+    near: Index = np.arange(len(a))
     for _ in range(ROUNDS):
-        x, y = a - a[keep].mean(), b - b[keep].mean()
-        turn = np.sum(y[keep].conj() * x[keep]) / max(float(np.sum(np.abs(y[keep]) ** 2)), 1e-12)
+        before = near
+        x, y = a - a[near].mean(), b - b[near].mean()
+        turn = np.sum(y[near].conj() * x[near]) / max(float(np.sum(np.abs(y[near]) ** 2)), 1e-12)
         residual = np.abs(x - turn * y)
-        keep = residual <= OUTLIER * max(float(np.median(residual[keep])) / MEDIAN_OF_LENGTH, MIN_M_S)
-    return keep
+        limit = OUTLIER * max(float(np.median(residual[near])) / MEDIAN_OF_LENGTH, MIN_M_S)
+        near = np.flatnonzero(residual <= limit)
+        if np.array_equal(near, before):
+            break
+    return np.asarray(near + part.start)
 
 
 def _spread(t: Array, a: Complex, b: Complex) -> tuple[float, float]:
@@ -384,7 +376,7 @@ def _spread(t: Array, a: Complex, b: Complex) -> tuple[float, float]:
 
     The larger of the jackknife of the blocks (Efron 1982, ch. 3) and of what the residuals say.
     """
-    _, number = np.unique(np.floor_divide(t - t[0], BLOCK_S), return_inverse=True)
+    number = np.cumsum(np.diff(np.floor_divide(t - t[0], BLOCK_S), prepend=0.0) != 0.0)
     size = int(number[-1]) + 1
     product = b.conj() * a
     sums = np.bincount(number, product.real, size) + 1j * np.bincount(number, product.imag, size)
