@@ -77,11 +77,10 @@ def analyze_to_files(
     files = ReportFiles(result, report, document_path)
     _keep_earlier_answer(result, (earlier or folder) / files.json.name)
     logging.getLogger("attlog.stages").info("writing the report")
-    document = result.to_dict(deterministic)  # large: built once for both files
     kind = kind_of_report(log, result.log["sha256"], files.json)
     with staging_folder(folder, kind) as stage:
+        document = result.to_json(stage / files.json.name, deterministic)
         result.to_html(stage / files.report.name, deterministic=deterministic, document=document)
-        result.to_json(stage / files.json.name, whole=document)
     if figures is not None:
         from attlog.report.figures.files import write_figures
 

@@ -12,7 +12,7 @@ from attlog.compare.comparison import Comparison, Question
 from attlog.compare.paired import Difference
 from attlog.compare.tables import WEB_FOLDER, MatrixRow, matrix
 from attlog.compare.wording import STATUS_WORDS, change_text, direction_word, scale_unit, signed_text, titled
-from attlog.core.plain import to_plain
+from attlog.core.plain import json_text, to_plain
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure
 from attlog.report.figures.style import RowStyle, assign_colours
@@ -53,7 +53,7 @@ def render_comparison(found: Comparison) -> str:
         WEB_FOLDER,
         rows=rows,
         figures=figures.values(),
-        document=to_plain(found),
+        document=json_text(to_plain(found)),
         scripts=("forest.js",),
         styles=("compare.css",),
         found=found,

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from attlog.compare.diff import ABSENT_VALUE, QUESTION_ORDER, NumberChange, RunDifference, TextChange
 from attlog.compare.tables import WEB_FOLDER, table_markdown
-from attlog.core.plain import to_plain
+from attlog.core.plain import json_text, to_plain
 from attlog.report import shell
 from attlog.words.numbers import MINUS, counted, half_width, quantity, unit_sign
 from attlog.words.text import clean, escape_markdown
@@ -205,7 +205,7 @@ def diff_page(
         WEB_FOLDER,
         rows=[],
         figures=[],
-        document=whole,
+        document=json_text(whole),
         styles=("diff.css",),
         sections=[_page_section(d) for d in sorted(differences, key=lambda d: -d.count)],
         alone=alone,

@@ -16,7 +16,7 @@ from attlog.compare.paired import Difference
 from attlog.compare.search import SettingResult, Sweep, SweepColumn
 from attlog.compare.tables import WEB_FOLDER, TableCells
 from attlog.core import files
-from attlog.core.plain import to_plain
+from attlog.core.plain import json_text, to_plain
 from attlog.estimators.registry import FLOWN
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure, json_numbers
@@ -289,7 +289,7 @@ def render_sections(
         WEB_FOLDER,
         rows=[],
         figures=[figure for section in sections for figure in section.figures],
-        document=to_plain(document),
+        document=json_text(to_plain(document)),
         scripts=("settings.js",),
         styles=("settings.css",),
         name=name,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 import math
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +69,7 @@ def to_plain(value: Any, defaults: bool = True) -> Any:
     document = {}
     for name, default in written:
         item = getattr(value, name)
-        if not defaults and _is_default(item, default):
+        if not defaults and (item is default or _equals(item, default)):
             continue
         if type(item) not in PLAIN_TYPES:
             item = to_plain(item, defaults)
@@ -91,9 +92,9 @@ def _document_fields(kind: type) -> tuple[tuple[str, Any], ...] | None:
     )
 
 
-def _is_default(item: Any, default: Any) -> bool:
+def _equals(item: Any, default: Any) -> bool:
     """Return whether a value and its type are those of the default."""
-    return item is default or (type(item) is type(default) and not isinstance(item, np.ndarray) and item == default)
+    return type(item) is type(default) and not isinstance(item, np.ndarray) and item == default
 
 
 def _rare_to_plain(value: Any, defaults: bool) -> Any:
@@ -103,7 +104,8 @@ def _rare_to_plain(value: Any, defaults: bool) -> Any:
     if isinstance(value, (list, tuple, set, frozenset)):
         return [to_plain(v, defaults) for v in (sorted(value) if isinstance(value, (set, frozenset)) else value)]
     if isinstance(value, np.ndarray):
-        return to_plain(value.tolist())
+        finite = value.dtype.kind == "f" and np.isfinite(value).all()
+        return value.tolist() if finite else to_plain(value.tolist())
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float) and not math.isfinite(value):
@@ -111,6 +113,11 @@ def _rare_to_plain(value: Any, defaults: bool) -> Any:
     if value is None or isinstance(value, (bool, int, float, str)):
         return value
     return str(value)
+
+
+def json_text(value: Any) -> str:
+    """Return plain values as compact JSON."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
 def rounded_document(value: Any, digits: int) -> Any:

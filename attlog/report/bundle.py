@@ -10,6 +10,7 @@ import base64
 import gzip
 import hashlib
 import json
+import math
 import shlex
 import sys
 from functools import cache
@@ -19,6 +20,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
+
+from attlog.core.plain import json_text
 
 FOLDER = Path(__file__).parent / "bundle"
 SMALL = "plotly-basic.min.js.gz"
@@ -106,7 +109,8 @@ def source_folder() -> Path | None:
 
 
 # Compact encoding of arrays: quantised to int16 and stored as differences with wrap-around, whose sum restores the
-# integers. Low bytes come first, then high bytes, which gzip compresses best.
+# integers. The sign of a difference is its lowest bit (zigzag encoding), so that the high bytes of smooth lines are
+# zero. Low bytes come first, then high bytes, which gzip compresses best.
 
 Array = NDArray[np.float64]
 
@@ -117,9 +121,8 @@ MAX_CODE = 32766
 # Quantisation step of times; coarser only for logs beyond two days.
 TIME_STEP_S = 1e-4
 
-# gzip level: level 5 takes 44 instead of 27 ms for a page and saves 1.4 %; level 9 takes thirty times as long and saves
-# 4 %.
-GZIP_LEVEL = 4
+# gzip level: level 4 takes 25 instead of 17 ms for a page and saves 7 %.
+GZIP_LEVEL = 1
 
 
 class ArrayPacker:
@@ -136,9 +139,13 @@ class ArrayPacker:
 
     def values(self, y: Array, step: float = 1e-9) -> dict[str, Any]:
         """Pack values as int16 multiples of ``step``, coarser if needed; NaN is kept."""
+        largest = float(np.abs(y).max(initial=0.0))
+        if math.isfinite(largest):
+            step = _round_step(max(step, largest / MAX_CODE))
+            return self._put(np.rint(y / step).astype(np.int16), step)
         finite = np.isfinite(y)
-        step = _round_step(max(step, float(np.max(np.abs(y), where=finite, initial=0.0)) / MAX_CODE))
-        return self._put(np.where(finite, np.round(y / step), NAN_CODE).astype(np.int16), step)
+        step = _round_step(max(step, float(np.abs(y[finite]).max(initial=0.0)) / MAX_CODE))
+        return self._put(np.where(finite, np.rint(y / step), NAN_CODE).astype(np.int16), step)
 
     def centred(self, y: Array) -> dict[str, Any]:
         """Pack values as multiples of a step from the middle of their range (``b``); NaN is kept."""
@@ -152,19 +159,20 @@ class ArrayPacker:
         given = t.tobytes()
         if given not in self._times:
             t = np.nan_to_num(t)
-            step = _round_step(max(TIME_STEP_S, float(np.max(np.abs(t), initial=0.0)) / 2.0e9))
-            self._times[given] = self._put(np.round(t / step).astype(np.int32), step)
+            step = _round_step(max(TIME_STEP_S, float(np.abs(t).max(initial=0.0)) / 2.0e9))
+            self._times[given] = self._put(np.rint(t / step).astype(np.int32), step)
         return self._times[given]
 
     def pack(self, header: Any) -> str:
         """Return JSON header (length in 4 bytes before it) and arrays, gzipped as base64."""
-        text = json.dumps(header, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode("utf-8", "replace")
+        text = json_text(header).encode("utf-8", "replace")
         return packed(len(text).to_bytes(4, "little") + text + bytes(self._bytes))
 
     def _put(self, whole: NDArray[Any], step: float) -> dict[str, Any]:
-        whole[1:] -= whole[:-1]
-        whole = np.asarray(whole, whole.dtype.newbyteorder("<"))
-        raw = whole.view(np.uint8).reshape(-1, whole.itemsize).T.tobytes()
+        change, bits = whole.copy(), 8 * whole.itemsize
+        np.subtract(whole[1:], whole[:-1], out=change[1:])
+        zigzag = change << 1 ^ change >> (bits - 1)
+        raw = b"".join((zigzag >> shift).astype(np.uint8).tobytes() for shift in range(0, bits, 8))
         place = self._places.setdefault(raw, len(self._bytes))
         if place == len(self._bytes):
             self._bytes += raw
@@ -178,5 +186,5 @@ def packed(raw: bytes) -> str:
 
 def _round_step(step: float) -> float:
     """Round a step up to few digits, so that the range still fits."""
-    digits = 3 - int(np.floor(np.log10(step)))
-    return float(np.ceil(step * 10.0**digits) / 10.0**digits)
+    scale = 10.0 ** (3 - math.floor(math.log10(step)))
+    return math.ceil(step * scale) / scale

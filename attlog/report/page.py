@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from markupsafe import Markup
 
 from attlog.core.files import write_atomic
 from attlog.core.own_files import REPORT
-from attlog.core.plain import without_keys
+from attlog.core.plain import json_text, without_keys
 from attlog.health.settings import param_file
 from attlog.metrics.trace import envelope
 from attlog.report import shell
@@ -80,34 +81,33 @@ LEAST_LINE_SAMPLES = 1000
 REDUCTION_MARGIN, MAX_REDUCTIONS = 1.5, 8
 
 
-def write_report(
-    result: Result, path: str | Path, *, deterministic: bool = False, document: dict[str, Any] | None = None
-) -> None:
+def write_report(result: Result, path: str | Path, *, deterministic: bool = False, document: str | None = None) -> None:
     """Write the report of a result to ``path`` (atomically). OutputError on failure.
 
     ``deterministic`` leaves measured times out: the same log gives the same bytes. ``document``: output of
-    ``Result.to_dict``, if already computed.
+    ``Result.to_json``, if already computed.
     """
     write_atomic(Path(path), render(result, deterministic=deterministic, document=document), REPORT)
 
 
 def render(
-    result: Result, plot: Bundle | None = None, *, deterministic: bool = False, document: dict[str, Any] | None = None
+    result: Result, plot: Bundle | None = None, *, deterministic: bool = False, document: str | None = None
 ) -> str:
     """Return the report as text: template, style and script of this package, packed data."""
-    whole = result.to_dict(deterministic) if document is None else document
+    document = result.to_json(deterministic=deterministic) if document is None else document
     result = without_times(result) if deterministic else result
     plot = plot or bundle()
     limit = MAX_OWN_BYTES + len(plot.packed) * 4 // 3
     samples = picker(result)
-    page = drawn(result, whole, plot, samples, deterministic, evidence=True)
+    page = drawn(result, document, plot, samples, deterministic, evidence=True)
     if len(page) > limit and samples is not None:
         fewer = picker(result, max(len(samples.block) - (len(page) - limit), LEAST_SAMPLES_BYTES))
         page = page.replace(samples.block, fewer.block) if fewer is not None else page
         samples = fewer
     if len(page) > limit:
-        whole = whole | {"estimators": without_keys(whole.get("estimators", []), EVIDENCE)}
-        page = drawn(result, whole, plot, samples, deterministic, evidence=False)
+        whole = json.loads(document)
+        document = json_text(whole | {"estimators": without_keys(whole.get("estimators", []), EVIDENCE)})
+        page = drawn(result, document, plot, samples, deterministic, evidence=False)
     for _ in range(MAX_REDUCTIONS):
         spare = sum(map(spare_values, result.traces))
         if len(page) <= limit or not spare:
@@ -116,7 +116,7 @@ def render(
         values = sum(len(trace.t) * len(trace.columns) for trace in result.traces)
         excess = REDUCTION_MARGIN * values * (len(page) - limit) / data
         result = with_fewer_samples(result, max(1.0 - excess / spare, 0.0))
-        page = drawn(result, whole, plot, samples, deterministic, evidence=False)
+        page = drawn(result, document, plot, samples, deterministic, evidence=False)
     return page
 
 
@@ -140,7 +140,7 @@ def with_fewer_samples(result: Result, share: float) -> Result:
 
 
 def drawn(
-    result: Result, document: dict[str, Any], plot: Bundle, chosen: Picker | None, deterministic: bool, evidence: bool
+    result: Result, document: str, plot: Bundle, chosen: Picker | None, deterministic: bool, evidence: bool
 ) -> str:
     """Return the page of a result; ``evidence``: its JSON holds the evidence behind each answer."""
     source = FigureSource.of(result)

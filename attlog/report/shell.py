@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -40,7 +39,7 @@ def render(
     *,
     rows: Sequence[RowStyle],
     figures: Iterable[PageFigure],
-    document: Any,
+    document: str,
     scripts: Sequence[str] = (),
     styles: Sequence[str] = (),
     filters: dict[str, Callable[..., Any]] = FILTERS,
@@ -52,8 +51,8 @@ def render(
 ) -> str:
     """Return the page as text.
 
-    ``template``, ``scripts`` and ``styles`` are in ``folder``, else in this package. ``document``: plain values, the
-    JSON that can be saved from the page. ``more``: other values for the script. ``log`` begins the names of saved
+    ``template``, ``scripts`` and ``styles`` are in ``folder``, else in this package. ``document``: JSON text that
+    can be saved from the page. ``more``: other values for the script. ``log`` begins the names of saved
     files. ``words``: variables of the template.
     """
     plot, packer = plot or bundle(), ArrayPacker()
@@ -74,7 +73,7 @@ def render(
         script=script,
         rows=rows,
         data=packer.pack(header),
-        json=packed(json_text(document).encode("utf-8", "replace")),
+        json=packed(document.encode("utf-8", "replace")),
         bundle=base64.b64encode(plot.packed).decode(),
         bundle_name=plot.name,
         **words,
@@ -85,11 +84,6 @@ def figure_header(figure: PageFigure, packer: ArrayPacker) -> dict[str, Any]:
     """Return a figure for the script; its arrays go to the packer."""
     data: dict[str, Any] = cleaned(figure_data(figure.data, packer))
     return {"kind": figure.kind, "height": figure.height} | data
-
-
-def json_text(document: Any) -> str:
-    """Return a document as compact JSON."""
-    return json.dumps(document, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 
 def row_header(row: RowStyle) -> dict[str, Any]:

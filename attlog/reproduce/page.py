@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.core.files import write_atomic
 from attlog.core.own_files import PAPER
-from attlog.core.plain import to_plain
+from attlog.core.plain import json_text, to_plain
 from attlog.report import shell
 from attlog.report.figures.figure import PageFigure, View, axis_key, panel_domain, unit_suffix
 from attlog.report.figures.style import RowStyle
@@ -87,7 +87,7 @@ def render_paper(paper: Paper) -> str:
         WEB_FOLDER,
         rows=rows,
         figures=figures,
-        document=to_plain(paper),
+        document=json_text(to_plain(paper)),
         styles=("paper.css",),
         paper=paper,
         places=list(zip(paper.figures, figures, strict=True)),

@@ -6,7 +6,6 @@ in degrees, times in s or ms. ``traces`` are arrays for the figures: packed in t
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -22,7 +21,7 @@ from attlog.core.brief import brief, counted, listed, table_html, table_text
 from attlog.core.errors import UsageError, suggestion
 from attlog.core.files import read_settings_bytes
 from attlog.core.limits import MAX_RESULT_BYTES
-from attlog.core.plain import IN_JSON, NullAsNaN
+from attlog.core.plain import IN_JSON, NullAsNaN, json_text
 from attlog.flight.model import TruthFit
 from attlog.flight.parameters import ParameterHistory
 from attlog.health.check import Check
@@ -280,15 +279,12 @@ class Result:
         """
         return document.document(self, deterministic)
 
-    def to_json(
-        self, path: str | Path | None = None, deterministic: bool = False, *, whole: dict[str, Any] | None = None
-    ) -> str:
+    def to_json(self, path: str | Path | None = None, deterministic: bool = False) -> str:
         """Return the JSON text, one line; also write it to ``path`` (atomically) if given.
 
-        ``whole``: output of ``to_dict``, if already computed. OutputError if the file cannot be written.
+        OutputError if the file cannot be written.
         """
-        whole = self.to_dict(deterministic) if whole is None else whole
-        text = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":")) + "\n"
+        text = json_text(self.to_dict(deterministic)) + "\n"
         if document.NOT_UTF8.search(text):  # copying all of it is avoided if possible
             text = document.NOT_UTF8.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
         if path is not None:

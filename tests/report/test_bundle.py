@@ -192,7 +192,8 @@ def integers(place: dict, raw: bytes, dtype: str) -> np.ndarray:
     """The stored integers of one array."""
     width = np.dtype(dtype).itemsize
     parts = np.frombuffer(raw[place["o"] : place["o"] + width * place["n"]], np.uint8).reshape(width, place["n"])
-    return np.cumsum(np.ascontiguousarray(parts.T).view(dtype).ravel(), dtype=dtype)
+    zigzag = np.ascontiguousarray(parts.T).view(dtype.replace("i", "u")).ravel()
+    return np.cumsum((zigzag >> 1).astype(dtype) ^ -(zigzag & 1).astype(dtype), dtype=dtype)
 
 
 @given(hnp.arrays(np.float64, st.integers(1, 300), elements=FINITE | st.just(np.nan)))

@@ -59,8 +59,8 @@ def unpacked(block: str) -> tuple[dict, bytes]:  # type: ignore[type-arg]
 def decoded(place: dict, data: bytes) -> np.ndarray:  # type: ignore[type-arg]
     """The array of a place, as the format's description says."""
     n, w, o = place["n"], place["w"], place["o"]
-    raw = np.frombuffer(data[o : o + n * w], np.uint8).reshape(w, n).T.copy().view(f"<i{w}")[:, 0]
-    whole = np.cumsum(raw, dtype=raw.dtype)
+    zigzag = np.frombuffer(data[o : o + n * w], np.uint8).reshape(w, n).T.copy().view(f"<u{w}")[:, 0]
+    whole = np.cumsum((zigzag >> 1).astype(f"<i{w}") ^ -(zigzag & 1).astype(f"<i{w}"), dtype=f"<i{w}")
     return np.where(whole == -32768, np.nan, whole * place["s"] + place.get("b", 0.0))
 
 

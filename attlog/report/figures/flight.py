@@ -256,7 +256,7 @@ def heading_cut(traces: list[Trace]) -> float:
     heading = np.concatenate(
         [np.asarray(t.columns["heading"], np.float64) for t in traces if "heading" in t.columns] or [np.zeros(1)]
     )
-    counts, _ = np.histogram(heading[np.isfinite(heading)] % 360.0, bins=72, range=(0.0, 360.0))
+    counts = np.bincount(np.floor(heading[np.isfinite(heading)] / 5.0).astype(np.int64) % 72, minlength=72)
     used = np.flatnonzero(counts > 0.0005 * max(counts.sum(), 1))
     if len(used) == 0:
         return -180.0

@@ -42,6 +42,8 @@ async function more(id) {
   return header;
 }
 
+// a difference whose lowest bit is its sign
+const signed = (z) => (z >>> 1) ^ -(z & 1);
 // int16 differences, low bytes first, then high bytes; -32768 is a gap
 const decoded = new Map();
 function values(a) {
@@ -49,7 +51,7 @@ function values(a) {
   if (decoded.has(key)) return decoded.get(key);
   const middle = a.b || 0, out = middle ? new Float64Array(a.n) : new Float32Array(a.n);
   for (let i = 0, sum = 0; i < a.n; i++) {
-    sum = ((sum + (blob[a.o + i] | (blob[a.o + a.n + i] << 8))) << 16) >> 16;
+    sum = ((sum + signed(blob[a.o + i] | (blob[a.o + a.n + i] << 8))) << 16) >> 16;
     out[i] = sum === -32768 ? NaN : middle + sum * a.s;
   }
   decoded.set(key, out);
@@ -61,7 +63,8 @@ function times(a) {
   if (decoded.has(key)) return decoded.get(key);
   const out = new Float64Array(a.n), n = a.n, o = a.o;
   for (let i = 0, sum = 0; i < n; i++) {
-    sum = (sum + (blob[o + i] | (blob[o + n + i] << 8) | (blob[o + 2 * n + i] << 16) | (blob[o + 3 * n + i] << 24))) | 0;
+    const z = blob[o + i] | (blob[o + n + i] << 8) | (blob[o + 2 * n + i] << 16) | (blob[o + 3 * n + i] << 24);
+    sum = (sum + signed(z)) | 0;
     out[i] = sum * a.s;
   }
   decoded.set(key, out);
