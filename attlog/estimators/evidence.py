@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -127,6 +127,7 @@ def _excursion_deg(rate: Array) -> Array:
 
 Complex = NDArray[np.complex128]
 Index = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 # The change of velocity between two fixes so far apart, and what still counts as that.
 WINDOW_S, FROM_S, TO_S = 1.0, 0.7, 1.3
@@ -136,6 +137,9 @@ GAP_S = 0.15
 DELAYS_S, STEP_S = (-0.25, 0.6), 0.025
 # A delay is known where the residual so far beside it is so many times larger, else known to so many seconds.
 BESIDE_S, PEAK_RATIO = 0.15, 1.5
+DELAYS_TRIED_S: Array = STEP_S * np.arange(
+    round((DELAYS_S[0] - BESIDE_S) / STEP_S), round((DELAYS_S[1] + BESIDE_S) / STEP_S) + 1, dtype=np.float64
+)
 SIGMA_DELAY_S, FLOOR_DEG = 0.02, 0.3
 ROUNDS, OUTLIER, MIN_M_S = 3, 4.0, 0.05
 # Median of the length of a plane vector of normal errors of sigma 1.
@@ -184,20 +188,37 @@ class HeadingOffset(NamedTuple):
 class VelocitySteps:
     """Changes of velocity over about 1 s, as north + i east in m/s, by GNSS and by force.
 
-    ``gnss`` (k,) from ``t0`` (k,) to ``t1`` (k,) s; ``force`` (d, k) the same for each of the ``delays`` (d,) s.
+    ``gnss`` (k,) from ``t0`` (k,) to ``t1`` (k,) s. These are ``fixes`` (m,) s with the numbers ``first`` and
+    ``second`` (k,); ``integral`` (n,) of the force at ``t`` (n,) s.
     """
 
-    t0: Array
-    t1: Array
     gnss: Complex
-    force: Complex
-    delays: Array
+    fixes: Array
+    first: Index
+    second: Index
+    t: Array
+    integral: Complex
+
+    @property
+    def t0(self) -> Array:
+        """Begin of each window, s."""
+        return self.fixes[self.first]
+
+    @property
+    def t1(self) -> Array:
+        """End of each window, s."""
+        return self.fixes[self.second]
+
+    def force(self, delay_s: float) -> Complex:
+        """Return the changes (k,) by force of a receiver that is ``delay_s`` later than the IMU, up to 0.75 s."""
+        at = np.interp(self.fixes - delay_s, self.t, self.integral)
+        return np.asarray(at[self.second] - at[self.first])
 
 
 class _Delay(NamedTuple):
-    """The one that fits best: its place among the delays, one sigma in s, and why there is none."""
+    """The one that fits best and its sigma, s, and why there is none."""
 
-    at: int
+    best_s: float
     sigma_s: float
     why: str = ""
 
@@ -226,25 +247,20 @@ def both(
 ) -> tuple[HeadingOffset, list[HeadingOffset]]:
     """:func:`heading_offset` and :func:`pieces` for the work of one."""
     steps = velocity_steps(t, acc, q, fixes_t, velocity, spans)
-    if len(steps.t0) < MIN_WINDOWS:
+    if len(steps.first) < MIN_WINDOWS:
         return _none("no GNSS velocity beside samples of the IMU"), []
     number = np.floor_divide(steps.t0 - steps.t0[0], HALF_S)
-    edges = np.searchsorted(number, np.arange(number[-1] + 3.0)).tolist()
-    parts = {k: slice(a, b) for k, (a, b) in enumerate(zip(edges[:-2], edges[2:], strict=True)) if b - a >= MIN_WINDOWS}
-    beside = [k for k in parts if k % 2 == 0]
-    delay = _delay_of(steps, [parts[k] for k in beside])
-    chosen = {k: _without_outliers(steps, part, delay) for k, part in parts.items()}
-    whole = _fitted(steps, [chosen[k] for k in beside], delay, MIN_BLOCKS)
-    return whole, [_fitted(steps, [part], delay, MIN_BLOCKS_OF_SEGMENT) for part in chosen.values()]
+    edges = np.searchsorted(number, np.arange(number[-1] + 3.0))
+    parts, beside = np.column_stack([edges[:-2], edges[2:]]), np.arange(len(edges) - 2) % 2 == 0
+    filled = parts[:, 1] - parts[:, 0] >= MIN_WINDOWS
+    parts, beside = parts[filled], beside[filled]
+    return _fitted(steps, parts, beside, _delay_of(steps, parts[beside]))
 
 
 def velocity_steps(
     t: Array, acc: Array, q: Array, fixes_t: Array, velocity: Array, spans: Array | None = None
 ) -> VelocitySteps:
-    """Return the change of velocity of each second by GNSS and by force, for every delay that is tried."""
-    beyond = round(BESIDE_S / STEP_S)
-    first, last = round(DELAYS_S[0] / STEP_S) - beyond, round(DELAYS_S[1] / STEP_S) + beyond
-    delays: Array = STEP_S * np.arange(first, last + 1, dtype=np.float64)
+    """Return the change of velocity of each second by GNSS and by force."""
     good = np.isfinite(fixes_t) & np.isfinite(velocity[:, 0]) & np.isfinite(velocity[:, 1])
     fixes, speed = fixes_t[good], velocity[good, 0] + 1j * velocity[good, 1]
     rate = _horizontal(acc, q)
@@ -252,19 +268,17 @@ def velocity_steps(
     t, rate = t[known], rate[known]
     i, j = _pairs(fixes)
     if len(t) < 2 or len(i) == 0:
-        return VelocitySteps(
-            np.zeros(0), np.zeros(0), np.zeros(0, complex), np.zeros((len(delays), 0), complex), delays
-        )
+        none = np.zeros(0, np.int64)
+        return VelocitySteps(np.zeros(0, complex), np.zeros(0), none, none, np.zeros(0), np.zeros(0, complex))
     # Every delay must see the same windows, so the force is needed a little before and after each.
-    whole = _without_gap(t, fixes[i] - delays[-1], fixes[j] - delays[0])
+    whole = _without_gap(t, fixes[i] - DELAYS_TRIED_S[-1], fixes[j] - DELAYS_TRIED_S[0])
     if spans is not None:
         whole &= _inside(spans, fixes[i], fixes[j])
     i, j = i[whole], j[whole]
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
     used = np.union1d(i, j)
-    at = np.interp(fixes[used] - delays[:, None], t, integral)
-    force = at[:, np.searchsorted(used, j)] - at[:, np.searchsorted(used, i)]
-    return VelocitySteps(fixes[i], fixes[j], speed[j] - speed[i], force, delays)
+    first, second = np.searchsorted(used, i), np.searchsorted(used, j)
+    return VelocitySteps(speed[j] - speed[i], fixes[used], first, second, t, integral)
 
 
 def _horizontal(acc: Array, q: Array) -> Complex:
@@ -302,97 +316,144 @@ def _inside(spans: Array, t0: Array, t1: Array) -> NDArray[np.bool_]:
     return found
 
 
-def _delay_of(steps: VelocitySteps, segments: list[slice]) -> _Delay:
+def _delay_of(steps: VelocitySteps, segments: Index) -> _Delay:
     """Return the delay at which force and GNSS agree best, the heading of each 30 s free.
 
     Delay and heading are one quantity while a vehicle circles one way: then the residual hardly changes with it.
     """
-    explained, total = np.zeros(len(steps.delays)), 0.0
-    for part in segments:
-        a, b = steps.gnss[part], steps.force[:, part]
-        a, b = a - a.mean(), b - b.mean(axis=1, keepdims=True)
-        power = np.sum(b.real**2 + b.imag**2, axis=1)
-        # Sums, not a matrix product: the library of products starts threads for so little, which cost ten times it.
-        explained += np.abs(np.sum(b.conj() * a, axis=1)) ** 2 / np.maximum(power, 1e-12)
-        total += float(np.sum(np.abs(a) ** 2))
-    beyond = round(BESIDE_S / STEP_S)
-    at = beyond + int(np.argmax(explained[beyond:-beyond]))
+    at, inside = _padded(segments)
+    a = _centred(steps.gnss[at], inside)
+    explained = np.zeros(len(DELAYS_TRIED_S))
+    for k, delay_s in enumerate(DELAYS_TRIED_S.tolist()):
+        b = _centred(steps.force(delay_s)[at], inside)
+        product = np.abs(np.sum(b.conj() * a, axis=1)) ** 2
+        explained[k] = np.sum(product / np.maximum(_power(b), 1e-12))
+    total, beyond = float(np.sum(_power(a))), round(BESIDE_S / STEP_S)
+    best = beyond + int(np.argmax(explained[beyond:-beyond]))
     rest = np.maximum(total - explained, 1e-12)
-    known = min(rest[at - beyond], rest[at + beyond]) >= PEAK_RATIO * rest[at]
-    edge = at in (beyond, len(steps.delays) - 1 - beyond)
+    known = min(rest[best - beyond], rest[best + beyond]) >= PEAK_RATIO * rest[best]
+    edge = best in (beyond, len(DELAYS_TRIED_S) - 1 - beyond)
     why = f"the delay of GNSS is not found between {DELAYS_S[0]} and {DELAYS_S[1]} s" if edge else ""
-    return _Delay(at, SIGMA_DELAY_S if known else BESIDE_S, why)
+    return _Delay(float(DELAYS_TRIED_S[best]), SIGMA_DELAY_S if known else BESIDE_S, why)
 
 
-def _fitted(steps: VelocitySteps, chosen: list[Index], delay: _Delay, least_blocks: float) -> HeadingOffset:
-    """Fit the rotation over the chosen windows of several segments, each about its own mean."""
-    if not sum(len(part) for part in chosen):
-        return _none("no GNSS velocity beside samples of the IMU")
-    aside = max(1, round(delay.sigma_s / STEP_S))
-    tried = np.array([steps.gnss, *steps.force[[delay.at - aside, delay.at + aside, delay.at]]])
-    own = [tried[:, part] for part in chosen if len(part)]
-    a, before, after, b = np.concatenate([x - x.mean(axis=1, keepdims=True) for x in own], axis=1)
-    rotations = [np.angle(np.sum(x * a.conj())) for x in (before, after, b)]
-    t = np.concatenate([steps.t0[part] for part in chosen])
-    turned = np.angle(np.exp(1j * (rotations[1] - rotations[0]))) * delay.sigma_s / (2.0 * aside * STEP_S)
-    spread, blocks = _spread(t, a, b)
-    sigma = np.degrees(np.hypot(spread, turned))
-    power_a, power_b = (float(np.sum(np.abs(x) ** 2)) for x in (a, b))
-    product = float(np.abs(np.sum(b.conj() * a)))
-    found = HeadingOffset(
-        offset_deg=float(np.degrees(rotations[2])),
-        sigma_deg=float(min(np.hypot(sigma, FLOOR_DEG), 180.0)),
-        scale=product / max(power_b, 1e-12),
-        correlation=product / max(float(np.sqrt(power_a * power_b)), 1e-12),
-        delay_s=float(steps.delays[delay.at]),
-        blocks=blocks,
-        t0=float(t[0]),
-        t1=float(steps.t1[chosen[-1][-1]]) if len(chosen[-1]) else float(t[-1]) + WINDOW_S,
-        known=False,
-        why="",
-    )
-    why = delay.why or _why_not(found, least_blocks)
-    return found._replace(known=not why, why=why)
+def _fitted(
+    steps: VelocitySteps, parts: Index, beside: Mask, delay: _Delay
+) -> tuple[HeadingOffset, list[HeadingOffset]]:
+    """Fit the rotation over those of the parts (p, 2) that lie ``beside`` each other (p,), and over each part.
 
-
-def _without_outliers(steps: VelocitySteps, part: slice, delay: _Delay) -> Index:
-    """Return the windows of a part near the fit of the others, after at most three rounds."""
-    a, b = steps.gnss[part], steps.force[delay.at, part]
-    near: Index = np.arange(len(a))
-    for _ in range(ROUNDS):
-        before = near
-        x, y = a - a[near].mean(), b - b[near].mean()
-        turn = np.sum(y[near].conj() * x[near]) / max(float(np.sum(np.abs(y[near]) ** 2)), 1e-12)
-        residual = np.abs(x - turn * y)
-        limit = OUTLIER * max(float(np.median(residual[near])) / MEDIAN_OF_LENGTH, MIN_M_S)
-        near = np.flatnonzero(residual <= limit)
-        if np.array_equal(near, before):
-            break
-    return np.asarray(near + part.start)
-
-
-def _spread(t: Array, a: Complex, b: Complex) -> tuple[float, float]:
-    """Return one sigma in rad of the rotation from ``b`` to ``a`` (k,), and the effective number of 5 s blocks.
-
-    The larger of the jackknife of the blocks (Efron 1982, ch. 3) and of what the residuals say.
+    Each part is cleaned of outliers by its own fit.
     """
-    number = np.cumsum(np.diff(np.floor_divide(t - t[0], BLOCK_S), prepend=0.0) != 0.0)
-    size = int(number[-1]) + 1
+    aside = STEP_S * max(1, round(delay.sigma_s / STEP_S))
+    forces = [steps.force(delay.best_s + by) for by in (-aside, aside, 0.0)]
+    at, inside = _padded(parts)
+    kept = _without_outliers(steps.gnss[at], forces[2][at], inside)
+    own = np.array([_centred(x[at], kept) for x in (steps.gnss, *forces)])
+    each = _rotations(steps, at, kept, own, delay, aside, MIN_BLOCKS_OF_SEGMENT)
+    if not beside.any():
+        return _none("no GNSS velocity beside samples of the IMU"), each
+    joint = at[beside].reshape(1, -1), kept[beside].reshape(1, -1), own[:, beside].reshape(4, 1, -1)
+    return _rotations(steps, *joint, delay, aside, MIN_BLOCKS)[0], each
+
+
+def _rotations(
+    steps: VelocitySteps, at: Index, kept: Mask, own: Complex, delay: _Delay, aside: float, least_blocks: float
+) -> list[HeadingOffset]:
+    """Return the rotation of each row of windows ``at`` (p, w), of which some are ``kept`` (p, w).
+
+    ``own`` (4, p, w): changes by GNSS, and by force ``aside`` s before, after and at the delay, about their means.
+    """
+    if not len(at):
+        return []
+    a, before, after, b = own
+    rotations = [np.angle(np.sum(x * a.conj(), axis=1)) for x in (before, after, b)]
+    turned = np.angle(np.exp(1j * (rotations[1] - rotations[0]))) * delay.sigma_s / (2.0 * aside)
+    spread, blocks = _spread(steps.t0[at], a, b, kept)
+    sigma = np.hypot(np.degrees(np.hypot(spread, turned)), FLOOR_DEG)
+    power_a, power_b, product = _power(a), _power(b), np.abs(np.sum(b.conj() * a, axis=1))
+    row, first, last = np.arange(len(at)), np.argmax(kept, axis=1), kept.shape[1] - 1 - np.argmax(kept[:, ::-1], axis=1)
+    values = (
+        np.degrees(rotations[2]),
+        np.minimum(sigma, 180.0),
+        product / np.maximum(power_b, 1e-12),
+        product / np.maximum(np.sqrt(power_a * power_b), 1e-12),
+        np.full(len(at), delay.best_s),
+        blocks,
+        steps.t0[at[row, first]],
+        steps.t1[at[row, last]],
+    )
+    found = []
+    for one in zip(*(x.tolist() for x in values), strict=True):
+        offset = HeadingOffset._make((*one, False, ""))
+        why = delay.why or _why_not(offset, least_blocks)
+        found.append(offset._replace(known=not why, why=why))
+    return found
+
+
+def _padded(parts: Index) -> tuple[Index, Mask]:
+    """Return the numbers (p, w) of the windows of each part (p, 2), a row each, and which of them are inside."""
+    width = int((parts[:, 1] - parts[:, 0]).max(initial=0))
+    at = parts[:, :1] + np.arange(width)
+    inside = at < parts[:, 1:]
+    return np.where(inside, at, 0), inside
+
+
+def _centred(x: Complex, kept: Mask) -> Complex:
+    """Return values (p, w) about the mean of their row, 0 where not kept."""
+    mean = np.sum(np.where(kept, x, 0.0), axis=1) / np.maximum(np.count_nonzero(kept, axis=1), 1)
+    return np.where(kept, x - mean[:, None], 0.0)
+
+
+def _power(x: Complex) -> Array:
+    """Return the sum of squares (p,) of each row."""
+    return np.asarray(np.sum(x.real**2 + x.imag**2, axis=1))
+
+
+def _without_outliers(a: Complex, b: Complex, inside: Mask) -> Mask:
+    """Select in each row (w,) the windows near the fit of the others, in three rounds."""
+    keep, row = inside, np.arange(len(inside))
+    for _ in range(ROUNDS):
+        count = np.count_nonzero(keep, axis=1)
+        x, y = (v - (np.sum(np.where(keep, v, 0.0), axis=1) / count)[:, None] for v in (a, b))
+        own = np.where(keep, y, 0.0)
+        turn = np.sum(own.conj() * x, axis=1) / np.maximum(_power(own), 1e-12)
+        residual = np.abs(x - turn[:, None] * y)
+        ascending = np.sort(np.where(keep, residual, np.inf), axis=1)
+        median = 0.5 * (ascending[row, (count - 1) // 2] + ascending[row, count // 2])
+        keep = inside & (residual <= OUTLIER * np.maximum(median / MEDIAN_OF_LENGTH, MIN_M_S)[:, None])
+    return keep
+
+
+def _spread(t: Array, a: Complex, b: Complex, kept: Mask) -> tuple[Array, Array]:
+    """Return one sigma (p,) in rad of the rotation from ``b`` to ``a`` (p, w), and the effective number of 5 s blocks.
+
+    The larger of the jackknife of the blocks (Efron 1982, ch. 3) and of what the residuals say. Values that are not
+    kept are 0.
+    """
+    begin = t[np.arange(len(t)), np.argmax(kept, axis=1)]
+    number = np.where(kept, np.floor_divide(t - begin[:, None], BLOCK_S), 0.0).astype(np.int64)
+    shape = len(t), int(number.max()) + 1
+    number += shape[1] * np.arange(len(t))[:, None]
+
+    def by_blocks(x: NDArray[Any]) -> Array:
+        sums = np.bincount(number.ravel(), x.ravel(), shape[0] * shape[1])
+        return np.asarray(sums, np.float64).reshape(shape)
+
     product = b.conj() * a
-    sums = np.bincount(number, product.real, size) + 1j * np.bincount(number, product.imag, size)
-    weight = np.bincount(number, np.abs(b) ** 2, size)
-    whole = np.sum(sums)
-    power = max(float(weight.sum()), 1e-12)
-    blocks = power**2 / max(float(np.sum(weight**2)), 1e-24)
-    if size < 2 or np.abs(whole) == 0.0:
-        return np.pi, blocks
-    turned = np.angle((whole - sums) * np.conj(whole))
-    jackknife = (size - 1) / size * float(np.sum((turned - turned.mean()) ** 2))
-    residual = a - whole / power * b
+    sums = by_blocks(product.real) + 1j * by_blocks(product.imag)
+    weight, filled = by_blocks(np.abs(b) ** 2), by_blocks(kept) > 0.0
+    size, windows = np.count_nonzero(filled, axis=1), np.count_nonzero(kept, axis=1)
+    whole, power = np.sum(sums, axis=1), np.maximum(np.sum(weight, axis=1), 1e-12)
+    blocks = power**2 / np.maximum(np.sum(weight**2, axis=1), 1e-24)
+    turned = np.angle((whole[:, None] - sums) * whole.conj()[:, None])
+    mean = np.sum(np.where(filled, turned, 0.0), axis=1) / size
+    jackknife = (size - 1) / size * np.sum(np.where(filled, turned - mean[:, None], 0.0) ** 2, axis=1)
+    residual = a - (whole / power)[:, None] * b
     # Windows of 1 s that begin at every fix share most of their errors.
-    shared = max(1.0, WINDOW_S * len(t) / (size * BLOCK_S))
-    across = 0.5 * float(np.mean(np.abs(residual) ** 2)) * shared * power / float(np.abs(whole)) ** 2
-    return float(np.sqrt(max(jackknife, across))), blocks
+    shared = np.maximum(1.0, WINDOW_S * windows / (size * BLOCK_S))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = 0.5 * _power(residual) / windows * shared * power / np.abs(whole) ** 2
+    return np.where((size < 2) | (whole == 0.0), np.pi, np.sqrt(np.maximum(jackknife, across))), blocks
 
 
 def _why_not(found: HeadingOffset, least_blocks: float) -> str:

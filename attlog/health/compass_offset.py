@@ -207,7 +207,7 @@ def horizontal_acceleration(log: FlightLog, motion: MotionAttitude, flown: list[
     steps = velocity_steps(t, acc, q, receiver.t, receiver.vel_ned, np.array(flown))
     if not len(steps.t0):
         return 0.0
-    force = steps.force[int(np.argmin(np.abs(steps.delays - GNSS_DELAY_S)))]
+    force = steps.force(GNSS_DELAY_S)
     _, number = np.unique(steps.t0 // TILT_ERROR_S, return_inverse=True)
     count = np.bincount(number)
     force = force - ((np.bincount(number, force.real) + 1j * np.bincount(number, force.imag)) / count)[number]
