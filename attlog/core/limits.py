@@ -80,8 +80,9 @@ MAG_LIMIT_T = 5e-3
 
 # Files.
 
-# Logs up to this size (some hours at full rate) are read into memory; larger ones are mapped where MAPPED is set.
-READ_BYTES = 256 << 20
+# Logs up to this size (15 minutes at full rate) are read into memory; larger ones are mapped where MAPPED is set, so that
+# neither their bytes nor all decoded columns add to the memory of an analysis.
+READ_BYTES = 32 << 20
 # Environment variable that allows mapping. Truncation of a mapped file kills the process, so attlog's commands set it
 # only for supervised processes.
 MAPPED = "ATTLOG_MAPPED"
