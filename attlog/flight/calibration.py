@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from attlog.core import rotation
 from attlog.core.earth import TESLA_PER_GAUSS, TESLA_PER_MILLIGAUSS
@@ -44,9 +44,14 @@ def mounting_matrix(number: float | None) -> Array | None:
     return euler_matrix(*MOUNTING_EULER_DEG[int(number)])
 
 
-def euler_matrix(roll_deg: float, pitch_deg: float, yaw_deg: float) -> Array:
-    """Return the rotation matrix (3, 3) of Euler angles in degrees, z-y-x."""
-    return rotation.to_matrix(rotation.from_euler(*np.radians([roll_deg, pitch_deg, yaw_deg])))
+def mounting_matrices() -> Array:
+    """Return the rotation matrices (n, 3, 3) of all mountings, from sensor to body vectors."""
+    return euler_matrix(*np.transpose(MOUNTING_EULER_DEG))
+
+
+def euler_matrix(roll_deg: ArrayLike, pitch_deg: ArrayLike, yaw_deg: ArrayLike) -> Array:
+    """Return the rotation matrix (..., 3, 3) of Euler angles (...) in degrees, z-y-x."""
+    return rotation.to_matrix(rotation.from_euler(*np.radians(np.array([roll_deg, pitch_deg, yaw_deg], np.float64))))
 
 
 # --- corrections -------------------------------------------------------------------------------------------------

@@ -99,11 +99,13 @@ def exchanged_axes(pieces: ForcePieces) -> str:
     """Return how much better other axes of the accelerometer fit pieces in the air, or empty."""
     if len(pieces.t) < MIN_PIECES:
         return ""
-    usual, _ = _body_fit(pieces)
+    usual, _ = _body_fit(pieces.turn, pieces.excess())
     usual *= min(1.0, USUAL_OFFSET_M_S2 / max(float(rotation.length(usual)), 1e-9))
     as_logged = min(float(np.median(pieces.misfits(offset))) for offset in (np.zeros(3), usual))
+    if as_logged < MIN_MISFIT_M_S2:
+        return ""
     best = min(float(np.median(pieces.misfits(axes=axes))) for axes in SIGNED_ORDERS)
-    if as_logged < MIN_MISFIT_M_S2 or best > min(MAX_MISFIT_M_S2, as_logged / MIN_MISFIT_RATIO):
+    if best > min(MAX_MISFIT_M_S2, as_logged / MIN_MISFIT_RATIO):
         return ""
     ratio = as_logged / max(best, 0.01)
     return f"other axes of the accelerometer fit the GNSS velocity {ratio:.1f} times better: its axes are wrong"
@@ -159,10 +161,10 @@ def _capped_rms(misfits: Array) -> float:
 def _offset_step(pieces: ForcePieces) -> tuple[ForcePieces, Array]:
     """Return the pieces from a step of the offset on, and the offset (3,) from then on; all pieces without a step."""
     found: list[tuple[float, int, Array]] = []
-    before = np.cumsum(np.minimum(pieces.misfits(), MAX_COUNTED_MISFIT_M_S2) ** 2)
+    excess = pieces.excess()
+    before = np.cumsum(np.minimum(rotation.length(excess), MAX_COUNTED_MISFIT_M_S2) ** 2)
     for k in np.unique(np.linspace(0, len(pieces.t) - MIN_PIECES, MAX_STEP_TIMES).astype(int)).tolist():
-        after = pieces.select(slice(k, None))
-        offset, misfits = _body_fit(after)
+        offset, misfits = _body_fit(pieces.turn[k:], excess[k:])
         cost = float(np.sum(np.minimum(misfits, MAX_COUNTED_MISFIT_M_S2) ** 2)) + (float(before[k - 1]) if k else 0.0)
         # a step must explain one piece more
         found.append((cost + (MAX_COUNTED_MISFIT_M_S2**2 if k else 0.0), k, offset))
@@ -170,14 +172,15 @@ def _offset_step(pieces: ForcePieces) -> tuple[ForcePieces, Array]:
     return pieces.select(slice(k, None)), offset
 
 
-def _body_fit(pieces: ForcePieces) -> tuple[Array, Array]:
+def _body_fit(turn: Array, excess: Array) -> tuple[Array, Array]:
     """Return the offset (3,) in body axes that fits best, by reweighted least squares, and the misfits (k,) left."""
-    turn, excess = pieces.turn, pieces.excess()
+    square = np.einsum("kij,kil->kjl", turn, turn).reshape(-1, 9)
+    moment = np.einsum("kij,ki->kj", turn, excess)
     weight, offset, misfits = np.ones(len(excess)), np.zeros(3), rotation.length(excess)
     for _ in range(ROUNDS):
-        normal = np.einsum("k,kij,kil->jl", weight, turn, turn) + 1e-9 * np.eye(3)
-        offset = np.linalg.solve(normal, np.einsum("k,kij,ki->j", weight, turn, excess))
-        misfits = pieces.misfits(offset)
+        normal = (weight @ square).reshape(3, 3) + 1e-9 * np.eye(3)
+        offset = np.linalg.solve(normal, weight @ moment)
+        misfits = rotation.length(excess - turn @ offset)
         weight = 1.0 / np.maximum(1.0, misfits / max(float(np.median(misfits)), 1e-6))
     return offset, misfits
 

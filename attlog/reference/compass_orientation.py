@@ -24,7 +24,7 @@ from attlog.core import rotation
 from attlog.core.earth import MagneticField
 from attlog.core.log_cache import cached_per_log
 from attlog.flight import recalibration
-from attlog.flight.calibration import MOUNTING_EULER_DEG, mounting_matrix
+from attlog.flight.calibration import mounting_matrices, mounting_matrix
 from attlog.flight.model import Array, FlightLog, Mag
 from attlog.reference import alignment
 from attlog.reference.compass_windows import MIN_SAMPLES, SAMPLE_HZ, TILTS, Window
@@ -128,12 +128,11 @@ def mounting_orders(now: float | None) -> Array:
     """
     own = mounting_matrix(now)
     back = np.eye(3) if own is None else own.T
-    found = [np.eye(3)]
-    for angles in range(min(MOUNTINGS, len(MOUNTING_EULER_DEG))):
-        turn = mounting_matrix(angles)
-        if turn is not None and all(np.abs(turn @ back - other).max() > 1e-6 for other in found):
-            found.append(turn @ back)
-    return np.array(found)
+    found = np.eye(3)[None]
+    for turn in mounting_matrices()[:MOUNTINGS] @ back:
+        if np.abs(turn - found).max(axis=(1, 2)).min() > 1e-6:
+            found = np.concatenate([found, turn[None]])
+    return found
 
 
 def mounting_number(turn: Array, now: float | None) -> int | None:
@@ -141,11 +140,8 @@ def mounting_number(turn: Array, now: float | None) -> int | None:
     own = mounting_matrix(now)
     if own is None:
         return None
-    for number in range(MOUNTINGS):
-        other = mounting_matrix(number)
-        if other is not None and np.abs(other - turn @ own).max() < 1e-6:
-            return number
-    return None
+    same = np.abs(mounting_matrices()[:MOUNTINGS] - turn @ own).max(axis=(1, 2)) < 1e-6
+    return int(np.argmax(same)) if same.any() else None
 
 
 def mirrored_axes(turn: Array) -> str:
