@@ -31,7 +31,9 @@ LOOK = 3
 # After these passes the GNSS delay is searched with this step in s.
 SEARCH = {1: 0.030, 2: 0.012}
 FOUND_SIGMA_S = 0.003
-HEADINGS = 12
+# Without a compass so many headings start. All so many nodes those are dropped whose log likelihood trails the best by
+# more: on 118 runs of flights the winner trailed by 31 at most, but for three logs whose aids contradict each other.
+HEADINGS, RACE_NODES, MAX_TRAIL = 12, 100, 50.0
 # A likelihood that falls by more is a pass that went wrong.
 WORSE = 0.01
 
@@ -243,8 +245,19 @@ def first_start(runner: Runner, inputs: Inputs, tuned: NoiseLevels, gate: float)
     tried = [begin.turned(2.0 * np.pi * k / HEADINGS) for k in range(HEADINGS)]
     for one in tried:
         one.P[:, :] = covariance(inputs, tuned, one.q, one.x, one.how, bool(one.P[E.pos, E.pos] < 100.0))
-    found = [runner.forward(schedule, one.copy(), par).likelihood for one in tried]
-    return tried[int(np.argmax(found))]
+    found, nodes = runner.begun(schedule, begin)[0], len(schedule.node_at)
+    race = []
+    for one in tried:
+        state = runner.begun(schedule, one)[1]
+        race.append((one, state, runner.bound(found, state, one, par, None, None)))
+    for a in range(0, nodes, RACE_NODES):
+        for _, _, run in race:
+            run(a, min(a + RACE_NODES, nodes), -1, 0)
+        best = max(state.memory[MEM.likelihood] for _, state, _ in race)
+        race = [runs for runs in race if runs[1].memory[MEM.likelihood] > best - MAX_TRAIL]
+        if len(race) == 1:
+            break
+    return max(race, key=lambda runs: float(runs[1].memory[MEM.likelihood]))[0]
 
 
 def _moved(begin: StartState, found: Pass) -> StartState:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -13,6 +14,7 @@ from attlog.estimators import Measurements, estimate
 from attlog.estimators.filters.navigation import passes
 from attlog.estimators.filters.navigation import passes as sequence
 from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, prepare_inputs
+from attlog.estimators.filters.navigation.model import MEM, MEMORY
 from attlog.estimators.filters.navigation.passes import learning_stages, levels_of_past
 from attlog.estimators.filters.navigation.start import StartState
 from tests.estimators.filters.navigation.made import flight, off
@@ -126,20 +128,34 @@ def test_without_a_compass_the_likeliest_of_twelve_headings_begins(monkeypatch: 
         told.append((how, near))
         return np.full((39, 39), 7.0)
 
-    def forward(schedule: Any, begin: StartState, par: Any) -> Any:
+    runs: list[float] = []
+
+    def begun(schedule: Any, begin: StartState) -> Any:
+        return None, SimpleNamespace(memory=np.zeros(MEMORY))
+
+    def bound(found: Any, state: Any, begin: StartState, *others: Any) -> Any:
         heading = 2.0 * np.arctan2(begin.q[3], begin.q[0])
-        return SimpleNamespace(likelihood=np.cos(heading - np.radians(155.0)))
+
+        def run(a: int, b: int, origin: int, used: int) -> None:
+            runs.append(np.degrees(heading))
+            state.memory[MEM.likelihood] += (b - a) * np.cos(heading - np.radians(155.0))
+
+        return run
 
     begin = state("quiet")
     begin.P[6, 6] = 25.0
     monkeypatch.setattr(sequence, "start", lambda inputs, tuned: begin)
     monkeypatch.setattr(sequence, "covariance", covariance)
-    runner: Any = SimpleNamespace(timetable=Timetable(), forward=forward)
+    timetable = SimpleNamespace(scheduled=lambda tuned: SimpleNamespace(node_at=np.arange(1050)))
+    runner: Any = SimpleNamespace(timetable=timetable, begun=begun, bound=bound)
     inputs: Any = SimpleNamespace(mag=None, velocity=True, gravity=9.8)
     found = sequence.first_start(runner, inputs, BEGUN, 2.5)
     assert np.degrees(2.0 * np.arctan2(found.q[3], found.q[0])) == pytest.approx(150.0)
     assert (found.P == 7.0).all()
     assert told == [("quiet", True)] * 12
+    # Each block of 100 nodes 180 deg trails by 9 more; with it gone the race is over.
+    counts = Counter(np.round(runs) % 360.0)
+    assert (counts[150.0], counts[180.0], counts[330.0]) == (6, 6, 1)
     begin.P[6, 6] = 400.0
     sequence.first_start(runner, inputs, BEGUN, 2.5)
     assert told[-1] == ("quiet", False)
