@@ -82,8 +82,7 @@ def render(
 
 def figure_header(figure: PageFigure, packer: ArrayPacker) -> dict[str, Any]:
     """Return a figure for the script; its arrays go to the packer."""
-    data: dict[str, Any] = cleaned(figure_data(figure.data, packer))
-    return {"kind": figure.kind, "height": figure.height} | data
+    return {"kind": figure.kind, "height": figure.height} | figure_data(figure.data, packer)
 
 
 def row_header(row: RowStyle) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from attlog.report.figures.style import RowStyle, row_styles, safe
 from attlog.result import Answer, Result, Trace
 from attlog.words.flight import WARNING, alarming, messages
 from attlog.words.numbers import quantity, unit_sign
+from attlog.words.text import cleaned
 
 Array = NDArray[np.float64]
 
@@ -300,8 +301,8 @@ def unit_suffix(unit: str) -> str:
 
 
 def figure_data(data: dict[str, Any], packer: ArrayPacker) -> dict[str, Any]:
-    """Return figure data as JSON; arrays of its traces go to the packer."""
-    found = dict(data)
+    """Return figure data as JSON with clean texts; arrays of its traces go to the packer."""
+    found = {name: value if name in ("traces", "views") else cleaned(value) for name, value in data.items()}
     if "traces" in data:
         found["traces"] = [_packed_trace(trace, packer) for trace in data["traces"]]
     if "views" in data:
@@ -323,7 +324,7 @@ def _packed_trace(trace: dict[str, Any], packer: ArrayPacker) -> dict[str, Any]:
         if isinstance(value, list) and any(isinstance(v, np.ndarray) for v in value):
             return [pack("", v) for v in value]
         if not isinstance(value, np.ndarray):
-            return value
+            return cleaned(value)
         if log or len(value) < MIN_PACKED:
             return json_numbers(value)
         if key == "t" or (key == "x" and time):

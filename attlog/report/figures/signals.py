@@ -12,7 +12,7 @@ from attlog.report.bundle import ArrayPacker
 from attlog.report.figures.figure import PageFigure, View
 from attlog.result import Result
 from attlog.words.numbers import unit_sign
-from attlog.words.text import cleaned
+from attlog.words.text import clean, cleaned
 
 # Most bytes of the packed samples in the page (base64).
 MAX_BYTES = 1_300_000
@@ -65,7 +65,7 @@ def packed_signals(drawn: Sequence[Trace], left: Sequence[Trace] = (), limit: in
     while True:
         packer = ArrayPacker()
         messages = [_packed_message(trace, keep, packer) for trace in drawn]
-        block = packer.pack(cleaned({"messages": messages, "left": names}))
+        block = packer.pack({"messages": messages, "left": cleaned(names)})
         if len(block) <= limit or keep <= 2:
             return block
         keep = int(keep * min(limit / len(block), REDUCTION))
@@ -77,5 +77,5 @@ def _packed_message(trace: Trace, keep: int, packer: ArrayPacker) -> dict[str, A
     t = trace.t
     for name, y in trace.columns.items():
         t, thinned = envelope(trace.t, np.asarray(y, np.float64)[:, None], keep)
-        fields.append([name, unit_sign(trace.units.get(name, "")), packer.centred(thinned[:, 0])])
-    return {"name": trace.key, "records": int(trace.values["records"]), "t": packer.times(t), "fields": fields}
+        fields.append([clean(name), clean(unit_sign(trace.units.get(name, ""))), packer.centred(thinned[:, 0])])
+    return {"name": clean(trace.key), "records": int(trace.values["records"]), "t": packer.times(t), "fields": fields}
