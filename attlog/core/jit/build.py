@@ -118,9 +118,8 @@ def loop_by_name(name: str) -> Loop[Any, Any]:
 
 def prepare(names: Iterable[str], progress: Callable[[int, int], None]) -> None:
     """Compile the loops that are missing, on all cores, and keep them; a single one waits for its first use."""
-    own = store.own_place()
     missing = [name for name in names if not store.has(loop_by_name(name).key)]
-    if own is not None and len(missing) > 1:
+    if len(missing) > 1 and (own := store.own_place()) is not None:
         LOG.info("compiling %d loops, once, about %d s; kept in %s", len(missing), expected_s(missing), own)
         compile_all({own: ""}, missing, progress)
 

@@ -20,7 +20,7 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cache, cached_property
 from types import CodeType, FunctionType, ModuleType
 from typing import Annotated, Any, Generic, NamedTuple, ParamSpec, TypeVar, get_type_hints
 
@@ -126,7 +126,7 @@ class Loop(Generic[P, R]):
     @cached_property
     def signature(self) -> tuple[tuple[Argument, ...], str]:
         """The arguments, and the kind of number that is returned or ``void``."""
-        hints = get_type_hints(self.function, include_extras=True)
+        hints = inspect.get_annotations(self.function, eval_str=True)
         result = hints.pop("return", None)
         kind = "void" if result in (None, type(None)) else NUMBERS[result].kind
         return tuple(_argument(hint) for hint in hints.values()), kind
@@ -194,6 +194,7 @@ def with_globals(function: Callable[..., Any], given: Mapping[str, Any]) -> Func
     return made
 
 
+@cache
 def used_globals(function: FunctionType) -> dict[str, Any]:
     """Return what a function looks up by name outside itself; loops as their functions."""
     if function.__code__.co_freevars:
@@ -241,6 +242,7 @@ def _where(function: FunctionType) -> str:
     return f"{code.co_filename}, line {code.co_firstlineno}: {function.__name__}"
 
 
+@cache
 def _lines(code: CodeType) -> str:
     """Return the lines of a function: to the last that holds code, and on to the next that is not indented."""
     lines = linecache.getlines(code.co_filename)
@@ -251,6 +253,7 @@ def _lines(code: CodeType) -> str:
     return "".join(lines[first:end]).rstrip() or repr((code.co_code, code.co_consts))
 
 
+@cache
 def _argument(hint: Any) -> Argument:
     if isinstance(hint, type) and hasattr(hint, "_fields"):
         inner = get_type_hints(hint, include_extras=True)
