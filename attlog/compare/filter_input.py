@@ -18,6 +18,7 @@ from attlog import estimators
 from attlog.compare.setting import SETTINGS, Configuration, Value, flown_filter, numbers_text
 from attlog.core import rotation, signal
 from attlog.core.errors import LogUnusable, UsageError
+from attlog.core.sorting import median
 from attlog.flight.model import FlightLog, Imu, Mag, Stream
 from attlog.flight.parameters import read_parameter_file
 from attlog.flight.recalibration import recorrected_units
@@ -245,7 +246,7 @@ def _filter_imu(settings: Settings, log: FlightLog, imu: Imu) -> tuple[Stream, S
             continue
         x, t = np.array(stream.x, np.float64), stream.t_best
         for part in _unbroken_slices(t):
-            rate = 1.0 / float(np.median(np.diff(t[part]))) if part.stop - part.start > 1 else 0.0
+            rate = 1.0 / float(median(np.diff(t[part]))) if part.stop - part.start > 1 else 0.0
             if rate <= 0.0:
                 continue
             if "notch" in settings:
@@ -300,7 +301,7 @@ def _resample_imu(settings: Settings, imu: Imu) -> Imu:
     if "pick" in settings:
         return replace(imu, gyro=_take(imu.gyro, ends), acc=_take(imu.acc, ends), dt=None)
     step = np.diff(t, prepend=t[:1]) if imu.dt is None else imu.dt
-    step = np.where(np.isfinite(step) & (step > 0.0), step, np.median(np.diff(t)))
+    step = np.where(np.isfinite(step) & (step > 0.0), step, median(np.diff(t)))
     members = ends[:, None] - np.arange(n)
     weight = step[members][:, :, None]
     means = []

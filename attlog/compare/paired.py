@@ -26,12 +26,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from statistics import median
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from attlog.core.sorting import median
 from attlog.metrics import ranking, statistics
 from attlog.metrics.metric import Answer
 from attlog.metrics.statistics import Kind, UnitValues, student, student_two_sided
@@ -262,7 +262,7 @@ def hodges_lehmann(d: Array) -> tuple[float, Interval | None, float]:
     """
     i, j = np.triu_indices(len(d))
     walsh = np.sort(0.5 * (d[i] + d[j]))
-    value, n, m = float(np.median(walsh)), len(d), len(walsh)
+    value, n, m = float(median(walsh)), len(d), len(walsh)
     ways = np.zeros(m + 1)
     ways[0] = 1.0
     for rank in range(1, n + 1):
@@ -318,7 +318,7 @@ def pool(differences: Sequence[Difference], scale: Scale) -> Difference | None:
     if not usable:
         return None
     signs = sum(d.better for d in usable), sum(d.worse for d in usable)
-    floor = median(d.floor for d in usable)
+    floor = median([d.floor for d in usable])
     if len(usable) == 1:
         method = "one log" if usable[0].value != usable[0].even else "equal on every log"
         return replace(usable[0], log="", n=1, first=None, second=None, tau=0.0, i2_pct=0.0, method=method)

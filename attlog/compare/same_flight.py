@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.flight.model import FlightLog
 
 Array = NDArray[np.float64]
@@ -48,7 +49,7 @@ class FlightTrack:
 def flight_track(log: FlightLog, name: str, sha256: str = "") -> FlightTrack:
     """Sample the onboard attitude of a log; empty without one, matching no other."""
     imu = log.replay_imu
-    rate = 0.0 if imu is None or len(imu.gyro.t) < 2 else float(1.0 / np.median(np.diff(imu.gyro.t)))
+    rate = 0.0 if imu is None or len(imu.gyro.t) < 2 else float(1.0 / median(np.diff(imu.gyro.t)))
     found = FlightTrack(name, sha256, rate, 0, np.zeros((0, 4)))
     attitude = None if log.onboard is None else log.attitudes.get(log.onboard)
     if attitude is None:
@@ -84,7 +85,7 @@ def same_flight(a: FlightTrack, b: FlightTrack) -> bool:
     x, y = x[known], y[known]
     moved = np.degrees(rotation.total_angle(rotation.earth_error(x, rotation.mean(x))))
     apart = np.degrees(rotation.total_angle(rotation.earth_error(x, y)))
-    return bool(np.sqrt(np.mean(moved**2)) > MIN_MOTION_DEG and np.median(apart) < MAX_MEDIAN_DEG)
+    return bool(np.sqrt(np.mean(moved**2)) > MIN_MOTION_DEG and median(apart) < MAX_MEDIAN_DEG)
 
 
 def find_repeats(tracks: Sequence[FlightTrack]) -> dict[str, str]:

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import median
+
 TESLA_PER_GAUSS, TESLA_PER_MILLIGAUSS, GAUSS_PER_TESLA = 1e-4, 1e-7, 1e4
 # WGS 84.
 ROTATION_RATE_RAD_S = 7.292115e-5
@@ -54,8 +56,8 @@ def gravity(lat_deg: float, alt_m: float = 0.0) -> float:
 def middle_longitude(lon_deg: NDArray[np.float64]) -> float:
     """Return the median of longitudes (n,) in deg, also over the date line."""
     if float(lon_deg.max()) - float(lon_deg.min()) <= 180.0:
-        return float(np.median(lon_deg))
-    return (float(np.median(lon_deg % 360.0)) + 180.0) % 360.0 - 180.0
+        return float(median(lon_deg))
+    return (float(median(lon_deg % 360.0)) + 180.0) % 360.0 - 180.0
 
 
 def heading_turn(lat_deg: float) -> float:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.limits import LAST_TIME_US, MAX_BOOTS, MAX_TIME_JUMP_S
+from attlog.core.sorting import median
 
 Stamps = NDArray[np.int64]
 Offsets = NDArray[np.signedinteger[Any]]
@@ -69,7 +70,7 @@ def gap_limit_of_times(t: NDArray[np.float64]) -> float:
     """
     dt = np.diff(t)
     dt = dt[np.isfinite(dt) & (dt > 0)]
-    return gap_limit(float(np.median(dt))) if len(dt) else MIN_GAP_S
+    return gap_limit(float(median(dt))) if len(dt) else MIN_GAP_S
 
 
 def gap_indices(t: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -216,7 +217,7 @@ def rise_nearby(t_us: NDArray[Any]) -> bool:
 def far_from_median(t_us: NDArray[Any]) -> NDArray[np.bool_]:
     """Select the times (n,) more than half a day from the median."""
     t = t_us.astype(np.float64)
-    far: NDArray[np.bool_] = np.abs(t - np.median(t)) > MAX_JUMP_US
+    far: NDArray[np.bool_] = np.abs(t - median(t)) > MAX_JUMP_US
     return far
 
 
@@ -252,10 +253,10 @@ def _written_late(time_us: Stamps, begin: int, k: int) -> bool:
     """
     if int(time_us[k]) < int(time_us[begin]) + MAX_DEVIATION_US:
         return False
-    before = int(np.median(time_us[max(begin, k - _NEIGHBOURS) : k]))
+    before = int(median(time_us[max(begin, k - _NEIGHBOURS) : k]))
     some = time_us[k : k + MAX_LATE_RECORDS + _NEIGHBOURS]
     jumps = (np.diff(some[: MAX_LATE_RECORDS + 1]) > MIN_RESTART_US).nonzero()[0] + 1
-    return any(abs(float(np.median(some[j : j + _NEIGHBOURS])) - before) <= MAX_DEVIATION_US for j in jumps.tolist())
+    return any(abs(float(median(some[j : j + _NEIGHBOURS])) - before) <= MAX_DEVIATION_US for j in jumps.tolist())
 
 
 def false_times(time_us: Stamps) -> NDArray[np.int64]:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from attlog.core import rotation
 from attlog.core.brief import brief
 from attlog.core.errors import PluginError, UsageError
+from attlog.core.sorting import median
 from attlog.estimators import run as loop
 from attlog.estimators.aids import Aids
 from attlog.estimators.interface import Array, Estimate, Estimator, LogFacts, cut_by_comma
@@ -283,7 +284,7 @@ def propagated(t: Array, gyr: Array, mag: Array) -> Array:
     q = estimate("gyro", t, gyr, q0=[1.0, 0.0, 0.0, 0.0], check_units=False).q
     last = np.searchsorted(new, np.arange(len(t)), side="right") - 1
     source = new[np.maximum(last, 0)]
-    period = float(np.median(np.diff(t[new]))) if len(new) > 1 else 0.0
+    period = float(median(np.diff(t[new]))) if len(new) > 1 else 0.0
     use = (last >= 0) & (t - t[source] <= HOLD_PERIODS * period)
     field[use] = rotation.rotate_inverse(q[use], rotation.rotate(q[source[use]], mag[source[use]]))
     return field

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import unique
 
 # Gravity where the body is still, motors off or idling: no filter decides where it is, none can argue with it.
 #
@@ -276,7 +277,7 @@ def velocity_steps(
         whole &= _inside(spans, fixes[i], fixes[j])
     i, j = i[whole], j[whole]
     integral = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
-    used = np.union1d(i, j)
+    used = unique(np.concatenate([i, j]))
     first, second = np.searchsorted(used, i), np.searchsorted(used, j)
     return VelocitySteps(speed[j] - speed[i], fixes[used], first, second, t, integral)
 

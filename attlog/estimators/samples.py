@@ -28,6 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from attlog.core import rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.core.limits import ACC_LIMIT_M_S2, GYRO_LIMIT_RAD_S
+from attlog.core.sorting import median
 from attlog.core.truncation import Truncation, truncation_of
 from attlog.estimators.interface import Array, VectorsAt
 
@@ -277,7 +278,7 @@ def _mag_use(t: Array, mag: Array, segment: NDArray[np.int64], hold: bool) -> ND
     use = np.zeros(len(t), np.int64)
     at = np.flatnonzero(~_whole(mag == 0.0))
     if hold and 2 <= len(at) < len(t):
-        period = float(np.median(np.diff(t[at])))
+        period = float(median(np.diff(t[at])))
         later = np.diff(at, append=len(t))
         fresh = t[at[0] :] - np.repeat(t[at], later) <= HOLD_PERIODS * period
         use[at[0] :] = np.where(fresh & (segment[at[0] :] == np.repeat(segment[at], later)), HELD, MISSING)
@@ -320,12 +321,12 @@ def uniform(t: Array, gyr: Array, acc: Array, mag: Array) -> UniformSamples:
     their integrals that are interpolated: no turn is lost.
     """
     step = np.diff(t)
-    period = float(np.median(step)) if len(step) else 0.01
+    period = float(median(step)) if len(step) else 0.01
     finite = np.isfinite(mag)
     new = finite[:, 0] & finite[:, 1] & finite[:, 2]
     mag = np.where(new[:, None], mag, 0.0)
     mag_t = t[new]
-    mag_period = float(np.median(np.diff(mag_t))) if len(mag_t) > 1 else period
+    mag_period = float(median(np.diff(mag_t))) if len(mag_t) > 1 else period
     if len(step) == 0 or np.max(np.abs(step - period)) <= JITTER * period:
         return UniformSamples(t, period, gyr, acc, mag, max(mag_period, period), True)
     grid = t[0] + period * np.arange(int(np.ceil((t[-1] - t[0]) / period - 1e-9)) + 1)
@@ -356,4 +357,4 @@ def typical_size(mag: Array) -> Array:
 def typical_scale(mag: Array) -> float:
     """Return the factor of :func:`typical_size`; 1 for a field (n, 3) without samples."""
     norm = np.sqrt(np.sum(mag**2, axis=1))
-    return TYPICAL_FIELD_UT / float(np.median(norm[norm > 0])) if norm.any() else 1.0
+    return TYPICAL_FIELD_UT / float(median(norm[norm > 0])) if norm.any() else 1.0

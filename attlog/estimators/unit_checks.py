@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 
 Array = NDArray[np.float64]
 
@@ -84,7 +85,7 @@ def unit_doubts(t: Array, gyr: Array, acc: Array | None) -> list[str]:
 
 def time_doubt(t: Array) -> str:
     """Return why times (n,) are probably not in s; empty if they may be."""
-    step = float(np.median(np.diff(t)))
+    step = float(median(np.diff(t)))
     if step <= MAX_INTERVAL_S:
         return ""
     unit = next((u for u, size in TIME_UNITS.items() if RATES_HZ[0] <= 1.0 / (size * step) <= RATES_HZ[1]), "")
@@ -98,7 +99,7 @@ def time_doubt(t: Array) -> str:
 def force_doubt(acc: Array) -> str:
     """Return why specific forces (n, 3) are probably not in m/s^2, FRD; empty if they may be."""
     size = rotation.length(acc)
-    middle = float(np.median(size))
+    middle = float(median(size))
     if middle == 0.0:
         return ""
     if not FORCE_M_S2[0] <= middle <= FORCE_M_S2[1]:
@@ -108,7 +109,7 @@ def force_doubt(acc: Array) -> str:
     if np.mean(acc[:, 2] > LEVEL * size) > LEVEL_SHARE:
         return (
             "acc is taken as specific force in FRD, where a level body reads z = -9.8, and its z is mostly "
-            f"{float(np.median(acc[:, 2])):+.1f}: axes of FLU, or gravity in place of specific force; turn gyr and acc"
+            f"{float(median(acc[:, 2])):+.1f}: axes of FLU, or gravity in place of specific force; turn gyr and acc"
         )
     return ""
 
@@ -120,7 +121,7 @@ def rate_doubt(t: Array, gyr: Array, acc: Array) -> str:
     grow for ever. Turned by rates that are too large it is scattered; in a body that hardly turns it keeps its
     direction without being turned at all, which shows that the rates are to blame.
     """
-    bias = np.median(gyr, axis=0)
+    bias = median(gyr, axis=0)
     size = rotation.length(gyr - bias)
     deviation = float(np.mean(size))
     rows = [row for row in WRONG_RATES if deviation >= row[0]]
@@ -164,4 +165,4 @@ def _coherence(t: Array, gyr: Array, acc: Array, windows: Array, scale: float) -
         total += rotation.rotate(q, means[:, k, 3:])
         q = rotation.multiply(q, turns[:, k])
     lengths = rotation.length(means[..., 3:].reshape(-1, 3)).reshape(len(windows), steps).sum(axis=1)
-    return float(np.median(rotation.length(total) / np.maximum(lengths, 1e-12)))
+    return float(median(rotation.length(total) / np.maximum(lengths, 1e-12)))

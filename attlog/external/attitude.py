@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from attlog import formats
 from attlog.core import rotation, timestamps
 from attlog.core.errors import NotALog, UsageError
+from attlog.core.sorting import median
 from attlog.estimators import Estimate
 from attlog.external import axes, clock
 from attlog.external.read import MIN_ATTITUDES, Trajectory, TruthRequest, make_trajectory, parse_truth, read_trajectory
@@ -190,7 +191,7 @@ def _noise(t: Array, q: Array, imu: Imu, bias: Array, late: float) -> Array:
     span = (rates.end - rates.start)[:, None]
     off = (rates.rate - increments.gyro_increments(imu).mean_rates(rates.start, rates.end) + bias) * span
     off = off[rotation.finite_rows(off)]
-    size = np.median(np.abs(off - np.median(off, axis=0)), axis=0) * 1.4826
+    size = median(np.abs(off - median(off, axis=0)), axis=0) * 1.4826
     return np.asarray(size / math.sqrt(2.0))
 
 

@@ -14,6 +14,7 @@ from attlog.core import rotation
 from attlog.core.errors import UsageError
 from attlog.core.kinematics import body_rates, earth_force, tilt_deg
 from attlog.core.limits import GYRO_LIMIT_RAD_S
+from attlog.core.sorting import median
 from attlog.external.read import Trajectory
 from attlog.flight.model import FlightLog, Imu
 from attlog.segments import model
@@ -70,7 +71,7 @@ def fit_vertical(imu: Imu, t: Array, q: Array, velocity: Array | None) -> Vertic
     at, force, turned = at[good], force[good], turned[good]
     block = ((at - at[0]) / BLOCK_S).astype(np.int64)
     _, first, count = np.unique(block, return_index=True, return_counts=True)
-    whole = count >= 0.5 * np.median(count)
+    whole = count >= 0.5 * median(count)
     to_world = rotation.to_matrix(turned)
     mean_turn = np.add.reduceat(to_world, first, axis=0) / count[:, None, None]
     mean_force = np.add.reduceat(rotation.rotate(turned, force), first, axis=0) / count[:, None]
@@ -106,7 +107,7 @@ def _fit_down(mean_turn: Array, y: Array) -> Vertical | None:
         information = np.einsum("k,kij,kil->jl", per, rows, rows) + prior
         x = np.linalg.solve(information, np.einsum("k,kij,ki->j", per, rows, y))
         left = np.sqrt(np.sum((y - rows @ x) ** 2, axis=1) / 3.0)
-        scale = max(1.4826 * float(np.median(left)), 1e-3)
+        scale = max(1.4826 * float(median(left)), 1e-3)
         weight = np.minimum(1.0, 2.0 * scale / np.maximum(left, 1e-9)) ** 2
     gravity = float(np.linalg.norm(x[:3]))
     if gravity < 0.5 * G:
@@ -383,7 +384,7 @@ def _rate_difference(t: Array, q: Array, imu: Imu) -> float | None:
     """Return the rms difference of the attitude's and gyro's rates over the rms rate; None without turns."""
     if len(t) < 2:
         return None
-    step = max(1, round(INTERVAL_S / max(float(np.median(np.diff(t))), 1e-4)))
+    step = max(1, round(INTERVAL_S / max(float(median(np.diff(t))), 1e-4)))
     stride = max(step, len(t) // MAX_RATE_INTERVALS)
     rates = body_rates(t, q, np.zeros(len(t), np.int64), step, stride, MAX_INTERVAL_S)
     gyro = gyro_increments(imu).mean_rates(rates.start, rates.end)
@@ -391,7 +392,7 @@ def _rate_difference(t: Array, q: Array, imu: Imu) -> float | None:
     own, gyro = rates.rate[known], gyro[known]
     if len(own) < MIN_MOVING:
         return None
-    gyro = gyro - np.median(gyro - own, axis=0)
+    gyro = gyro - median(gyro - own, axis=0)
     size = np.degrees(rotation.length(gyro))
     moving = next((m for m in (size > fast for fast in MOVING_DPS) if m.sum() >= MIN_MOVING), None)
     if moving is None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.core.kinematics import BodyRates, body_rates
+from attlog.core.sorting import median, quantile
 from attlog.external.read import Trajectory
 from attlog.flight.model import FlightLog, Imu
 from attlog.segments import model
@@ -89,7 +90,7 @@ def jump_mask(t: Array, q: Array, fastest: float) -> NDArray[np.bool_]:
     """Mark attitudes (n,) reached by a step that no vehicle turning at up to ``fastest`` rad/s makes."""
     size = np.concatenate([[0.0], rotation.length(rotation.relative_rotvecs(q[:-1], q[1:]))])
     span = np.concatenate([[1.0], np.diff(t)])
-    return np.asarray(size > np.maximum(JUMP_RATES * fastest * span, JUMP_STEPS * float(np.median(size))))
+    return np.asarray(size > np.maximum(JUMP_RATES * fastest * span, JUMP_STEPS * float(median(size))))
 
 
 def fastest_rate(imu: Imu) -> float:
@@ -126,7 +127,7 @@ def fit_turn(truth: BodyRates, gyro: GyroIncrements, late: float = 0.0) -> RateF
 
 def _inliers(square: Array) -> NDArray[np.bool_]:
     """Select the squared misfits (n,) within the outlier limit."""
-    beyond = max(OUTLIERS**2 * float(np.median(square)), float(np.quantile(square, 1.0 - FEW_OUTLIERS)), 1e-12)
+    beyond = max(OUTLIERS**2 * float(median(square)), float(quantile(square, 1.0 - FEW_OUTLIERS)), 1e-12)
     return np.asarray(square <= beyond)
 
 
@@ -151,12 +152,12 @@ def clock_candidates(truth: BodyRates, gyro: GyroIncrements, around: float | Non
             if (f := fit_turn(truth.at_most(COARSE_INTERVALS), gyro, float(lag)))
         ]
         return [max(found)[1]] if found else []
-    grid = max(GRID_S, float(np.median(truth.end - truth.start)) / 2.0)
+    grid = max(GRID_S, float(median(truth.end - truth.start)) / 2.0)
     begin, a = _sizes(truth, grid)
     edges = np.arange(gyro.t[0], gyro.t[-1], grid)
     turned = gyro.between(edges[:-1], edges[1:]) / grid
     known = gyro.known(edges[:-1], edges[1:])
-    b = np.where(known, rotation.length(turned - np.median(turned[known], axis=0)), np.nan) if known.any() else turned
+    b = np.where(known, rotation.length(turned - median(turned[known], axis=0)), np.nan) if known.any() else turned
     a, b = (np.minimum(x, _fastest_second(b, grid)) for x in (a, b))
     score = _correlation(a, b, grid)
     found_at: list[float] = []
@@ -180,7 +181,7 @@ def _sizes(truth: BodyRates, grid: float) -> tuple[float, Array]:
     middle = 0.5 * (truth.start + truth.end)
     begin = float(middle[0]) - 0.5 * grid
     place = ((middle - begin) / grid).astype(np.int64)
-    size = rotation.length(truth.rate - np.median(truth.rate, axis=0))
+    size = rotation.length(truth.rate - median(truth.rate, axis=0))
     count = np.bincount(place)
     with np.errstate(invalid="ignore", divide="ignore"):
         return begin, np.bincount(place, size) / count
@@ -296,7 +297,7 @@ def _gauss_newton_step(
     along = (0.5 * (moved.start + moved.end) - now.offset - middle)[:, None]
     own = moved.rate @ now.turn.T
     off = seen - own
-    off = off - np.median(off, axis=0)
+    off = off - median(off, axis=0)
     # gyro(t + d) = rotated own + bias, linearised: d change - (turn x own) - bias = -off
     x, y, z = own.T
     columns = np.zeros((len(own), 3, 8))
@@ -416,7 +417,7 @@ def _angle_misfit_deg(truth: BodyRates, gyro: GyroIncrements, found: BestClock) 
     if np.count_nonzero(known) < MIN_RATES:
         return 0.0, 0.0
     sizes = rotation.length((seen - own)[known]), rotation.length(own[known])
-    misfit, turn = (math.degrees(float(np.median(size))) for size in sizes)
+    misfit, turn = (math.degrees(float(median(size))) for size in sizes)
     return misfit, turn
 
 

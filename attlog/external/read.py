@@ -18,6 +18,7 @@ from attlog.core import rotation
 from attlog.core.errors import LogUnreadable, UsageError, missing_file
 from attlog.core.files import read_settings_text
 from attlog.core.limits import MAX_RESULT_BYTES
+from attlog.core.sorting import median, nanmedian
 
 KEYS = ("offset", "north", "topic")
 # Suffixes of trajectory files; another name with a dot in it is taken for a file, too.
@@ -179,7 +180,7 @@ def make_trajectory(
 ) -> Trajectory:
     """Return the trajectory of the samples with rising times and valid norms. UsageError for too few."""
     t = np.asarray(t, np.float64)
-    t = t * 1e-9 if len(t) and float(np.nanmedian(t)) > NANOSECONDS else t
+    t = t * 1e-9 if len(t) and float(nanmedian(t)) > NANOSECONDS else t
     norm = rotation.length(next(iter(readings.values())))
     good = np.isfinite(t) & (norm > NORMS[0]) & (norm < NORMS[1])
     highest = np.maximum.accumulate(np.where(good, t, -np.inf))
@@ -322,7 +323,7 @@ def _seconds(path: Path, name: str, values: Array) -> Array:
     if unit:
         return values * UNITS_S[unit]
     steps = np.diff(values[np.isfinite(values)])
-    step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    step = float(median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     for scale in (1.0, 1e-3, 1e-6, 1e-9):
         if TIME_STEP_RANGE_S[0] <= step * scale <= TIME_STEP_RANGE_S[1]:
             return values * scale

@@ -18,6 +18,7 @@ from attlog.core import rotation
 from attlog.core.brief import counted
 from attlog.core.errors import call_guarded
 from attlog.core.limits import LAST_TIME_US, READ_BYTES
+from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps, ValidRecords, plausible_records
 from attlog.flight import limits
 from attlog.flight.limits import Quantity
@@ -169,7 +170,7 @@ class LogBuilder:
         known = (age >= 0) & (age < MAX_SAMPLE_AGE_US)
         if len(age) == 0 or np.mean(known) < MIN_SAMPLED_SHARE or not age[known].any():
             return None
-        sampled = np.where(known, t_sample_us, t_us - int(np.median(age[known])))
+        sampled = np.where(known, t_sample_us, t_us - int(median(age[known])))
         order = np.arange(len(sampled))
         return self.seconds(np.maximum.accumulate(sampled - order) + order)
 

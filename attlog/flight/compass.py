@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.brief import counted
+from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder
@@ -69,7 +70,7 @@ def field_spikes(field_t: Array) -> NDArray[np.bool_]:
     if len(good) >= 5:
         n = norm[good]
         padded = np.concatenate([n[2:0:-1], n, n[-2:-4:-1]])
-        local = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
+        local = median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
         bad[good[(n > SPIKE_FACTOR * local) | (n < local / SPIKE_FACTOR)]] = True
     return bad
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.brief import brief
+from attlog.core.sorting import median
 
 Array = NDArray[np.float64]
 
@@ -189,7 +190,7 @@ def esc_telemetry(t: Array, x: Array, name: str, motor: int | None = None) -> Es
     if len(t) < 2 or not x[:, 0].any():
         return None
     current, temperature = (column if column.any() else np.full(len(t), np.nan) for column in x[:, 1:].T)
-    usual = float(np.median(temperature))
+    usual = float(median(temperature))
     if usual > HUNDREDTHS:
         temperature = 0.01 * temperature
     elif usual > KELVIN:
@@ -224,7 +225,7 @@ class MotorOutputs:
     @cached_property
     def period(self) -> float:
         """Median time between records in s, infinite for fewer than two."""
-        return float(np.median(np.diff(self.t))) if len(self.t) > 1 else np.inf
+        return float(median(np.diff(self.t))) if len(self.t) > 1 else np.inf
 
     @cached_property
     def ceiling(self) -> float:
@@ -250,7 +251,7 @@ def row_numbers(t: Array) -> NDArray[np.int64]:
     if len(t) < 2:
         return np.zeros(len(t), np.int64)
     steps = np.diff(t)
-    broken = steps >= GAP_PERIODS * float(np.median(steps)) + GAP_S
+    broken = steps >= GAP_PERIODS * float(median(steps)) + GAP_S
     return np.concatenate([[0], np.cumsum(broken)]).astype(np.int64)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import nanmedian
 from attlog.flight.model import Array, Attitude, FlightLog, Problem, Severity, Stream, without_pauses
 
 Mask = NDArray[np.bool_]
@@ -51,7 +52,7 @@ def turned_deg(gyro: Stream, t0: float, t1: float) -> float:
     if np.count_nonzero(mine) < 2:
         return 0.0
     dt = np.minimum(np.diff(gyro.t[mine]), MAX_STEP_S)
-    rate = gyro.x[mine][1:] - np.nanmedian(gyro.x, axis=0)
+    rate = gyro.x[mine][1:] - nanmedian(gyro.x, axis=0)
     return float(np.degrees(np.ptp(np.cumsum(rate * dt[:, None], axis=0), axis=0).max()))
 
 

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, finite_within
@@ -101,7 +102,7 @@ def _away_and_back(place: Array, fixed: NDArray[np.bool_]) -> NDArray[np.bool_]:
     lat, lon = np.radians(place[k, 0]), np.radians(place[k, 1])
     on_sphere = np.column_stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
     padded = np.pad(on_sphere, ((PLACES_AROUND // 2, PLACES_AROUND // 2), (0, 0)), mode="reflect")
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, PLACES_AROUND, axis=0), axis=2)
+    usual = median(np.lib.stride_tricks.sliding_window_view(padded, PLACES_AROUND, axis=0), axis=2)
     away[k] = np.linalg.norm(on_sphere - usual, axis=1) > MAX_AWAY
     return away
 
@@ -113,7 +114,7 @@ def utc_offset(builder: LogBuilder) -> float | None:
             continue
         good = (receiver.utc_us > 0) & (receiver.fix >= MIN_FIX_TYPE)
         if good.any():
-            return float(np.median(receiver.utc_us[good] * 1e-6 - receiver.t[good]))
+            return float(median(receiver.utc_us[good] * 1e-6 - receiver.t[good]))
     return None
 
 
@@ -153,7 +154,7 @@ def _valid_dates(
     utc_us = np.where(wrong, 0, utc_us)
     ahead = utc_us > 1e6 * (max(time.time(), RELEASED_S) + MAX_AHEAD_S)
     if (ahead & (fix > MIN_FIX_TYPE)).any():
-        s = 1e-6 * float(np.median(utc_us[ahead]))
+        s = 1e-6 * float(median(utc_us[ahead]))
         logged, likely = (datetime.fromtimestamp(x, UTC).date().isoformat() for x in (s, s - WEEK_TURN_S))
         text = f"{source}: its date, {logged}, lies in the future and is not used; 1,024 weeks earlier it is {likely}."
         count, remedy = int(np.count_nonzero(ahead)), "Update the receiver's firmware: its GPS week number is wrong."

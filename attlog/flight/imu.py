@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.brief import counted
+from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps, plausible_records
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, finite_within
@@ -335,7 +336,7 @@ def resample_vectors(t_us: Stamps, at_us: Stamps, x: Array) -> Array:
     for axis in range(3):
         out[:, axis] = np.interp(wanted, known, x[:, axis], left=np.nan, right=np.nan)
     i = np.clip(np.searchsorted(known, wanted, side="left"), 1, len(known) - 1)
-    longest = max(MAX_RESAMPLE_US, MAX_RESAMPLE_INTERVALS * float(np.median(np.diff(known))))
+    longest = max(MAX_RESAMPLE_US, MAX_RESAMPLE_INTERVALS * float(median(np.diff(known))))
     too_wide = known[i] - known[i - 1] > longest
     out[too_wide & (wanted != known[i]) & (wanted != known[i - 1])] = np.nan
     return out
@@ -349,7 +350,7 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
     if not units:
         return None
     lengths: list[int] = np.diff(np.asarray(t_us, np.int64)).tolist()
-    lengths.append(int(np.median(lengths)) if lengths else 1)
+    lengths.append(int(median(lengths)) if lengths else 1)
     held: dict[int, int] = {}
     for unit, length in zip(units, lengths, strict=True):
         held[unit] = held.get(unit, 0) + max(length, 1)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from attlog.core.brief import brief, listed, table_html, table_text
 from attlog.core.errors import call_guarded
+from attlog.core.sorting import median
 from attlog.flight.advice import LoggingNeed, VehicleSettings, advise_rest, logging_advice, remedy
 from attlog.flight.drive import Esc, MotorOutputs
 from attlog.flight.timestamps import describe_early_end
@@ -41,7 +42,7 @@ BEGINS_DISARMED_S = 5.0
 def without_pauses(t: Array) -> NDArray[np.bool_]:
     """Mark the intervals (n - 1,) between samples at ``t`` (n,) s during which the logger ran."""
     dt = np.diff(t)
-    return dt <= max(PAUSE_S, 5.0 * float(np.median(dt))) if len(dt) else np.zeros(0, bool)
+    return dt <= max(PAUSE_S, 5.0 * float(median(dt))) if len(dt) else np.zeros(0, bool)
 
 
 def covered_seconds(t: Array) -> float:

@@ -12,6 +12,7 @@ from collections.abc import Container
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.formats.mavlink.layout import STAMP_COLUMN
@@ -106,7 +107,7 @@ class PacketClock:
             time = table["time_usec"].astype(np.int64)
             if self.unix is not None:
                 time = np.where(time > UNIX_US, time - self.unix, time)
-            if len(time) and 0 < np.median(time) < UNIX_US:
+            if len(time) and 0 < median(time) < UNIX_US:
                 return self._with_turns(time, table)
         return self.by_packet(table)
 
@@ -134,7 +135,7 @@ def is_steady(packet: Stamps, boot: Stamps) -> bool:
     if len(boot) < MEDIAN_PACKETS:
         return True
     steps = np.abs(np.diff(boot))
-    return float(np.median(np.abs(np.diff(packet) - np.diff(boot)))) <= MAX_UNSTEADY_SHARE * float(steps.mean())
+    return float(median(np.abs(np.diff(packet) - np.diff(boot)))) <= MAX_UNSTEADY_SHARE * float(steps.mean())
 
 
 def boot_stamps(table: Table) -> Stamps:
@@ -153,10 +154,10 @@ def running_median(x: Stamps) -> Stamps:
     """Return the running median over MEDIAN_PACKETS entries, with reflected ends."""
     half = MEDIAN_PACKETS // 2
     if len(x) <= half:
-        return np.full(len(x), int(np.median(x)), np.int64)
+        return np.full(len(x), int(median(x)), np.int64)
     padded = np.concatenate([x[half:0:-1], x, x[-2 : -half - 2 : -1]])
     windows = np.lib.stride_tricks.sliding_window_view(padded, MEDIAN_PACKETS)
-    medians: Stamps = np.median(windows, axis=1).astype(np.int64)
+    medians: Stamps = median(windows, axis=1).astype(np.int64)
     return medians
 
 
@@ -167,4 +168,4 @@ def unix_minus_boot(messages: Messages, instance: int) -> int | None:
         return None
     unix, boot = table["time_unix_usec"].astype(np.int64), table["time_boot_ms"].astype(np.int64) * 1000
     known = (unix > UNIX_US) & (unix < limits.UTC_US.high) & (boot > 0)
-    return int(np.median(unix[known] - boot[known])) if known.any() else None
+    return int(median(unix[known] - boot[known])) if known.any() else None

@@ -16,6 +16,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.core.limits import READ_BYTES
+from attlog.core.sorting import median
 from attlog.flight.drive import MotorOutputs
 from attlog.flight.model import FIX_3D, Array, FlightLog, Stream, guarded_part
 from attlog.flight.signals import Signals
@@ -347,4 +348,4 @@ def _line(signals: Signals, panel: str, label: str, names: tuple[str, ...], fact
 def _are_pulses(y: Array) -> bool:
     """Return whether outputs (n,) are pulses in us, not DShot or CAN numbers or shares."""
     on = y[np.isfinite(y) & (y > 0.0)]
-    return bool(len(on)) and float(np.median(on)) >= MIN_PULSE_US and float(on.max()) <= MAX_PULSE_US
+    return bool(len(on)) and float(median(on)) >= MIN_PULSE_US and float(on.max()) <= MAX_PULSE_US

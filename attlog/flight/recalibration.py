@@ -16,6 +16,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.core.earth import TESLA_PER_MILLIGAUSS
+from attlog.core.sorting import median
 from attlog.flight import calibration
 from attlog.flight.calibration import Calibration, CalibrationUnknownError
 from attlog.flight.model import Array, FlightLog, Imu, Mag, Problem, Stream
@@ -165,8 +166,8 @@ def learned_compass_bias(log: FlightLog, mag: Mag, found: Calibration) -> Array:
     logged = np.column_stack([np.interp(at[use], t[known], axis[known]) for axis in field.T])
     motor = motor_power(log, found.motor_power, at[use]) if found.correction.motor.any() else 0.0
     beside = logged - found.correction.body(mag.raw.x[use], motor)
-    bias: Array = np.median(beside, axis=0)
-    scatter = np.median(np.abs(beside - bias), axis=0)
+    bias: Array = median(beside, axis=0)
+    scatter = median(np.abs(beside - bias), axis=0)
     if len(beside) < MIN_RAW_VALUES or (scatter > MAX_SCATTER_T).any():
         raise CalibrationUnknownError("The raw values, corrected by the parameters, are not those of the compass.")
     if (MEDIAN_SIGMA_FACTOR * scatter / np.sqrt(len(beside)) > MAX_BIAS_SIGMA_T).any():

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps
 from attlog.flight.advice import VehicleSettings
 from attlog.flight.builder import LogBuilder, Part, columns
@@ -118,7 +119,7 @@ def magnetometers(builder: BagBuilder) -> list[Mag]:
     found = []
     for unit, (name, table) in enumerate(topics_of_type(builder, FIELD_TYPE)):
         field = vectors(table, "magnetic_field")
-        usual = float(np.median(np.linalg.norm(field, axis=1)))
+        usual = float(median(np.linalg.norm(field, axis=1)))
         low, high = EARTH_FIELD_RANGE_T
         word = next((word for word, factor in FIELD_UNITS.items() if low <= usual * factor <= high), "tesla")
         if word != "tesla":
@@ -177,7 +178,7 @@ def attitudes(builder: BagBuilder) -> dict[str, Attitude]:
     found: dict[str, Attitude] = {}
     for name, table in topics_of_type(builder, IMU_TYPE):
         q = quaternions(table, "orientation")
-        if not np.ptp(q, axis=0).any() or float(np.median(table["orientation_covariance"][:, 0])) == NO_ORIENTATION:
+        if not np.ptp(q, axis=0).any() or float(median(table["orientation_covariance"][:, 0])) == NO_ORIENTATION:
             continue  # without orientation, or constant (unset, identity)
         ned = rotation.multiply(rotation.multiply(rotation.ENU, q), rotation.FLU)
         ned[~np.any(q != 0.0, axis=1)] = 0.0
@@ -218,7 +219,7 @@ def _ahead_us(messages: Messages) -> int:
         table = messages.tables.get((name, 0))
         if table is not None and len(table) and "timestamp" in table and "log_time_ns" in table:
             with suppress(ValueError):  # a stranger's definition, reported by the topic's reader
-                return int(np.median(read_stamps(table, "timestamp") - read_stamps(table, "log_time_ns") // 1000))
+                return int(median(read_stamps(table, "timestamp") - read_stamps(table, "log_time_ns") // 1000))
     return 0
 
 

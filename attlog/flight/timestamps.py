@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.limits import LAST_TIME_US
+from attlog.core.sorting import median, unique
 from attlog.core.timestamps import Stamps
 from attlog.formats.table import FieldError, Messages, Table
 
@@ -157,7 +158,7 @@ def foreign_clocks(messages: Messages) -> dict[tuple[str, int], float]:
     for key, table in messages.items():
         if column not in table or len(table) < MIN_COMPARED or (system is not None and key[1] >> 8 != system):
             continue
-        some = table.rows(np.unique(np.linspace(0, len(table) - 1, MAX_COMPARED).astype(np.int64)))
+        some = table.rows(unique(np.linspace(0, len(table) - 1, MAX_COMPARED).astype(np.int64)))
         try:
             stamps = read_stamps(some, column, us)
         except (KeyError, ValueError):
@@ -171,7 +172,7 @@ def foreign_clocks(messages: Messages) -> dict[tuple[str, int], float]:
     order = np.argsort(offsets, kind="stable")
     at = 1e-6 * seconds[order].astype(np.float64)
     half = AROUND // 2
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(at, half, mode="reflect"), AROUND), axis=1)
+    usual = median(np.lib.stride_tricks.sliding_window_view(np.pad(at, half, mode="reflect"), AROUND), axis=1)
     apart = np.empty(len(at))
     apart[order] = at - usual
     least = max(MIN_APART_S, MIN_APART_SHARE * float(usual.max() - usual.min()))
@@ -182,7 +183,7 @@ def foreign_clocks(messages: Messages) -> dict[tuple[str, int], float]:
         ran = 1e-6 * stamps.astype(np.float64)
         if np.ptp(ran) < MIN_CLOCK_RATE * np.ptp(ran - own):
             continue
-        typical = float(np.median(own))
+        typical = float(median(own))
         if abs(typical) > least and float(np.mean(np.abs(own - typical) < least)) > MIN_CLOCK_SHARE:
             foreign[key] = typical
     return foreign

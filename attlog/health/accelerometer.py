@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median, nanmedian
 from attlog.core.spans import Span, inside
 from attlog.flight.model import FIX_3D, Array, FlightLog, Gnss, Imu
 from attlog.health import gravity
@@ -82,7 +83,7 @@ class ForceFit(NamedTuple):
         """Return the median squared residual with a given axes matrix (2, 2), offsets removed."""
         rest = self.y - self.columns[:, :, :4] @ order.ravel()
         rest = rest - self.columns[:, :, 4:] @ np.concatenate([self.solution.x[4:6], self.solution.x[6:8]])
-        return float(np.median(np.sum((rest - np.median(rest, axis=0)) ** 2, axis=1)))
+        return float(median(np.sum((rest - median(rest, axis=0)) ** 2, axis=1)))
 
     @property
     def spread(self) -> float:
@@ -210,7 +211,7 @@ def _velocity_changes(gnss: Gnss, spans: list[tuple[float, float]]) -> tuple[Arr
         mine = np.flatnonzero((t >= a) & (t <= b))
         if len(mine) < 3:
             continue
-        every = max(1, round(0.5 * VELOCITY_SPAN_S / max(float(np.median(np.diff(t[mine]))), 1e-3)))
+        every = max(1, round(0.5 * VELOCITY_SPAN_S / max(float(median(np.diff(t[mine]))), 1e-3)))
         i = mine[::every]
         j = np.searchsorted(t, t[i] + VELOCITY_SPAN_S - 1e-6)
         good = (j <= mine[-1]) & (t[np.minimum(j, len(t) - 1)] - t[i] < 1.5 * VELOCITY_SPAN_S)
@@ -463,7 +464,7 @@ def onboard_bias(case: HealthCase, imu: Imu) -> Array | None:
     learned = case.log.estimator.acc_bias
     if learned is None or imu is not case.log.replay_imu or not len(learned.x):
         return None
-    own = np.nanmedian(learned.x[len(learned.x) // 2 :], axis=0)
+    own = nanmedian(learned.x[len(learned.x) // 2 :], axis=0)
     return np.asarray(own) if np.isfinite(own).all() and own.any() else None
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median, nanmedian
 from attlog.flight.model import Array, Attitude, FlightLog, Imu
 from attlog.health.check import Check, HealthCase, as_sentence, graded, unknown
 from attlog.health.flown import before_crashes
@@ -208,7 +209,7 @@ def is_mounted_turned(onboard: Array, own: Array) -> bool:
     down = np.array([0.0, 0.0, 1.0])
     a, b = (rotation.rotate_inverse(q, down) for q in (own, onboard))
     turn = rotation.nearest_rotation(b.T @ a)
-    left, whole = (float(np.median(np.sum((b - x) ** 2, axis=1))) for x in (a @ turn.T, a))
+    left, whole = (float(median(np.sum((b - x) ** 2, axis=1))) for x in (a @ turn.T, a))
     return left < MAX_MOUNTING_LEFT**2 * whole
 
 
@@ -327,7 +328,7 @@ def right_side(log: FlightLog, reference: Reference | None, k: int, heading: boo
         i, j = np.searchsorted(attitude.t, [a, b], side="left")
         tilt, turned = differences_deg(reference, attitude.t[i : j + 1], attitude.q[i : j + 1])
         off = np.abs(turned if heading else tilt)
-        errors.append(float(np.nanmedian(off)) if np.isfinite(off).any() else np.nan)
+        errors.append(float(nanmedian(off)) if np.isfinite(off).any() else np.nan)
     before, after = errors
     whom = REFERENCE_NAMES[reference.kind]
     if not np.isfinite(before + after) or max(before, after) < MIN_ERROR_SHARE * size:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, inside
 from attlog.flight import aiding as parameters
 from attlog.flight.model import FIX_3D, Array, FlightLog, Stream
@@ -63,7 +64,7 @@ def without_repeats(t: Array, x: Array) -> tuple[Array, Array]:
 def white_noise(t: Array, x: Array) -> tuple[float, tuple[float, float]]:
     """Return the white-noise standard deviation of ``x`` (n,) and its 95 % interval."""
     second = np.abs(x[2:] - 2.0 * x[1:-1] + x[:-2]) / SECOND_DIFFERENCE_MEDIAN
-    return float(np.median(second)), median_interval(t[1:-1], second)
+    return float(median(second)), median_interval(t[1:-1], second)
 
 
 def _gnss_difference_m(log: FlightLog, t: Array, x: Array, flown: list[Span]) -> float | None:
@@ -75,5 +76,5 @@ def _gnss_difference_m(log: FlightLog, t: Array, x: Array, flown: list[Span]) ->
     if use.sum() < MIN_SAMPLES:
         return None
     apart = np.interp(receiver.t[use], t, x) - receiver.alt[use]
-    low, high = np.percentile(apart, [5.0, 95.0])
+    low, high = quantile(apart, [0.05, 0.95])
     return float(high - low)

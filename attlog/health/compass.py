@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, inside
 from attlog.flight import compass
 from attlog.flight.calibration import FIRST_COMPASS, compass_switches, px4_slot_in_use
@@ -98,10 +99,10 @@ def field_strength(log: FlightLog, segments: Segments) -> Check:
     norm = np.sqrt(np.nansum(mag.field.x**2, axis=1)) * 1e6
     used = (norm > 0) & samples_in_use(log, segments, mag.field.t_best)
     t = mag.field.t_best[used]
-    if len(t) < MIN_STRENGTH_SAMPLES or (len(t) - 1) * float(np.median(np.diff(t))) < MIN_STRENGTH_S:
+    if len(t) < MIN_STRENGTH_SAMPLES or (len(t) - 1) * float(median(np.diff(t))) < MIN_STRENGTH_S:
         return unknown("field", f"{mag.field.source} measured for less than {MIN_STRENGTH_S:.0f} s in use.")
     norm = norm[used]
-    value, spread = float(np.median(norm)), float(np.std(norm) / np.median(norm))
+    value, spread = float(median(norm)), float(np.std(norm) / median(norm))
     model = alignment.earth_field(log)
     text = f"{mag.field.source} reads {value:.1f} uT, varying by {100 * spread:.0f} %"
     outside = not STRENGTH_UT[0] <= value <= STRENGTH_UT[1]
@@ -186,7 +187,7 @@ def circular_mean(angle: Array) -> tuple[float, float]:
     The deviation is from the middle 90 %: the tails come from turns, through the compass delay.
     """
     mean = float(np.angle(np.mean(np.exp(1j * angle))))
-    low, high = np.quantile(np.degrees(rotation.wrap(angle - mean)), [0.05, 0.95])
+    low, high = quantile(np.degrees(rotation.wrap(angle - mean)), [0.05, 0.95])
     return float(np.degrees(mean)), float(high - low) / MIDDLE_SIGMAS
 
 
@@ -333,7 +334,7 @@ def soft_iron_check(study: CompassStudy) -> Check:
     x, y = u[:, 0], u[:, 1]
     angle = np.arctan2(y, x)
     middle = np.angle(np.mean(np.exp(1j * angle)))
-    low, high = np.quantile((angle - middle + np.pi) % (2.0 * np.pi), [0.05, 0.95])
+    low, high = quantile((angle - middle + np.pi) % (2.0 * np.pi), [0.05, 0.95])
     turned = float(np.degrees(high - low))
     if turned < MIN_FIELD_TURN_DEG:
         return made("unknown", f"The flight turns by {turned:.0f} deg: soft iron needs {MIN_FIELD_TURN_DEG:.0f} deg.")
@@ -409,7 +410,7 @@ def _heading_errors(study: CompassStudy) -> tuple[float, float]:
 
 def _heading_line(study: CompassStudy, logged: float, fitted: float) -> str:
     samples = study.samples
-    size = float(np.median(np.linalg.norm(samples.measured[samples.air] - study.air.offset, axis=1)))
+    size = float(median(np.linalg.norm(samples.measured[samples.air] - study.air.offset, axis=1)))
     earth = float(np.linalg.norm(samples.earth))
     return (
         f"{samples.source}: heading error {logged:.1f} deg, {fitted:.1f} deg without its offset of "
@@ -446,7 +447,7 @@ def _field_size(mag: Mag, spans: list[Span]) -> tuple[float, float]:
     norm = norm[np.isfinite(norm)]
     if not len(norm):
         return math.nan, math.nan
-    size = float(np.median(norm))
+    size = float(median(norm))
     return size, float(np.std(norm)) / max(size, 1e-9)
 
 

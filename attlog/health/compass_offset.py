@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.earth import MagneticField
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.core.spans import Span, inside
 from attlog.estimators.evidence import velocity_steps
 from attlog.flight import compass
@@ -84,7 +85,7 @@ class FieldSamples(NamedTuple):
     def mean_power(self, use: Mask) -> float:
         """Return the median power of selected samples; 0 where unknown (motors never ran)."""
         known = self.power[use & np.isfinite(self.power)]
-        return float(np.median(known)) if len(known) else 0.0
+        return float(median(known)) if len(known) else 0.0
 
 
 def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: MagneticField) -> FieldSamples | None:
@@ -96,7 +97,7 @@ def field_samples(case: HealthCase, mag: Mag, motion: MotionAttitude, model: Mag
     ground = [thinned(good & inside(t, spans), MAX_GROUND_SAMPLES) for spans in ground_spans(case.segments)]
     kind, drive = compass.motor_drive(case.log)
     in_flight = compass.power_at(drive, t[air])
-    hover = float(np.median(in_flight[np.isfinite(in_flight)])) if np.isfinite(in_flight).any() else math.nan
+    hover = float(median(in_flight[np.isfinite(in_flight)])) if np.isfinite(in_flight).any() else math.nan
     where = np.flatnonzero(air | ground[0] | ground[1])
     q, sample = rotation.slerp_in_segments(motion.t, motion.q, motion.segment, t[where])
     sigma = motion.sigma_heading[np.clip(sample, 0, len(motion.t) - 1)]
@@ -279,7 +280,7 @@ def parts_error(t: Array, error: Array) -> Array:
     found = [error[(t >= a) & (t <= b)] for a, b in pairwise(edges)]
     if t[-1] - t[0] < PARTS * PART_S or min(map(len, found)) < MIN_PART_SAMPLES:
         return np.zeros(3)
-    return np.asarray(np.std([np.median(x, axis=0) for x in found], axis=0, ddof=1) / math.sqrt(PARTS))
+    return np.asarray(np.std([median(x, axis=0) for x in found], axis=0, ddof=1) / math.sqrt(PARTS))
 
 
 def total_sigma(standard: Array, sigma_heading: float, earth: Array) -> Array:
@@ -450,9 +451,7 @@ def compass_studies(case: HealthCase) -> tuple[list[CompassStudy], str]:
         if samples is None or samples.seconds < MIN_HEADING_S:
             continue
         field = samples.measured[samples.air]
-        alive = (
-            np.median(np.linalg.norm(field, axis=1)) > MIN_ALIVE_UT and (np.std(field, axis=0) > MIN_MOVING_UT).any()
-        )
+        alive = median(np.linalg.norm(field, axis=1)) > MIN_ALIVE_UT and (np.std(field, axis=0) > MIN_MOVING_UT).any()
         if alive and (study := study_samples(samples)) is not None:
             found.append(study)
     if not found:

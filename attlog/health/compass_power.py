@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import inside
 from attlog.flight.compass import MotorPower, motor_drives
 from attlog.flight.model import FlightLog, Mag, Stream
@@ -78,9 +79,9 @@ def ground_against_air(segments: Segments, mag: Mag) -> Check | None:
     parts = [size[inside(t, spans) & (size > 0)] for spans in ([(begin - GROUND_S, begin - EDGE_S)], flights)]
     if len(parts[0]) < MIN_GROUND_SAMPLES or len(parts[1]) < MIN_FIELD_SAMPLES:
         return None
-    ground, air = (float(np.median(part)) for part in parts)
+    ground, air = (float(median(part)) for part in parts)
     change = 100.0 * abs(air - ground) / max(min(air, ground), MIN_FIELD_UT)
-    low, high = np.quantile(parts[1], [0.01, 0.99])
+    low, high = quantile(parts[1], [0.01, 0.99])
     if change <= INTERFERENCE_PCT[0] or low <= ground <= high:
         return None
     text = f"The field goes from {ground:.1f} uT on the ground to {air:.1f} uT in flight: motors or the place bend it."
@@ -108,7 +109,7 @@ def follow_drive(
     power, size = np.interp(t, at, x)[near], size[use][near]
     if len(power) < MIN_FIELD_SAMPLES:
         return None
-    low, high = np.quantile(power, [0.05, 0.95])
+    low, high = quantile(power, [0.05, 0.95])
     if high - low < min_range or np.std(size) == 0:
         return None
     slope, start = np.polyfit(power, size, 1)
@@ -128,9 +129,9 @@ def offsets_explain(field: Stream, drive: Stream, use: NDArray[np.bool_]) -> boo
     size = np.linalg.norm(x, axis=1)
     middle = np.mean(x / size[:, None], axis=0)
     middle = middle / max(float(np.linalg.norm(middle)), 1e-9)
-    if np.degrees(np.quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.95)) < MIN_SPHERE_TURN_DEG:
+    if np.degrees(quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.95)) < MIN_SPHERE_TURN_DEG:
         return False
-    scale = float(np.median(size))
+    scale = float(median(size))
     center, *_ = np.linalg.lstsq(np.column_stack([2.0 * x, np.ones(len(x))]), np.sum(x**2, axis=1), rcond=1e-3 / scale)
     after = np.linalg.norm(x - center[:3], axis=1)
     known = np.isfinite(drive.x[:, 0])

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.flight.model import Array, FlightLog
 from attlog.health.check import Check, HealthCase, graded, unknown
 from attlog.health.regression import robust_fit
@@ -188,8 +189,8 @@ def fit_simplest(t: Array, u: Array, m: Array, seconds: float) -> TurnFit | None
         x, sigma = moved.x + NO_TURN, moved.sigma
     else:
         x, sigma, one_fault = both.x + NO_TURN, both.sigma, False
-    level, down = float(np.median(rotation.length(along))), float(np.median(np.abs(u[:, 2])))
-    offset = np.array([x[2], x[3], float(np.median(m[:, 2] - u[:, 2]))])
+    level, down = float(median(rotation.length(along))), float(median(np.abs(u[:, 2])))
+    offset = np.array([x[2], x[3], float(median(m[:, 2] - u[:, 2]))])
     tilted = TILT_RAD * down
     vertical = math.hypot(TILT_RAD * level, MODEL_SIZE_ERROR * math.hypot(level, down))
     fitted = STANDARD_ERRORS * np.array([sigma[2], sigma[3], 0.0])

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, between, inside
 from attlog.flight.model import FIX_3D, Array, Gnss, Imu, Stream
 from attlog.health.check import Check, HealthCase, unknown
@@ -75,17 +76,17 @@ def _height_check(baro: Stream, receiver: Gnss, flight: Span) -> Check | None:
     change = float(np.ptp(apart))
     accuracy = receiver.v_acc[use][np.isfinite(receiver.v_acc[use])]
     speed = np.hypot(v[:, 0], v[:, 1])
-    fast = float(np.percentile(speed[np.isfinite(speed)], 95.0)) if np.isfinite(speed).any() else 0.0
+    fast = float(quantile(speed[np.isfinite(speed)], 0.95)) if np.isfinite(speed).any() else 0.0
     climb = min(float(np.ptp(high)), float(np.ptp(flat)))
     allowed = max(BARO_M, fast**2 / (2.0 * STANDARD_GRAVITY_M_S2), CLIMB_SHARE * climb)
-    allowed += ACCURACIES * max(MIN_ACCURACY_M, float(np.median(accuracy)) if len(accuracy) else 0.0)
+    allowed += ACCURACIES * max(MIN_ACCURACY_M, float(median(accuracy)) if len(accuracy) else 0.0)
     allowed *= MAX_EXPECTED
     text = f"GNSS height and barometer stay within {change:.1f} m of each other in flight."
     check = Check("gnss_height", "ok", text, round(change, 1), "m", HEIGHT_LIMIT, sensor=receiver.source)
     check.n, check.seconds, check.source = len(use), round(float(t[-1] - t[0]), 1), HEIGHT_SOURCE
     if change <= allowed:
         return check
-    begin = float(np.median(apart[: max(MIN_FIXES // 4, 1)]))
+    begin = float(median(apart[: max(MIN_FIXES // 4, 1)]))
     away = np.abs(apart - begin)
     beyond = np.flatnonzero(away > min(allowed, 0.5 * float(away.max())))
     check.verdict, check.t, check.t_end = "warning", round(float(t[beyond[0]]), 1), round(float(t[beyond[-1]]), 1)
@@ -101,7 +102,7 @@ def _height_check(baro: Stream, receiver: Gnss, flight: Span) -> Check | None:
 
 def _without_spikes(x: Array) -> Array:
     """Return the running median (n,) of five samples."""
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode="edge"), 5), axis=1))
+    return np.asarray(median(np.lib.stride_tricks.sliding_window_view(np.pad(x, 2, mode="edge"), 5), axis=1))
 
 
 def _wrong_height(t: Array, down: Array, high: Array, flat: Array, change: float) -> tuple[str, str]:

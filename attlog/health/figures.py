@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import quantile
 from attlog.core.spans import Span, inside
 from attlog.flight.compass import motor_drive, power_at
 from attlog.flight.model import (
@@ -142,7 +143,7 @@ def interference_traces(case: HealthCase) -> list[Trace]:
         if not known.any():
             continue
         power, residual = power[known], np.linalg.norm(field[known], axis=1) - 1e6 * model.strength_t
-        if len(power) < MIN_INTERFERENCE_POINTS or np.ptp(np.quantile(power, [0.05, 0.95])) < MIN_RANGES[kind]:
+        if len(power) < MIN_INTERFERENCE_POINTS or np.ptp(quantile(power, [0.05, 0.95])) < MIN_RANGES[kind]:
             return []
         power = (1.0 if kind == "current" else 100.0) * power
         slope, start = np.polyfit(power, residual, 1)
@@ -188,7 +189,7 @@ def level_traces(case: HealthCase) -> list[Trace]:
         if len(groups) < MIN_LEVELS:
             continue
         t, level = t[groups], np.maximum.reduceat(level, groups)
-        p50, p80 = np.quantile(level, [0.5, 0.8])
+        p50, p80 = quantile(level, [0.5, 0.8])
         values = {"p50": float(p50), "p80": float(p80), "worst": float(level.max()), "limit": limits.warning}
         values |= {"fault": limits.fault} if math.isfinite(limits.fault) else {}
         found.append(Trace("levels", "", t, {"level": break_at_pauses(t, level)}, one.source, values=values))
@@ -219,7 +220,7 @@ def rotor_traces(case: HealthCase) -> list[Trace]:
     turning = x[np.isfinite(x) & (x > TURNING_RPM)]
     if len(turning) < MIN_LEVELS:
         return []
-    low, middle, high = np.quantile(turning, [0.1, 0.5, 0.9]) / 60.0
+    low, middle, high = quantile(turning, [0.1, 0.5, 0.9]) / 60.0
     order = np.arange(1, HARMONICS + 1)
     return [Trace("rotor", "", middle * order, {"low": low * order, "high": high * order})]
 
@@ -350,7 +351,7 @@ def off_course(t: Array, difference: Array, use: NDArray[np.bool_]) -> dict[str,
     angle = np.radians(difference[use])
     mean = math.atan2(float(np.mean(np.sin(angle))), float(np.mean(np.cos(angle))))
     around = np.degrees(rotation.wrap(angle - mean)) + math.degrees(mean)
-    low, middle, high = (float(v) for v in np.quantile(around, [0.25, 0.5, 0.75]))
+    low, middle, high = (float(v) for v in quantile(around, [0.25, 0.5, 0.75]))
     turn = 360.0 * round(middle / 360.0)
     return {"difference": middle - turn, "low": low - turn, "high": high - turn, "seconds": covered_seconds(t[use])}
 
@@ -363,5 +364,6 @@ def _has_position(receiver: Gnss) -> NDArray[np.bool_]:
 
 def _extent_m(found: Trace, use: NDArray[np.bool_]) -> float:
     """Return the larger side in m of the box of the middle 98 % of points."""
-    sides = [np.nanquantile(found.columns[name][use], [0.01, 0.99]) for name in ("north", "east")]
+    places = [found.columns[name][use] for name in ("north", "east")]
+    sides = [quantile(x[~np.isnan(x)], [0.01, 0.99]) for x in places]
     return max(float(high - low) for low, high in sides)

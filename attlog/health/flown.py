@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.core.spans import Span, complement, inside, intersect, merge
 from attlog.flight.model import Array, FlightLog
 from attlog.health.check import HealthCase
@@ -87,7 +88,7 @@ def held_seconds(t: Array) -> Array:
     if len(t) < 2:
         return np.zeros(len(t))
     step = np.diff(t)
-    usual = float(np.median(step))
+    usual = float(median(step))
     return np.asarray(np.minimum(np.append(step, usual), 3.0 * usual))
 
 

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, inside
 from attlog.flight import aiding
 from attlog.flight.model import FIX_3D, Array, FlightLog, Gnss
@@ -61,7 +62,7 @@ def gnss_outages(gnss: Gnss, flights: list[Span], log: FlightLog) -> tuple[list[
     """
     t: NDArray[np.float64] = gnss.t[gnss.fix >= FIX_3D]
     unfixed: NDArray[np.float64] = gnss.t[gnss.fix < FIX_3D]
-    usual = float(np.median(np.diff(gnss.t))) if len(gnss.t) > 1 else math.inf
+    usual = float(median(np.diff(gnss.t))) if len(gnss.t) > 1 else math.inf
     lost: list[Span] = []
     silent: list[Span] = []
     for begin, end in flights:
@@ -129,7 +130,7 @@ def _number(x: float) -> str:
 
 def _percentile(x: Array, percent: float) -> float:
     known = x[np.isfinite(x)]
-    return float(np.percentile(known, percent)) if len(known) else math.nan
+    return float(quantile(known, percent / 100)) if len(known) else math.nan
 
 
 def _interference(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
@@ -178,7 +179,7 @@ def _is_worse(receiver: Gnss, use: NDArray[np.bool_], on: NDArray[np.bool_]) -> 
 
 def _median(x: Array) -> float:
     known = x[np.isfinite(x)]
-    return float(np.median(known)) if len(known) else math.nan
+    return float(median(known)) if len(known) else math.nan
 
 
 def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
@@ -193,7 +194,7 @@ def _jumps(receiver: Gnss, use: NDArray[np.bool_]) -> list[Check]:
     dt = np.diff(t)
     left = np.diff(place, axis=0) - 0.5 * (v[1:] + v[:-1]) * dt[:, None]
     size = np.where((dt > 0.0) & (dt < MAX_FIX_INTERVAL_S), np.hypot(left[:, 0], left[:, 1]), 0.0)
-    usual, largest = float(np.median(size)), float(size.max(initial=0.0))
+    usual, largest = float(median(size)), float(size.max(initial=0.0))
     steps = t[1:][size > max(JUMP_M, JUMP_SIGMAS * usual, MIN_JUMP_SHARE * largest)]
     jumps = int(np.count_nonzero(np.diff(steps, prepend=-np.inf) > ONE_JUMP_S))
     verdict: Verdict = "warning" if jumps else "ok"

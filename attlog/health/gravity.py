@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from attlog.core import earth, rotation
 from attlog.core.kinematics import known_earth_force, tilt_deg
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.estimators.evidence import mean_directions, still_windows
 from attlog.flight.model import Array, Attitude, FlightLog, Imu, Stream
 from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
@@ -128,7 +129,7 @@ def _rest_check(case: HealthCase, imu: Imu, found: Blocks) -> Check:
 def _short_rest(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], where: str) -> Check:
     """Check the size of gravity by the median of a rest too short for blocks."""
     g = expected_gravity(log)
-    value = float(np.median(rotation.length(imu.acc.x[rest])))
+    value = float(median(rotation.length(imu.acc.x[rest])))
     off = abs(value - g) > GRAVITY_OFF_M_S2
     verdict: Verdict = "ok" if not off else "warning" if is_usable_gravity(value) else "fault"
     text = f"{where[0].upper()}{where[1:]} the accelerometer shows {value:.3f} m/s^2; gravity is {g:.3f}."
@@ -158,7 +159,7 @@ def mean_force_in_flight(log: FlightLog, imu: Imu, segments: Segments) -> tuple[
     if seconds < MIN_FLOWN_S:
         return None
     step = np.diff(t)
-    half = 0.5 * np.minimum(step, MAX_SAMPLE_STEPS * float(np.median(step)))
+    half = 0.5 * np.minimum(step, MAX_SAMPLE_STEPS * float(median(step)))
     return np.average(force, axis=0, weights=np.append(half, 0.0) + np.insert(half, 0, 0.0)), seconds
 
 
@@ -202,7 +203,7 @@ def direction_at_rest(log: FlightLog, imu: Imu, rest: NDArray[np.bool_], where: 
     force, up = still_directions(imu, rest, q)
     if not len(force):
         return unknown("gravity_direction", "The onboard attitude covers no still time on the ground.", limit)
-    angle = float(np.median(degrees_between(force, up)))
+    angle = float(median(degrees_between(force, up)))
     text = f"Measured gravity and {log.onboard} differ by {angle:.3g} deg {where}."
     hint = mounting_hint(force, up) if angle > TILT_LIMITS_DEG[1] else []
     verdict = graded(angle, *TILT_LIMITS_DEG)
@@ -241,7 +242,7 @@ def mounting_hint(force: Array, up: Array) -> list[str]:
     """Return a sentence with the 90 deg rotation that explains a difference, if any."""
     for roll, pitch in product((0, 90, 180, 270), (0, 90, 270)):
         turn = rotation.from_euler(np.radians(roll), np.radians(pitch), 0.0)
-        if (roll or pitch) and np.median(degrees_between(rotation.rotate(turn, force), up)) < TILT_LIMITS_DEG[1]:
+        if (roll or pitch) and median(degrees_between(rotation.rotate(turn, force), up)) < TILT_LIMITS_DEG[1]:
             name = " and ".join(f"{n} {a} deg" for n, a in (("roll", roll), ("pitch", pitch)) if a)
             return [f"A sensor mounted with {name} would show this."]
     return []
@@ -260,7 +261,7 @@ def onboard_acc_bias_check(case: HealthCase) -> list[Check]:
     log, stream = case.log, case.log.estimator.acc_bias
     if stream is None:
         return []
-    bias = np.median(stream.x, axis=0)
+    bias = median(stream.x, axis=0)
     tilt = float(np.degrees(np.arctan2(np.hypot(bias[0], bias[1]), STANDARD_GRAVITY)))
     axis = int(np.argmax(np.abs(bias[:2])))
     least, most = BIAS_TILT_DEG
@@ -288,7 +289,6 @@ def tilt_with_and_without_bias(log: FlightLog, segments: Segments, bias: Array) 
         return None
     up = rotation.rotate_inverse(q[known], np.array([0.0, 0.0, -1.0]))
     plain, corrected = (
-        float(np.median(degrees_between(force, up)))
-        for force in (imu.acc.x[rest][known], imu.acc.x[rest][known] - bias)
+        float(median(degrees_between(force, up))) for force in (imu.acc.x[rest][known], imu.acc.x[rest][known] - bias)
     )
     return plain, corrected

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.kinematics import body_rates
+from attlog.core.sorting import median
 from attlog.core.spans import between
 from attlog.flight.model import Array, FlightLog, Imu
 from attlog.health.check import Check, HealthCase, Verdict, graded, unknown
@@ -117,7 +118,7 @@ def _step_check(
         return unknown("gyro_bias_step", "The flight turns too little about one axis.", STEP_LIMIT)
     left = np.degrees(columns @ np.column_stack([one.x for one in solved]) - a)
     numbers, begin = np.unique((t // BLOCK_S).astype(np.int64), return_index=True)
-    bias = np.array([np.median(part, axis=0) for part in np.split(left, begin[1:])])
+    bias = np.array([median(part, axis=0) for part in np.split(left, begin[1:])])
     if len(bias) < 2 * STEP_BLOCKS:
         why = f"{len(bias)} blocks of {BLOCK_S:.0f} s; {2 * STEP_BLOCKS} are needed."
         return unknown("gyro_bias_step", why, STEP_LIMIT)
@@ -138,7 +139,7 @@ def largest_step(bias: Array) -> tuple[float, float, int, int]:
     ``bias`` (n, axes): block means. Size is the difference of medians before and after. The scatter is from neighbour
     differences, which one step hardly changes.
     """
-    scatter = 1.4826 * np.median(np.abs(np.diff(bias, axis=0)), axis=0) / math.sqrt(2.0)
+    scatter = 1.4826 * median(np.abs(np.diff(bias, axis=0)), axis=0) / math.sqrt(2.0)
     n, found = len(bias), []
     parts = np.arange(STEP_BLOCKS, n - STEP_BLOCKS + 1)
     for axis, x in enumerate(bias.T):
@@ -146,7 +147,7 @@ def largest_step(bias: Array) -> tuple[float, float, int, int]:
         explained = np.cumsum(x - x.mean())[STEP_BLOCKS - 1 : n - STEP_BLOCKS] ** 2 / (parts * (n - parts))
         at = int(parts[np.argmax(explained)])
         sigma = math.hypot(1.25 * float(scatter[axis]) * math.sqrt(1.0 / at + 1.0 / (n - at)), STEP_FLOOR_DPS)
-        found.append((float(np.median(x[at:]) - np.median(x[:at])), sigma, axis, at))
+        found.append((float(median(x[at:]) - median(x[:at])), sigma, axis, at))
     return max(found, key=lambda one: abs(one[0]) / one[1])
 
 
@@ -248,7 +249,7 @@ def _rest_bias(imu: Imu, segments: Segments) -> Check | None:
         mask = segments.mask(imu.gyro.t, kind) & rotation.finite_rows(imu.gyro.x)
         if mask.sum() < MIN_REST_SAMPLES:
             continue
-        x, y, z = (float(v) for v in np.degrees(np.median(imu.gyro.x[mask], axis=0)))
+        x, y, z = (float(v) for v in np.degrees(median(imu.gyro.x[mask], axis=0)))
         largest = max(x, y, z, key=abs)
         text = f"{where} the gyro reads {x:.2f}, {y:.2f}, {z:.2f} deg/s about x, y, z."
         verdict = graded(abs(largest), *BIAS_DPS)
@@ -262,7 +263,7 @@ def _moved_bias(imu: Imu, segments: Segments) -> Check | None:
     good = rotation.finite_rows(imu.gyro.x)
     t, x = imu.gyro.t[good], imu.gyro.x[good]
     rests = [(a, b, x[between(t, a, b)]) for a, b in segments.spans("rest")]
-    known = [(a, b, np.degrees(np.median(x, axis=0))) for a, b, x in rests if len(x) >= MIN_REST_SAMPLES]
+    known = [(a, b, np.degrees(median(x, axis=0))) for a, b, x in rests if len(x) >= MIN_REST_SAMPLES]
     if len(known) < 2:
         return None
     readings = np.array([x for _, _, x in known])

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.kinematics import BodyRates, body_rates
+from attlog.core.sorting import is_in, median
 from attlog.core.spans import inside, seconds
 from attlog.flight.compass import motor_drive
 from attlog.flight.model import Array, Attitude, FlightLog, Imu, Mag
@@ -97,7 +98,7 @@ def _misfit(a: Array, g: Array) -> float:
     off = off[rotation.finite_rows(off)]
     if len(off) < MIN_INTERVALS:
         return math.inf
-    size = np.sum((off - np.median(off, axis=0)) ** 2, axis=1)
+    size = np.sum((off - median(off, axis=0)) ** 2, axis=1)
     return float(np.mean(np.sort(size)[: int(0.98 * len(size))]))
 
 
@@ -115,7 +116,7 @@ def onboard_turns(case: HealthCase, imu: Imu) -> list[Turn]:
         return []
     t = onboard.t if onboard.t_sample is None else onboard.t_sample
     jumps, _ = increments.known_resets(log, log.onboard or "", case.segments)
-    reset = np.isin(np.arange(len(t)), jumps).astype(np.int64)
+    reset = is_in(np.arange(len(t)), jumps).astype(np.int64)
     segment = model.merge_numbers(model.number_segments(t), np.cumsum(reset))
     return fit_turns(imu, attitude_rates(case, onboard, segment), MIN_ONBOARD_TURN_DPS, onboard.source)
 
@@ -257,12 +258,12 @@ PAIR_S, MIN_ANGLE_DEG, MAX_PAIR_ERROR, MAX_PAIR_REST = 2.0, 25.0, 0.01, 0.03
 def pair_turns(case: HealthCase, parts: list[FieldPart], by: str) -> list[Turn]:
     """Return turns by pairs of field vectors 2 s apart: ``m2 - G' m1`` on iron, scale, bias, delay and motors."""
     power = motor_power(case.log)
-    size = float(np.median(np.concatenate([rotation.length(part.m) for part in parts]))) if parts else 0.0
+    size = float(median(np.concatenate([rotation.length(part.m) for part in parts]))) if parts else 0.0
     if size <= 0.0:
         return []
     rows, targets, times, angles = [], [], [], []
     for part in parts:
-        steps = 2 ** max(0, round(math.log2(PAIR_S / float(np.median(np.diff(part.t))))))
+        steps = 2 ** max(0, round(math.log2(PAIR_S / float(median(np.diff(part.t))))))
         m, turned, k = part.m / size, rotation.from_rotvec(part.turn), 1
         excess = part.turn[:, None, :] * np.eye(3)  # by a share of each axis
         drift = np.diff(part.t)[:, None, None] * np.eye(3)  # by a bias

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.core.spans import Span, inside, intersect
 from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS
 from attlog.flight.model import Array, FlightLog
@@ -131,7 +132,7 @@ def compass_left(log: FlightLog, segments: Segments, wrong: WrongHeading) -> Com
     before, after = (inside(t, [span]) for span in ((onset - AROUND_S, onset - 1e-6), (onset, onset + AROUND_S)))
     jump = 0.0
     if before.any() and after.any():
-        step = float(np.median(away[after]) - np.median(away[before]))
+        step = float(median(away[after]) - median(away[before]))
         jump = step if step > max(LEFT_DEG, JUMP_SHARE * abs(error)) else 0.0
     return CompassLeft(onset, jump, abs(by_compass))
 
@@ -164,7 +165,7 @@ def _change_point(on: NDArray[np.bool_]) -> int:
 def _middle(angle: Array) -> float:
     """Return the circular median of angles in deg."""
     mean = float(np.degrees(np.angle(np.mean(np.exp(1j * np.radians(angle))))))
-    return mean + float(np.median(_wrapped(angle - mean)))
+    return mean + float(median(_wrapped(angle - mean)))
 
 
 def _wrapped(angle: Array | float) -> Array:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.core.spans import Span, inside
 from attlog.flight.drive import MotorOutputs
 from attlog.flight.model import Array
@@ -43,7 +44,7 @@ class Hover(NamedTuple):
     @property
     def work(self) -> Array:
         """Median output of each motor."""
-        found: Array = np.median(self.x, axis=0)
+        found: Array = median(self.x, axis=0)
         return found
 
     @property
@@ -131,8 +132,8 @@ def _check(question: str, noted: bool, text: str, value: float, hover: Hover) ->
 def _thrust_check(outputs: MotorOutputs, hover: Hover, spans: Sequence[Span]) -> Check:
     """Check the level of hover, its rise, and motors at their floor."""
     count = max(len(hover.t) // FIFTHS, 1)
-    first, last = (float(np.mean(np.median(x, axis=0))) for x in (hover.x[:count], hover.x[-count:]))
-    apart = float(np.median(hover.t[-count:]) - np.median(hover.t[:count]))
+    first, last = (float(np.mean(median(x, axis=0))) for x in (hover.x[:count], hover.x[-count:]))
+    apart = float(median(hover.t[-count:]) - median(hover.t[:count]))
     if last >= HIGH_LEVEL and last - first >= RISE and apart >= APART_S:
         text = f"Hover took {100.0 * last:.0f} % of motor output at the end, {100.0 * first:.0f} % at the start: "
         text += "little reserve."

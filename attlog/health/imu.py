@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.core.spans import Span, between, seconds
 from attlog.flight.model import Array, Imu, Stream, logged_rate
 from attlog.health.check import HealthCase, MotionAttitude
@@ -57,7 +58,7 @@ class Blocks(NamedTuple):
     @property
     def middle(self) -> Array:
         """Median (k,) of the blocks."""
-        return np.asarray(np.median(self.x, axis=0))
+        return np.asarray(median(self.x, axis=0))
 
     def sigma(self, floor: float) -> Array:
         """Return the error (k,) of ``middle``, at least ``floor``.
@@ -65,7 +66,7 @@ class Blocks(NamedTuple):
         From the scatter of blocks, for fewer than three from the samples.
         """
         b = len(self.x)
-        scatter = MAD * np.median(np.abs(self.x - self.middle), axis=0) if b > 2 else self.spread
+        scatter = MAD * median(np.abs(self.x - self.middle), axis=0) if b > 2 else self.spread
         return np.asarray(np.hypot(STANDARD_ERRORS * MEDIAN_SD * scatter / np.sqrt(max(b, 1)), floor))
 
 
@@ -91,14 +92,14 @@ def blocks(t: Array, x: Array, spans: list[Span]) -> Blocks | None:
             if j - i < MIN_BLOCK_SAMPLES or rest_of_span:
                 continue
             own_values = _decimated(values[i:j])
-            middle = np.median(own_values, axis=0)
+            middle = median(own_values, axis=0)
             times.append(float(0.5 * (mine[i] + mine[j - 1])))
             medians.append(middle)
-            spreads.append(MAD * np.median(np.abs(own_values - middle), axis=0))
+            spreads.append(MAD * median(np.abs(own_values - middle), axis=0))
             samples += int(j - i)
     if samples < MIN_BLOCK_TIME_S * rate:
         return None
-    spread = np.asarray(np.median(np.array(spreads), axis=0))
+    spread = np.asarray(median(np.array(spreads), axis=0))
     return Blocks(np.array(times), np.array(medians), samples, samples / rate, spread)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median, unique
 from attlog.core.spans import Span, between, inside
 from attlog.flight.model import Array, Imu, Stream
 from attlog.health import gravity
@@ -315,11 +316,11 @@ def fit_temperature(stream: Stream, temperature: Stream | None, spans: list[Span
         return None
     at = np.interp(values.t, t, celsius[:, 0])
     bins = np.floor(at / BIN_K)
-    numbers = np.unique(bins)
+    numbers = unique(bins)
     warm = np.array([np.mean(at[bins == k]) for k in numbers])
     if len(numbers) < MIN_BINS or np.ptp(warm) < SPAN_K:
         return None
-    mean = np.array([np.median(values.x[bins == k], axis=0) for k in numbers])
+    mean = np.array([median(values.x[bins == k], axis=0) for k in numbers])
     around = warm - warm.mean()
     line = around @ (mean - mean.mean(axis=0)) / (around @ around)
     left = mean - mean.mean(axis=0) - np.outer(around, line)

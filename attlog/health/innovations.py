@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, inside
 from attlog.flight import aiding as parameters
 from attlog.flight.model import InnovationTest
@@ -87,9 +88,9 @@ def _ratio_summary(test: InnovationTest, flown: list[Span]) -> RatioSummary | No
     return RatioSummary(
         test.aid,
         test.source,
-        float(np.median(ratio)),
+        float(median(ratio)),
         median_interval(t, ratio),
-        float(np.percentile(ratio, 95.0)),
+        float(quantile(ratio, 0.95)),
         float(held[above].sum()),
         max(stretches, key=lambda s: s[1] - s[0], default=None),
         len(t),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.core.sorting import median, nanmedian, quantile
 from attlog.core.spans import Span
 from attlog.flight.model import FlightLog
 from attlog.flight.notches import (
@@ -148,7 +149,7 @@ def reduction_db(log: FlightLog, spectra: Spectra, peak: Peak, within: list[Span
 
     def power(of: Spectra) -> float:
         near = np.abs(of.frequency - peak.frequency) <= frequency_tolerance(of, peak.frequency)
-        return float(np.median(of.total[:, near].sum(axis=1)) * of.step)
+        return float(median(of.total[:, near].sum(axis=1)) * of.step)
 
     return 10.0 * float(np.log10(power(spectra) / max(power(behind), 1e-12)))
 
@@ -189,10 +190,10 @@ def wanted_notch(log: FlightLog, spectra: Spectra, peak: Peak) -> WantedNotch:
     return WantedNotch(
         peak.true or peak.frequency,
         "rotors" if peak.follows == "rotors" else "throttle",
-        None if throttle is None or not np.isfinite(throttle).any() else float(np.nanmedian(throttle)),
+        None if throttle is None or not np.isfinite(throttle).any() else float(nanmedian(throttle)),
         peak.harmonic,
-        None if speeds is None else float(np.nanquantile(speeds, 0.05)),
-        float(np.ptp(np.quantile(places, [0.05, 0.95]))) if len(places) else 0.0,
+        None if speeds is None else float(quantile(speeds[~np.isnan(speeds)], 0.05)),
+        float(np.ptp(quantile(places, [0.05, 0.95]))) if len(places) else 0.0,
     )
 
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.flight.model import Array
 
 # Cluster length: attitude errors are correlated over seconds.
@@ -42,7 +43,7 @@ def robust_fit(
     n, k, p = columns.shape
     flat, target = columns.reshape(n * k, p), y.ravel()
     weight: Array = np.ones(n * k)
-    scatter = max(1.4826 * float(np.median(np.abs(target))), 1e-9)
+    scatter = max(1.4826 * float(median(np.abs(target))), 1e-9)
     x: Array = np.zeros(p)
     normal: Array = np.eye(p)
     penalty: Array = np.zeros(p) if prior is None else scatter**2 / np.asarray(prior) ** 2
@@ -52,7 +53,7 @@ def robust_fit(
             return None
         x = np.asarray(np.linalg.solve(normal, flat.T @ (weight * target)), np.float64)
         left = np.abs(target - flat @ x)
-        scatter = max(1.4826 * float(np.median(left)), 1e-9)
+        scatter = max(1.4826 * float(median(left)), 1e-9)
         weight = np.minimum(1.0, huber * scatter / np.maximum(left, 1e-12))
         if prior is not None and turn < HUBER_PASSES - 1:
             penalty = scatter**2 / np.asarray(prior) ** 2
@@ -76,7 +77,7 @@ def median_interval(t: Array, x: Array) -> tuple[float, float]:
     """Return the 95 % interval of a median by order statistics of block medians."""
     block = (t // BLOCK_S).astype(np.int64)
     starts = np.flatnonzero(np.diff(block, prepend=block[0] - 1))
-    medians = np.sort([float(np.median(part)) for part in np.split(x, starts[1:])])
+    medians = np.sort([float(median(part)) for part in np.split(x, starts[1:])])
     n = len(medians)
     reach = 0.98 * np.sqrt(n)
     low, high = int(np.floor(0.5 * n - reach)), int(np.ceil(0.5 * n + reach))

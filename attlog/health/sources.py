@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.core.spans import Span, inside
 from attlog.flight.model import Array, Attitude, FlightLog, TimeLine
 from attlog.health.check import Check, HealthCase, Verdict, unknown
@@ -116,13 +117,13 @@ def source_difference(flew: Attitude, other: Attitude, segments: Segments) -> So
     heading[np.degrees(rotation.tilt_angle(own)) > MAX_HEADING_TILT_DEG] = 0.0
     off = (tilt > TILT_DEG[0]) | (heading > HEADING_DEG[0])
     if off.mean() < OFF_SHARE:
-        return SourceDifference(float(np.median(tilt)), float(np.median(heading)), None)
+        return SourceDifference(float(median(tilt)), float(median(heading)), None)
     share_after = np.cumsum(off[::-1])[::-1] / np.arange(len(off), 0, -1)
     lasting = np.flatnonzero(off & (share_after > LASTING_SHARE))
     beyond = np.flatnonzero(off)
     first, last = lasting[0] if len(lasting) else beyond[0], beyond[-1]
     share = float(np.mean(off[first : last + 1]))
-    sizes = float(np.median(tilt[off])), float(np.median(heading[off]))
+    sizes = float(median(tilt[off])), float(median(heading[off]))
     return SourceDifference(*sizes, float(t[first]), float(t[last]), share, share > LASTING_SHARE)
 
 
@@ -160,7 +161,7 @@ def median_errors_deg(reference: Reference, attitude: Attitude, t: Array, q: Arr
         return None
     size = np.abs(heading[known & np.isfinite(heading)])
     own = reference.heading.by == "own" and len(size) >= MIN_SAMPLES
-    return float(np.median(tilt[known])), float(np.median(size)) if own else np.nan, int(known.sum())
+    return float(median(tilt[known])), float(median(size)) if own else np.nan, int(known.sum())
 
 
 def wrong_source_text(errors: tuple[float, float] | None, flew: str, others: str, reference: Reference | None) -> str:
@@ -296,5 +297,5 @@ def _largest_lane_difference(log: FlightLog, lanes: dict[int, str], flown: list[
         own = rotation.slerp(other.t if other.t_sample is None else other.t_sample, other.q, t)
         dot = np.abs(np.sum(own * q, axis=1))
         angle = np.degrees(2.0 * np.arccos(np.clip(dot[np.isfinite(dot)], 0.0, 1.0)))
-        found += [float(np.median(angle))] if len(angle) else []
+        found += [float(median(angle))] if len(angle) else []
     return max(found)

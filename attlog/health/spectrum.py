@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import median, nanmedian, unique
 from attlog.core.spans import Span, inside
 from attlog.flight.model import Burst, FlightLog, OnboardSpectrum, Stream
 from attlog.segments import model
@@ -47,7 +48,7 @@ class Spectra(NamedTuple):
     @property
     def median(self) -> Array:
         """Median density (k, 3) over windows."""
-        middle: Array = np.median(self.density, axis=0)
+        middle: Array = median(self.density, axis=0)
         return middle
 
     @property
@@ -91,7 +92,7 @@ def stream_spectra(stream: Stream, within: list[Span], sensor: str, unit: int, f
     if len(starts) == 0:
         return None
     most = max(1, min(MAX_WINDOWS, MAX_SAMPLES // n))
-    starts = starts[np.unique(np.linspace(0, len(starts) - 1, most).round().astype(int))]
+    starts = starts[unique(np.linspace(0, len(starts) - 1, most).round().astype(int))]
     grid = starts[:, None] + np.arange(n)
     x = np.stack([np.interp(grid, number, stream.x[:, k]) for k in range(3)], axis=-1)
     good = np.isfinite(x).all(axis=(1, 2))
@@ -108,7 +109,7 @@ def sample_numbers(t: Array) -> tuple[Array, float]:
     Numbers instead of times, because interpolation to regular times removes high frequencies.
     """
     steps = np.diff(t)
-    usual = float(np.median(steps))
+    usual = float(median(steps))
     if not usual > 0:
         return np.arange(len(t), dtype=np.float64), 0.0
     count = np.clip(np.round(steps / usual), 1.0, GAP_STEPS)
@@ -134,8 +135,8 @@ def burst_spectra(bursts: list[Burst], within: list[Span]) -> Spectra | None:
     mine = [(at, b) for at, b, good in zip(t, bursts, inside(t, within), strict=True) if good]
     if not mine:
         return None
-    n = int(np.median([len(b.x) for _, b in mine]))
-    rate = float(np.median([b.rate for _, b in mine]))
+    n = int(median([len(b.x) for _, b in mine]))
+    rate = float(median([b.rate for _, b in mine]))
     mine = [(at, b) for at, b in mine if len(b.x) >= n and abs(b.rate / rate - 1.0) < 0.02]
     if not mine:
         return None
@@ -217,13 +218,13 @@ def noise_floor(density: Array, step: float) -> Array:
     """Return the floor (k,) of a density (k,): moving median over +-40 Hz."""
     half = max(3, round(FLOOR_HZ / step))
     padded = np.pad(density, half, mode="reflect") if len(density) > half else np.pad(density, half, mode="edge")
-    level: Array = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
+    level: Array = median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
     return level
 
 
 def find_peaks(spectra: Spectra) -> list[Peak]:
     """Return the prominent peaks of the median window, the strongest first, at most four."""
-    f, usual = spectra.frequency, np.median(spectra.total, axis=0)
+    f, usual = spectra.frequency, median(spectra.total, axis=0)
     low = noise_floor(usual, spectra.step)
     with np.errstate(divide="ignore", invalid="ignore"):
         height = 10.0 * np.log10(usual / low)
@@ -263,7 +264,7 @@ def track_peak(spectra: Spectra, frequency: float) -> Array:
     part = spectra.total[:, band]
     k = np.argmax(part, axis=1)
     size = part[np.arange(len(k)), k]
-    clear = size > 10.0 ** (PRESENT_DB / 10.0) * np.maximum(np.median(spectra.total, axis=1), 1e-300)
+    clear = size > 10.0 ** (PRESENT_DB / 10.0) * np.maximum(median(spectra.total, axis=1), 1e-300)
     return np.where(clear, spectra.frequency[band][k], np.nan)
 
 
@@ -353,11 +354,11 @@ def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, spee
     for harmonic in HARMONICS:
         shown = fold(harmonic * speeds[known], spectra.rate)
         hit = np.abs(shown - seen[known, None]).min(axis=1) <= near
-        covered = 2.0 * near * len(np.unique(np.round(np.median(shown, axis=0) / near))) / (0.5 * spectra.rate)
-        usual = float(np.median(shown))
-        if np.abs(np.median(shown, axis=0) - peak.frequency).min() > near:
+        covered = 2.0 * near * len(unique(np.round(median(shown, axis=0) / near))) / (0.5 * spectra.rate)
+        usual = float(median(shown))
+        if np.abs(median(shown, axis=0) - peak.frequency).min() > near:
             continue
-        moved = np.abs(np.median(shown, axis=1) - usual) > near
+        moved = np.abs(median(shown, axis=1) - usual) > near
         seen_moved = hit[moved] if spectra.rate < TRUSTED_RATE_HZ else hit
         if (
             covered > MAX_COVERED
@@ -367,7 +368,7 @@ def _follows_rotors(spectra: Spectra, peak: Peak, seen: Array, near: float, spee
         ):
             continue
         peak.follows, peak.windows, peak.harmonic = "rotors", len(seen_moved), harmonic
-        peak.true = harmonic * float(np.median(speeds[known]))
+        peak.true = harmonic * float(median(speeds[known]))
         peak.why = f"the rotors turn {peak.true / harmonic:.0f} times a second"
         return True
     return False
@@ -378,7 +379,7 @@ def rotor_speeds(log: FlightLog, spectra: Spectra) -> Array | None:
     if log.power.rpm is None or len(log.power.rpm.t) < 2:
         return None
     speeds = window_means(log.power.rpm, spectra) / 60.0
-    turning = np.nanmedian(speeds, axis=0) > LOWEST_HZ / 4.0 if np.isfinite(speeds).any() else np.zeros(1, bool)
+    turning = nanmedian(speeds, axis=0) > LOWEST_HZ / 4.0 if np.isfinite(speeds).any() else np.zeros(1, bool)
     return speeds[:, turning] if turning.any() else None
 
 
@@ -450,7 +451,7 @@ def relative_throttle(log: FlightLog, spectra: Spectra) -> Array | None:
     if log.power.throttle is None or len(log.power.throttle.t) < 2:
         return None
     throttle = window_means(log.power.throttle, spectra)[:, 0]
-    usual = float(np.nanmedian(throttle)) if np.isfinite(throttle).any() else 0.0
+    usual = float(nanmedian(throttle)) if np.isfinite(throttle).any() else 0.0
     return np.maximum(throttle, 0.0) / usual if usual > MIN_THROTTLE else None
 
 

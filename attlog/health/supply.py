@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from attlog.core.sorting import median, nanmedian
 from attlog.core.spans import Span, inside
 from attlog.flight.model import Array, FlightLog, Stream
 from attlog.health.check import Check, HealthCase, unknown
@@ -81,9 +82,9 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
     if log.power.battery is None:
         return []
     amperes = log.power.battery.x[np.isfinite(log.power.battery.x[:, 1]), 1]
-    if len(amperes) and np.median(amperes) <= NEGATIVE_A:
-        text = f"The battery's current reads {np.median(amperes):.1f} A: the current sensor's offset or sign is wrong."
-        check = _check("battery", True, text, float(np.median(amperes)), "A")
+    if len(amperes) and median(amperes) <= NEGATIVE_A:
+        text = f"The battery's current reads {median(amperes):.1f} A: the current sensor's offset or sign is wrong."
+        check = _check("battery", True, text, float(median(amperes)), "A")
         names = [name for name in CURRENT_OFFSETS if log.param(name) is not None]
         check.action = f"Calibrate the current sensor with the motors off{f' ({names[0]})' if names else ''}."
         return [check]
@@ -93,8 +94,8 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
         return [unknown("battery", "The battery's voltage was not measured.", LIMITS["battery"], source=SOURCE)]
     t, x = measured
     rest = x[t <= flights[0][0] - BEFORE_LIFT_S, 0]
-    volts, flown = float(np.median(rest)) if len(rest) else None, x[inside(t, flights), 0]
-    if volts is not None and len(flown) and volts < np.median(flown) - MIN_MOVED_V:
+    volts, flown = float(median(rest)) if len(rest) else None, x[inside(t, flights), 0]
+    if volts is not None and len(flown) and volts < median(flown) - MIN_MOVED_V:
         volts = None  # the battery was plugged in later, or this is the voltage of USB
     before = "" if volts is None else f"{volts:.1f} V before lift-off and "
     text = f"The battery had {before}at least {float(flown.min()):.1f} V in flight." if len(flown) else ""
@@ -113,7 +114,7 @@ def _battery_check(log: FlightLog, segments: Segments) -> list[Check]:
         return [check]
     check = _check("battery", False, text, volts, "V")
     if ohm is not None:
-        current = float(np.nanmedian(x[inside(t, flights), 1]))
+        current = float(nanmedian(x[inside(t, flights), 1]))
         lost = ohm * current / volts
         check.evidence = [
             f"Internal resistance {1000.0 * ohm:.0f} mΩ; {100.0 * lost:.0f} % of the voltage at {current:.0f} A"
@@ -155,7 +156,7 @@ def _board_check(log: FlightLog, segments: Segments) -> list[Check]:
     volts = _board_volts(stream, segments)
     if stream is None or not len(volts):
         return []
-    middle, least, most = float(np.median(volts)), float(volts.min()), float(volts.max())
+    middle, least, most = float(median(volts)), float(volts.min()), float(volts.max())
     over = log.power.overcurrent
     on = over is not None and bool(over.x[inside(over.t, segments.spans("armed") or [(-np.inf, np.inf)])].any())
     on = on and over is not None and not bool(over.x.all())  # on in every record: the pin is not connected
@@ -201,13 +202,13 @@ def _brownout_check(log: FlightLog, segments: Segments) -> list[Check]:
     if measured is not None:
         t, volts = measured[0], measured[1][:, 0]
         last, before = volts[t > end - LAST_S], volts[(t <= end - LAST_S) & (t > end - LAST_S - BEFORE_S)]
-        if len(last) and len(before) and last.min() < LOST_SHARE * np.median(before):
-            texts.append(f"the battery fell from {np.median(before):.1f} to {last.min():.1f} V")
+        if len(last) and len(before) and last.min() < LOST_SHARE * median(before):
+            texts.append(f"the battery fell from {median(before):.1f} to {last.min():.1f} V")
     if board is not None:
         known = board.x[:, 0] > MIN_VOLTS
         t, volts = board.t[known], board.x[known, 0]
         last, before = volts[t > end - LAST_S], volts[(t <= end - LAST_S) & (t > end - LAST_S - BEFORE_S)]
-        if len(last) and len(before) and last[-1] < DIP_V and np.median(before) >= SOUND_BOARD_V:
+        if len(last) and len(before) and last[-1] < DIP_V and median(before) >= SOUND_BOARD_V:
             texts.append(f"the board had {last[-1]:.2f} V")
     if not texts:
         return []

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, inside, intersect, seconds
 from attlog.core.timestamps import gap_indices
 from attlog.flight import compass
@@ -94,12 +95,12 @@ def gap_check(t: np.ndarray, breaks: np.ndarray, log: FlightLog, segments: Segme
     lost = (end - begin)[~paused]
     total = float(lost.sum())
     share = 100.0 * total / float(t[-1] - t[0])
-    rate = 1.0 / float(np.median(np.diff(t)))
+    rate = 1.0 / float(median(np.diff(t)))
     if log.settings.kind == "telemetry" and not is_replayable_rate(rate):
         why = f"Telemetry at {rate:.0f} Hz: slow messages and lost packets look alike ({share:.0f} % of the time)."
         return unknown("gaps", why, GAP_LIMIT)
     text = f"{len(lost)} gap{'s' if len(lost) > 1 else ''} in the inertial data, {total:.2f} s in all ({share:.1f} %)"
-    text += f", of {np.median(lost):.2f} s (median), the longest {lost.max():.2f} s" if len(lost) > 1 else ""
+    text += f", of {median(lost):.2f} s (median), the longest {lost.max():.2f} s" if len(lost) > 1 else ""
     few = len(lost) < FEW_GAPS and share < FEW_GAPS_PCT
     verdict: Verdict = "ok" if few else "fault" if share > MANY_GAPS_PCT else "warning"
     check = made(verdict, f"{text}.", value=round(total, 2), t=float(begin[~paused][0]), count=len(lost))
@@ -134,8 +135,8 @@ def is_pause(t0: float, t1: float, log: FlightLog, segments: Segments) -> bool:
 
 def jitter_check(dt: np.ndarray) -> Check:
     """Check the standard deviation of the sample intervals."""
-    jitter = 100.0 * float(dt.std() / np.median(dt)) if np.median(dt) > 0 else float("inf")
-    text = f"Intervals {np.median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
+    jitter = 100.0 * float(dt.std() / median(dt)) if median(dt) > 0 else float("inf")
+    text = f"Intervals {median(dt) * 1e3:.2f} ms, standard deviation {jitter:.1f} %."
     limit = f"ok up to {JITTER_PCT[0]:.0f} %, fault above {JITTER_PCT[1]:.0f} %"
     return Check("jitter", graded(jitter, *JITTER_PCT), text, round(jitter, 2), "%", limit)
 
@@ -202,7 +203,7 @@ def loop_rate(log: FlightLog, imu: Imu) -> ClockRate | None:
     dt = np.diff(imu.gyro.t)
     if len(dt) < MIN_RECORDS:
         return None
-    usual = float(np.median(dt))
+    usual = float(median(dt))
     near = dt[np.abs(dt - usual) <= USUAL_SHARE * usual]
     if usual <= 0.0 or len(near) < MIN_RECORDS:
         return None
@@ -288,7 +289,7 @@ def processor_checks(case: HealthCase) -> list[Check]:
         check.value, check.n, over = round(share, 1), len(loops), share > MAX_LONG_PCT
         parts.append(f"{share:.1f} % of main loops took too long in flight, the slowest {1e3 * slowest:.1f} ms")
     if len(load):
-        middle, most = 100.0 * float(np.median(load[:, 1])), 100.0 * float(load[:, 1].max())
+        middle, most = 100.0 * float(median(load[:, 1])), 100.0 * float(load[:, 1].max())
         check.value = round(middle, 1) if check.value is None else check.value
         over |= is_overloaded(log, load)
         parts.append(f"processor load {middle:.0f} %, at most {most:.0f} %")
@@ -323,7 +324,7 @@ def _flown_rows(stream: Stream | None, flights: list[Span]) -> Array:
     """Return times and values (n, 1 + k) of the records whose whole interval lies in flight."""
     if stream is None or len(stream.t) < 2:
         return np.zeros((0, 2))
-    period = float(np.median(np.diff(stream.t)))
+    period = float(median(np.diff(stream.t)))
     mask = inside(stream.t, [(a + period, b) for a, b in flights if b - a > period])
     rows: Array = np.column_stack([stream.t, stream.x])[mask]
     return rows[np.isfinite(rows).all(axis=1)]
@@ -439,11 +440,11 @@ def _turned_deg(log: FlightLog, span: Span) -> float:
         x = x[rotation.finite_rows(x)]
     else:
         return 0.0
-    middle = np.median(x, axis=0) if len(x) else np.zeros(3)
+    middle = median(x, axis=0) if len(x) else np.zeros(3)
     size = np.sqrt(np.sum(x**2, axis=1) * np.sum(middle**2))
     if len(x) < MIN_FROZEN_RECORDS or not size.all():
         return 0.0
-    return float(np.degrees(np.quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.8)))
+    return float(np.degrees(quantile(np.arccos(np.clip(x @ middle / size, -1.0, 1.0)), 0.8)))
 
 
 def _spread(stream: Stream, span: Span) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core.brief import counted
 from attlog.core.kinematics import known_earth_force
+from attlog.core.sorting import median, quantile, unique
 from attlog.core.spans import Span, inside
 from attlog.flight.model import VIBRATION_LIMITS, Array, Burst, FlightLog, Imu, OnboardVibration, Stream
 from attlog.flight.notches import advise_vibration_level, measures_differences
@@ -132,7 +133,7 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
         if not log.kind.flies:
             why = "Vibration is judged in flight only."
         return unknown("vibration_level", why, threshold, sensor=sensor, source=limits.source)
-    half, most, judged = (float(np.quantile(level, q)) for q in (0.5, 0.8, limits.share))
+    half, most, judged = (float(quantile(level, q)) for q in (0.5, 0.8, limits.share))
     worst = int(np.argmax(level))
     verdict = graded(judged, limits.warning, limits.fault)
     text = (
@@ -145,7 +146,7 @@ def _level_check(log: FlightLog, one: OnboardVibration, within: list[Span]) -> C
     found.evidence = [f"{one.source}; the worst second begins at {t[worst]:.0f} s."]
     since = find_onset(level)
     if since is not None and not has_more_power(log.power.throttle, t, since):
-        before, after = float(np.median(level[:since])), float(np.median(level[since:]))
+        before, after = float(median(level[:since])), float(median(level[since:]))
         found.t, found.verdict = float(t[since]), "fault" if verdict == "fault" else "warning"
         found.evidence.append(f"From {t[since]:.0f} s on it is {after:.1f} m/s^2 instead of {before:.1f}.")
     if found.verdict != "ok":
@@ -169,7 +170,7 @@ def clipping_checks(log: FlightLog, within: list[Span]) -> list[Check]:
     limit = f"up to {FEW_CLIPS} samples; fault above {MANY_CLIPS} in {LASTING_S} seconds and more"
     for one in (c for c in log.vibration.clippings if c.sensor == "accelerometer" and c.whole):
         mine = inside(one.t, within) & (one.new > 0)
-        count, seconds = int(one.new[mine].sum()), len(np.unique(np.floor(one.t[mine])))
+        count, seconds = int(one.new[mine].sum()), len(unique(np.floor(one.t[mine])))
         if count <= FEW_CLIPS:
             continue
         first, last = float(one.t[mine][0]), float(one.t[mine][-1])
@@ -200,19 +201,19 @@ def logged_vibration(log: FlightLog, imu: Imu, flown: list[Span]) -> Check:
     if len(t) < MIN_FLIGHT_S:
         return unknown("vibration_level", "Too little flight to measure vibration in.", limit)
     strongest = x.max(axis=1)
-    typical = float(np.median(strongest))
+    typical = float(median(strongest))
     since = find_onset(strongest)
     since = None if since is None or has_more_power(log.power.throttle, t, since) else since
     made = partial(Check, "vibration_level", unit="m/s^2", threshold=limit, sensor=imu.acc.source)
     if since is None:
-        axis = int(np.argmax(np.median(x, axis=0)))
+        axis = int(np.argmax(median(x, axis=0)))
         text = f"In flight the accelerometer vibrates by {typical:.1f} m/s^2 (1 sigma, {'xyz'[axis]} most)."
         return made(graded(typical, STRONG_M_S2, VERY_STRONG_M_S2), text, value=round(typical, 2))
-    axis = int(np.argmax(np.median(x[since:], axis=0)))
-    before, after = float(np.median(x[:since, axis])), float(np.median(x[since:, axis]))
+    axis = int(np.argmax(median(x[since:], axis=0)))
+    before, after = float(median(x[:since, axis])), float(median(x[since:, axis]))
     text = f"From {t[since]:.0f} s on the accelerometer's {'xyz'[axis]} vibrates by {after:.1f} m/s^2 instead of "
     text += f"{before:.1f}."
-    peak = np.quantile(x[since:, axis], 0.95)
+    peak = quantile(x[since:, axis], 0.95)
     seen = [f"95 % of the seconds from then on stay below {peak:.1f} m/s^2."]
     verdict: Verdict = "fault" if after > STRONG_M_S2 else "warning"
     return made(verdict, text, value=round(after, 2), t=float(t[since]), evidence=seen)
@@ -224,7 +225,7 @@ def find_onset(level: Array) -> int | None:
         return None
     k = np.arange(BEFORE_S, len(level) - AFTER_S + 1)
     before, rest = running_medians(level)[k - 1], running_medians(level[::-1])[::-1][k]
-    after = np.median(np.lib.stride_tricks.sliding_window_view(level, AFTER_S), axis=1)[k]
+    after = median(np.lib.stride_tricks.sliding_window_view(level, AFTER_S), axis=1)[k]
     grown = (np.minimum(after, rest) > np.maximum(GROWTH * before, MIN_GROWN_M_S2)) & (level[k] > 0.5 * GROWTH * before)
     return int(k[np.argmax(grown)]) if grown.any() else None
 
@@ -244,7 +245,7 @@ def has_more_power(throttle: Stream | None, t: Array, since: int) -> bool:
     if throttle is None or len(throttle.t) < 2:
         return False
     x = np.interp(t, throttle.t, np.nan_to_num(throttle.x[:, 0]))
-    return float(np.median(x[since : since + 3])) > MORE_POWER * float(np.median(x[:since]))
+    return float(median(x[since : since + 3])) > MORE_POWER * float(median(x[:since]))
 
 
 # Mean vertical force against the barometer: a vibrating accelerometer may rectify vibration into a constant force.

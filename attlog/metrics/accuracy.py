@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import is_in
 from attlog.core.spans import complement, intersect
 from attlog.metrics import statistics
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Wording, paragraph, per_case, per_object, per_row
@@ -216,7 +217,7 @@ def rmse_of_blocks(ids: Ids, squares: Array, wanted: Ids, length: float, sigma: 
     ``squares`` (k,) of blocks ``ids`` (k,), ``length`` s each; ``sigma`` of the reference, deg. Each block counts as
     several samples, as quarters of a record may cut through it.
     """
-    chosen = squares[np.isin(ids, wanted)]
+    chosen = squares[is_in(ids, wanted)]
     return Summary(*ErrorSize(np.repeat(np.sqrt(chosen), PIECES), length * len(chosen), sigma).of("rmse"))
 
 

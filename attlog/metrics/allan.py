@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import unique
 from attlog.core.spans import Span
 from attlog.metrics import following, statistics
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, missing, paragraph, per_row
@@ -69,7 +70,7 @@ def deviation(phase: Array, step: float) -> Deviation:
     if largest < 2:
         return Deviation(*(np.zeros(0) for _ in range(5)))
     count = max(2, round(POINTS_PER_DECADE * math.log10(largest / 2.0)) + 1)
-    m = np.unique(np.geomspace(2, largest, count).round().astype(int))
+    m = unique(np.geomspace(2, largest, count).round().astype(int))
     sigma = np.sqrt([0.5 * _mean_square(phase, int(k)) for k in m]) / (m * step)
     dof = (3.0 * (n - 1) / (2.0 * m) - 2.0 * (n - 2) / n) * 4.0 * m**2 / (4.0 * m**2 + 5.0)
     bounds = np.array(

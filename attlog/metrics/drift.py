@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import is_in, median
 from attlog.core.spans import Span, inside, intersect
 from attlog.metrics import following, statistics
 from attlog.metrics.accuracy import own_sigma
@@ -110,7 +111,7 @@ def block_means(t: Array, e_deg: Array, segment: NDArray[np.int64]) -> HeadingBl
         own_t, own_e = t[i:j], rotation.unwrap(e_deg[i:j], 360.0)
         index = np.floor((own_t - own_t[0]) / length).astype(int)
         count = np.bincount(index)
-        full = np.flatnonzero(count > 0.5 * np.median(count[count > 0]))
+        full = np.flatnonzero(count > 0.5 * median(count[count > 0]))
         times.append(np.bincount(index, own_t)[full] / count[full])
         means.append(np.bincount(index, own_e)[full] / count[full])
         labels.append(np.full(len(full), label))
@@ -282,7 +283,7 @@ def _units(found: Drift) -> UnitValues | None:
 
 def drift_on_groups(ids: Ids, slopes: Array, whole: Summary, wanted: Ids) -> Summary:
     """Return the drift on some groups; ``whole`` on all of them."""
-    chosen = np.isin(ids, wanted)
+    chosen = is_in(ids, wanted)
     if chosen.all():
         return whole
     return Summary(float(np.mean(slopes[chosen])), statistics.mean_interval(slopes[chosen]))

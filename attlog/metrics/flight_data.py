@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.core.spans import Span, merge
 from attlog.flight.model import Array, FlightLog, without_pauses
 from attlog.flight.panels import RATE_PANELS, PanelLine, panel_lines
@@ -102,7 +103,7 @@ def broken_spans(t: Array, stops: Array) -> Array:
         k = np.searchsorted(t, stops[:, 0] + ROUNDING_S, side="right") - 1
         inside = (k >= 0) & (k < len(dt))
         k, ends = k[inside], stops[inside, 1]
-        broken[k[(t[k + 1] > ends - ROUNDING_S) & (dt[k] > LONGER * np.median(dt))]] = True
+        broken[k[(t[k + 1] > ends - ROUNDING_S) & (dt[k] > LONGER * median(dt))]] = True
     return np.column_stack([t[:-1][broken], t[1:][broken]])
 
 
@@ -127,5 +128,5 @@ def _ground(t: Array, y: Array, flights: list[Span]) -> float:
     start = flights[0][0] if flights else float(t[0]) + GROUND_S
     ground = known & (t >= start - GROUND_S) & (t <= start)
     if ground.any():
-        return float(np.median(y[ground]))
+        return float(median(y[ground]))
     return float(y[np.argmax(known)]) if known.any() else 0.0

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
+from attlog.core.sorting import median
 from attlog.estimators.samples import Sampling
 from attlog.metrics import step_fit, step_turning
 from attlog.metrics.metric import Answer, Case, per_object, per_row
@@ -45,7 +46,7 @@ def level_samples(case: Case, row: Track, seconds: float) -> StillSamples | None
     imu = imu_of(case, row)
     if row.kind != "replay" or imu is None or len(imu.gyro.t) < 2:
         return None
-    step = float(np.clip(np.median(np.diff(imu.gyro.t)), 1.0 / MADE_RATE_HZ[1], 1.0 / MADE_RATE_HZ[0]))
+    step = float(np.clip(median(np.diff(imu.gyro.t)), 1.0 / MADE_RATE_HZ[1], 1.0 / MADE_RATE_HZ[0]))
     t = np.arange(0.0, seconds, step)
     acc, mag = (np.tile(x, (len(t), 1)) for x in ((0.0, 0.0, -GRAVITY_M_S2), MADE_FIELD))
     return StillSamples(t, np.zeros((len(t), 3)), acc, mag if row.uses_mag else None, "interval")

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import is_in
 from attlog.estimators import is_recorded
 from attlog.metrics import step_turning
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph
@@ -141,7 +142,7 @@ def lag_on_events(sums: NormalEquations, own: Ids, numbers: Ids, delay: float, c
 
     ``own``: ids of the events ``numbers`` of ``sums``.
     """
-    found = sums.fit(numbers[np.isin(own, ids)])
+    found = sums.fit(numbers[is_in(own, ids)])
     lag, half = 1000 * (found.delay - delay), 1000 * half_width(found, common)
     return Summary(lag, (lag - half, lag + half) if math.isfinite(half) else None)
 

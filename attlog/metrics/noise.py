@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, I1, Out2
+from attlog.core.sorting import is_in, median, unique
 from attlog.core.spans import Span
 from attlog.metrics import correction_noise, following, statistics, windows
 from attlog.metrics.correction_noise import DEG, relative, vector
@@ -80,7 +81,7 @@ def variance(residual: Array) -> Array:
 def unsettled(variances: Array) -> int:
     """Return how many leading windows settle: variances (k, 4), tilt or heading above 4 x the later median."""
     for k in range(len(variances) - MIN_LATER):
-        later = np.median(variances[k + 1 :, 2:], axis=0)
+        later = median(variances[k + 1 :, 2:], axis=0)
         if not (variances[k, 2:] > UNSETTLED * later).any():
             return k
     return max(0, len(variances) - MIN_LATER)
@@ -206,7 +207,7 @@ def typical(ids: Ids, values: Array, prior: VariancePrior, correction: float, wa
 
     ``correction`` (deg^2) is the part of the variance that the step of the logged values adds.
     """
-    chosen = values if wanted is ids else values[np.isin(ids, wanted)]
+    chosen = values if wanted is ids else values[is_in(ids, wanted)]
     low, high = statistics.moderated_interval(chosen, prior)
     sigma, bottom, top = (math.sqrt(max(math.exp(x) - correction, 0.0)) for x in (float(np.mean(chosen)), low, high))
     return Summary(sigma, (bottom, top))
@@ -333,8 +334,8 @@ def quantisation_noise_deg(case: Case, index: int) -> list[float]:
     if len(gyro.t) < 2:
         return [0.0] * 3
     some = np.degrees(gyro.x[:: len(gyro.t) // STEP_SAMPLES + 1])
-    steps = [np.diff(np.unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
-    share = 0.5 * math.sqrt(float(np.median(np.diff(gyro.t))) * WINDOW_S / 15.0)
+    steps = [np.diff(unique(x[np.isfinite(x)])).min(initial=math.inf) for x in some.T]
+    share = 0.5 * math.sqrt(float(median(np.diff(gyro.t))) * WINDOW_S / 15.0)
     return [share * float(step) for step in steps]
 
 

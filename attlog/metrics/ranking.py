@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
+from attlog.core.sorting import is_in, unique
 from attlog.metrics import statistics
 from attlog.metrics.metric import Answer, Metric, Resolution
 from attlog.metrics.statistics import Ids, Kind, UnitValues
@@ -296,7 +297,8 @@ def common_units(answers: Mapping[str, Answer]) -> tuple[list[str], Ids]:
     most = max(map(len, ids.values()), default=0)
     rows = [name for name in ids if len(ids[name]) >= MIN_UNITS * most and len(ids[name])]
     while rows:
-        common: Ids = reduce(np.intersect1d, [ids[name] for name in rows])
+        first, *others = (ids[name] for name in rows)
+        common: Ids = reduce(lambda shared, own: shared[is_in(shared, own)], others, unique(first))
         if len(common) >= MIN_UNITS * most:
             return rows, common
         rows.remove(min(rows, key=lambda name: len(ids[name])))

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import unique
 from attlog.estimators.rerun import AIDS, innovations
 from attlog.flight.model import Attitude, without_pauses
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, paragraph, per_row
@@ -265,7 +266,7 @@ def _answers(aid: str, s: AidSamples, window: str) -> dict[str, Answer]:
             "blocks of 5 s",
             units=units,
         )
-    axes = [s.e[s.axis == k] for k in np.unique(s.axis)]
+    axes = [s.e[s.axis == k] for k in unique(s.axis)]
     varying = [e - np.mean(e) for e in axes if len(e) >= MIN_SAMPLES and np.ptp(e) > 0.0]
     values = {"innovation_bias": math.hypot(*(float(np.mean(e)) for e in axes))}
     if varying:

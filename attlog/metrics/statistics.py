@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from attlog.core.plain import IN_JSON, NumberArray
+from attlog.core.sorting import median
 
 Array = NDArray[np.float64]
 
@@ -407,7 +408,7 @@ def make_ids(times: ArrayLike) -> Ids:
 def _summed_up(kind: Kind, values: Array) -> float:
     """Return the mean of units on their scale; step events: the median."""
     if kind == "step_event":
-        return float(np.median(values))
+        return float(median(values))
     mean = float(np.mean(values))
     return math.exp(0.5 * mean) if kind == "log_variance" else math.sqrt(mean) if kind == "mean_square" else mean
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import is_in, median
 from attlog.metrics import statistics, step_fit
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, missing, paragraph, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, make_ids
@@ -231,8 +232,8 @@ def error_on_events(errors: EventErrors, values: Array, least: float, sigma: flo
 
     ``least``: lower limit of the interval. ``sigma``: error of the reference itself, in the unit of the values.
     """
-    chosen = values[np.isin(errors.ids, ids)]
-    value, ci95 = float(np.median(chosen)), statistics.median_interval(chosen)
+    chosen = values[is_in(errors.ids, ids)]
+    value, ci95 = float(median(chosen)), statistics.median_interval(chosen)
     if ci95 is None:
         return Summary(value, None)
     low, high = statistics.widen_by_reference(value, ci95, sigma)
@@ -266,7 +267,7 @@ def _answer(
     if count < MIN_EVENTS:
         reason = too_few(count)
         return missing("too_few_events" if count else "no_events", reason, sign, window)
-    sigma = own_deg * (100.0 / float(np.median(errors.stroke)) if unit == "pct" else 1.0)
+    sigma = own_deg * (100.0 / float(median(errors.stroke)) if unit == "pct" else 1.0)
     sizes = np.abs(errors.deg)
     values, least = (100.0 * errors.deg / errors.stroke, -math.inf) if unit == "pct" else (sizes, 0.0)
     here = partial(error_on_events, errors, values, least, sigma)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, I1, Out1, Out2
+from attlog.core.sorting import median
 from attlog.estimators.samples import place
 from attlog.estimators.vectors import GRAVITY
 from attlog.flight.model import Imu
@@ -274,7 +275,7 @@ def samples_of(case: Case, unit: Imu, with_field: bool) -> SensorSamples | None:
     if good.sum() < 2:
         return None
     t, w, f = (np.ascontiguousarray(x, np.float64) for x in model.select_good(good, t, unit.gyro.x, unit.acc.x))
-    found = SensorSamples(t, f, np.zeros((0, 3)), np.zeros(0), float(np.median(np.diff(t))))
+    found = SensorSamples(t, f, np.zeros((0, 3)), np.zeros(0), float(median(np.diff(t))))
     if with_field and case.log.mag is not None:
         found.m, found.age = np.zeros((len(t), 3)), np.zeros(len(t))
         measured = case.log.mags[case.log.mag].field
@@ -290,7 +291,7 @@ def _hold(found: SensorSamples, rate: Array, measured: Array) -> None:
     if len(new) < 2:
         return
     found.new, found.m[new] = new, measured[new] / size[new, None]
-    limit = HOLD_PERIODS * float(np.median(np.diff(found.t[new])))
+    limit = HOLD_PERIODS * float(median(np.diff(found.t[new])))
     held_field(found.m, found.age, found.t, np.ascontiguousarray(rate), new, limit)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, I1, Out1, Out2
+from attlog.core.sorting import median
 from attlog.metrics.metric import Case, per_case
 from attlog.reference.model import Reference
 from attlog.segments import model
@@ -79,7 +80,7 @@ def steps_in_window(case: Case, events: list[StepEvent], window: str) -> list[St
 
 def _of_axis(t: Array, turn: Array, axis: int) -> list[StepEvent]:
     angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turn))])
-    step = float(np.median(np.diff(t)))
+    step = float(median(np.diff(t)))
     if step <= 0:
         return []
     span = max(1, round(RATE_SPAN_S / step))
@@ -205,7 +206,7 @@ class Timing(NamedTuple):
     @classmethod
     def of(cls, t: Array) -> Timing:
         """Return the timing of times (n,) s."""
-        return cls(model.number_segments(t), float(np.median(np.diff(t))) if len(t) > 1 else math.inf)
+        return cls(model.number_segments(t), float(median(np.diff(t))) if len(t) > 1 else math.inf)
 
 
 @dataclass(slots=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from attlog.core import earth, jit
 from attlog.core.brief import brief
 from attlog.core.jit import F2, I1, Out2
+from attlog.core.sorting import median, unique
 from attlog.core.spans import between, inside
 from attlog.flight.model import FlightLog, Imu, Stream
 from attlog.metrics.metric import Case
@@ -191,10 +192,10 @@ def spectra(case: Case, imu: Imu) -> list[Trace]:
         return []
     size = min(SEGMENT_SAMPLES, max(p.stop - p.start for p in segments))
     starts = [a for p in segments for a in range(p.start, p.stop - size + 1, size // 2)]
-    step = float(np.median(np.diff(imu.gyro.t)))
+    step = float(median(np.diff(imu.gyro.t)))
     if not starts or step <= 0:
         return []
-    chosen = [starts[k] for k in np.unique(np.linspace(0, len(starts) - 1, MAX_SPECTRA).round().astype(int))]
+    chosen = [starts[k] for k in unique(np.linspace(0, len(starts) - 1, MAX_SPECTRA).round().astype(int))]
     found = []
     for key, x, unit in (("gyro", imu.gyro.x, np.degrees(1.0)), ("accelerometer", imu.acc.x, 1.0)):
         density = unit * np.sqrt(_mean_power(x, np.array(chosen), size, step))
@@ -313,7 +314,7 @@ def buckets(t: Array, seconds: float) -> tuple[Array, NDArray[np.int64]]:
         return np.zeros(0), np.zeros(1, np.int64)
     length = max(seconds, float(t[-1] - t[0]) / MAX_BUCKETS)
     starts = np.arange(t[0], t[-1] + length, length)
-    edges = np.unique(np.append(np.searchsorted(t, starts), len(t))).astype(np.int64)
+    edges = unique(np.append(np.searchsorted(t, starts), len(t))).astype(np.int64)
     return 0.5 * (t[edges[:-1]] + t[edges[1:] - 1]), edges
 
 
@@ -360,14 +361,14 @@ def ground(stream: Stream, flights: list[Span]) -> Array:
     """
     t, x = stream.t, stream.x[:, 0]
     if not flights:
-        return np.full(len(t), np.median(x))
+        return np.full(len(t), median(x))
     flying = np.zeros(len(t), bool)
     for a, b in flights:
         flying |= (t >= a) & (t <= b)
     stood = [span for a, b in flights for span in ((a - GROUND_S, a), (b, b + GROUND_S))]
     parts = [(t >= a) & (t <= b) & ~flying for a, b in stood]
     long = [part for part in parts if part.any() and np.ptp(t[part]) >= MIN_GROUND_S]
-    levels = [(float(np.mean(t[part])), float(np.median(x[part]))) for part in long]
+    levels = [(float(np.mean(t[part])), float(median(x[part]))) for part in long]
     if not levels:
         return np.full(len(t), np.min(x))
     at, level = np.array(sorted(levels)).T

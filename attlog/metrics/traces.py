@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.flight.model import without_pauses
 from attlog.metrics import allan, drift, setpoint, step_error, step_fit, step_turning
 from attlog.metrics.flight_data import flight_data
@@ -106,7 +107,7 @@ def spreads(scatters: Sequence[Scatter]) -> list[Trace]:
     scatters = [s for s in scatters if len(s.ordered) > MIN_REST_SAMPLES]
     if not scatters:
         return []
-    half = max(3.5 * float(np.median([s.size for s in scatters])), 1e-4)
+    half = max(3.5 * float(median([s.size for s in scatters])), 1e-4)
     edges = np.linspace(-half, half, BINS + 1)
     middle = 0.5 * (edges[:-1] + edges[1:])
     shares = [100.0 * np.histogram(s.ordered, edges)[0] / len(s.ordered) for s in scatters]

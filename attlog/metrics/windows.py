@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.core.spans import Span, clipped, complement, intersect
 from attlog.flight.model import Imu
 from attlog.metrics.metric import Case, per_case, per_object, per_row
@@ -247,7 +248,7 @@ def filled_samples(t: Array, window: Span) -> slice | None:
         return None
     steps = np.diff(t[i:j])
     ends = max(t[i] - window[0], window[1] - t[j - 1] - ROUND_S)
-    gap = max(GAP_S, GAP_STEPS * float(np.median(steps)))
+    gap = max(GAP_S, GAP_STEPS * float(median(steps)))
     return slice(i, j) if max(float(np.max(steps)), float(ends)) <= gap else None
 
 

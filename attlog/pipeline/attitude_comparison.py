@@ -19,6 +19,7 @@ from attlog import reference
 from attlog.core import rotation
 from attlog.core.brief import table_html, table_text
 from attlog.core.errors import UsageError
+from attlog.core.sorting import median, quantile
 from attlog.estimators import Estimate
 from attlog.estimators.unit_checks import TIME_UNITS, UnitWarning
 from attlog.flight.model import Attitude, FlightLog
@@ -67,11 +68,11 @@ class ErrorStatistics:
         return cls(
             float(np.sqrt(np.mean(errors**2))),
             float(np.mean(errors)),
-            float(np.median(errors)),
+            float(median(errors)),
             float(np.std(errors)),
             float(np.min(errors)),
             float(np.max(errors)),
-            float(np.quantile(errors, 0.95)),
+            float(quantile(errors, 0.95)),
             len(errors),
         )
 
@@ -194,7 +195,7 @@ def compare_attitude(
 
 def relative_errors(errors: AttitudeErrors, use: NDArray[np.bool_], delta_s: float) -> Array:
     """Return the angles (m,) in deg between both turns over ``delta_s``, of all pairs within a segment."""
-    t, half = errors.t, 0.5 * float(np.median(np.diff(errors.t)))
+    t, half = errors.t, 0.5 * float(median(np.diff(errors.t)))
     first = np.flatnonzero(use)
     last = np.clip(np.searchsorted(t, t[first] + delta_s - half), 0, len(t) - 1)
     whole = (np.abs(t[last] - t[first] - delta_s) <= half + 1e-9) & use[last] & (last > first)
@@ -334,4 +335,4 @@ def _median_error_deg(q: Array, ref: Array, any_heading: bool) -> float:
         along = rotation.heading_angle(e)
         offset = np.arctan2(np.mean(np.sin(along)), np.mean(np.cos(along)))
         e = rotation.earth_error(rotation.turn_about_down(q, -offset), ref)
-    return float(np.degrees(np.median(rotation.total_angle(e)))) if len(e) else 0.0
+    return float(np.degrees(median(rotation.total_angle(e)))) if len(e) else 0.0

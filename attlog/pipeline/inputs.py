@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import earth, spans
+from attlog.core.sorting import median
 from attlog.estimators import Aids, LogFacts, LogInfo, Measurements
 from attlog.estimators.aids import MAX_LAG_S
 from attlog.flight.model import FIX_3D, FlightLog, Gnss, Imu, Mag, Stream
@@ -53,7 +54,7 @@ def noise_at_rest(imu: Imu, segments: Segments) -> tuple[float | None, float | N
     rest = spans.inside(t, segments.spans("rest"))
     step = np.diff(t)
     pair = rest[1:] & rest[:-1] & (step > 0.0)
-    pair &= step < 2.0 * np.median(step) if len(step) else False
+    pair &= step < 2.0 * median(step) if len(step) else False
     seconds = float(step[pair].sum())
     if seconds < MIN_REST_S:
         return None, None, seconds

@@ -14,6 +14,7 @@ from attlog import estimators, reference
 from attlog.core import rotation
 from attlog.core.earth import GAUSS_PER_TESLA
 from attlog.core.errors import UsageError
+from attlog.core.sorting import median, nanmedian, quantile
 from attlog.estimators.ekf2.parameters import TABLE as EKF2
 from attlog.estimators.ekf3.parameters import TABLE as EKF3
 from attlog.estimators.interface import Estimate
@@ -101,7 +102,7 @@ def _field(log: FlightLog) -> tuple[tuple[float, float, float] | None, float]:
     Field values are those of the world magnetic model.
     """
     fixes = [g for g in log.gnss if np.isfinite(g.lat).any()]
-    latitude = float(np.nanmedian(fixes[0].lat)) if fixes else 0.0
+    latitude = float(nanmedian(fixes[0].lat)) if fixes else 0.0
     model = alignment.earth_field(log)
     if model is None:
         return None, latitude
@@ -238,21 +239,21 @@ def reproduction(case: Case, estimate: Estimate, start: str) -> Reproduction | N
         return None
     heading = np.abs(heading)
     air = case.segments.mask(t, "airborne")
-    period = float(np.median(np.diff(t)))
+    period = float(median(np.diff(t)))
     airborne = bool(air.sum() * period >= MIN_AIRBORNE_S)
     use = air if airborne else np.ones(len(tilt), bool)
     apart = np.flatnonzero(use & ((tilt > MAX_TILT_P95_DEG) | (heading > 2 * MAX_HEADING_MEDIAN_DEG)))
-    median, p95 = np.percentile([tilt[use], heading[use]], [50, 95], axis=1).tolist()
+    middle, p95 = np.array([quantile(x[use], [0.5, 0.95]) for x in (tilt, heading)]).T.tolist()
     return Reproduction(
-        median[0],
+        middle[0],
         p95[0],
-        median[1],
+        middle[1],
         p95[1],
         int(use.sum()),
         float(use.sum() * period),
         airborne,
         start,
-        median[0] <= MAX_TILT_MEDIAN_DEG and p95[0] <= MAX_TILT_P95_DEG and median[1] <= MAX_HEADING_MEDIAN_DEG,
+        middle[0] <= MAX_TILT_MEDIAN_DEG and p95[0] <= MAX_TILT_P95_DEG and middle[1] <= MAX_HEADING_MEDIAN_DEG,
         float(t[apart[0]]) if len(apart) else None,
         first_lane_switch(case.log),
     )

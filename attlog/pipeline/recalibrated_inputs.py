@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.earth import GAUSS_PER_TESLA
+from attlog.core.sorting import median, unique
 from attlog.estimators.ekf2.parameters import era_of
 from attlog.estimators.ekf2.parameters import settings_of as ekf2_settings
 from attlog.estimators.ekf2.run import predict_seconds
@@ -84,7 +85,7 @@ def recalibrate_inputs(log: FlightLog, inputs: Any, given: Mapping[str, float]) 
     if len(mag["t"]):
         t, x = mag["t"] - t0, mag["x"] / GAUSS_PER_TESLA
         owner = _compass_of_samples(log, t, x)
-        for k in np.unique(owner).tolist():
+        for k in unique(owner).tolist():
             find = partial(recalibration.compass_recorrection, log, log.mags[k])
             x = corrected("compass", owner == k, t, x, find, BODY_FIELD)
         if BODY_FIELD in shifts:
@@ -106,7 +107,7 @@ def replace_compass(log: FlightLog, inputs: Any, mag: Mag) -> Any:
     t, x = mag.field.t_best[good] + log.t0_us * 1e-6, mag.field.x[good] * GAUSS_PER_TESLA
     columns = {"t": t, "x": x}
     if "t_arrival" in inputs.mag:
-        columns["t_arrival"] = t + float(np.median(inputs.mag["t_arrival"] - inputs.mag["t"]))
+        columns["t_arrival"] = t + float(median(inputs.mag["t_arrival"] - inputs.mag["t"]))
     if "unit" in inputs.mag:
         columns["unit"] = np.full(len(t), -1.0)
     used = np.column_stack([np.interp(t, inputs.mag["t"], axis) for axis in inputs.mag["x"].T])

@@ -8,6 +8,7 @@ from typing import Any
 
 from attlog.core import earth
 from attlog.core.files import sha256
+from attlog.core.sorting import median
 from attlog.flight.model import FlightLog, Stream, TimeLine, guarded_part
 from attlog.flight.parameters import parameter_histories
 from attlog.segments.model import Segments
@@ -130,11 +131,11 @@ def place(log: FlightLog) -> dict[str, float] | None:
         if good.any():
             alt = receiver.alt[good]
             alt = alt[np.isfinite(alt)]
-            latitude = float(np.median(receiver.lat[good]))
+            latitude = float(median(receiver.lat[good]))
             return {
                 "lat": latitude,
                 "lon": earth.middle_longitude(receiver.lon[good]),
-                "alt_m": float(np.median(alt)) if len(alt) else 0.0,
+                "alt_m": float(median(alt)) if len(alt) else 0.0,
                 "earth_turn_deg_per_min": earth.heading_turn(latitude),
             }
     return None

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median, unique
 from attlog.flight.model import FIX_3D, Array, FlightLog, Gnss
 from attlog.reference import alignment, gyro_checks
 from attlog.segments import Segments, increments, model
@@ -101,10 +102,10 @@ def exchanged_axes(pieces: ForcePieces) -> str:
         return ""
     usual, _ = _body_fit(pieces.turn, pieces.excess())
     usual *= min(1.0, USUAL_OFFSET_M_S2 / max(float(rotation.length(usual)), 1e-9))
-    as_logged = min(float(np.median(pieces.misfits(offset))) for offset in (np.zeros(3), usual))
+    as_logged = min(float(median(pieces.misfits(offset))) for offset in (np.zeros(3), usual))
     if as_logged < MIN_MISFIT_M_S2:
         return ""
-    best = min(float(np.median(pieces.misfits(axes=axes))) for axes in SIGNED_ORDERS)
+    best = min(float(median(pieces.misfits(axes=axes))) for axes in SIGNED_ORDERS)
     if best > min(MAX_MISFIT_M_S2, as_logged / MIN_MISFIT_RATIO):
         return ""
     ratio = as_logged / max(best, 0.01)
@@ -133,20 +134,20 @@ def large_offset(pieces: ForcePieces) -> str:
 
 def _is_fixed_to_body(pieces: ForcePieces, misfits: Array, mended: Array) -> bool:
     """Return whether ``mended`` body forces (k, 3) with ``misfits`` (k,) show a fault of the accelerometer."""
-    flown, left = pieces.flown, float(np.median(misfits))
+    flown, left = pieces.flown, float(median(misfits))
     if np.count_nonzero(flown) < MIN_FLOWN_PIECES:
         return False
-    if left > min(MAX_MISFIT_M_S2, float(np.median(pieces.misfits())) / MIN_MISFIT_RATIO):
+    if left > min(MAX_MISFIT_M_S2, float(median(pieces.misfits())) / MIN_MISFIT_RATIO):
         return False
     excess, expected = pieces.excess(), rotation.length(pieces.expected)
-    in_earth = rotation.length(excess - np.median(excess, axis=0))
+    in_earth = rotation.length(excess - median(excess, axis=0))
     angles, sizes = list[float](), list[float]()
     for body in (pieces.body, mended):
         x, y, z = np.mean(body[flown], axis=0)
         angles.append(float(np.degrees(np.arctan2(np.hypot(x, y), -z))))
-        sizes.append(float(np.median(np.abs(rotation.length(body) - expected))))
+        sizes.append(float(median(np.abs(rotation.length(body) - expected))))
     shown = (
-        any(size(in_earth) > MIN_MISFIT_RATIO * size(misfits) for size in (np.median, _capped_rms)),
+        any(size(in_earth) > MIN_MISFIT_RATIO * size(misfits) for size in (median, _capped_rms)),
         angles[0] > max(MIN_THRUST_ANGLE_DEG, MIN_MISFIT_RATIO * angles[1]),
         sizes[0] > max(MIN_SIZE_MISFIT_M_S2, MIN_MISFIT_RATIO * sizes[1]),
     )
@@ -163,7 +164,7 @@ def _offset_step(pieces: ForcePieces) -> tuple[ForcePieces, Array]:
     found: list[tuple[float, int, Array]] = []
     excess = pieces.excess()
     before = np.cumsum(np.minimum(rotation.length(excess), MAX_COUNTED_MISFIT_M_S2) ** 2)
-    for k in np.unique(np.linspace(0, len(pieces.t) - MIN_PIECES, MAX_STEP_TIMES).astype(int)).tolist():
+    for k in unique(np.linspace(0, len(pieces.t) - MIN_PIECES, MAX_STEP_TIMES).astype(int)).tolist():
         offset, misfits = _body_fit(pieces.turn[k:], excess[k:])
         cost = float(np.sum(np.minimum(misfits, MAX_COUNTED_MISFIT_M_S2) ** 2)) + (float(before[k - 1]) if k else 0.0)
         # a step must explain one piece more
@@ -181,7 +182,7 @@ def _body_fit(turn: Array, excess: Array) -> tuple[Array, Array]:
         normal = (weight @ square).reshape(3, 3) + 1e-9 * np.eye(3)
         offset = np.linalg.solve(normal, weight @ moment)
         misfits = rotation.length(excess - turn @ offset)
-        weight = 1.0 / np.maximum(1.0, misfits / max(float(np.median(misfits)), 1e-6))
+        weight = 1.0 / np.maximum(1.0, misfits / max(float(median(misfits)), 1e-6))
     return offset, misfits
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from attlog.core import earth, rotation, timestamps
 from attlog.core.errors import UsageError
 from attlog.core.kinematics import body_rates
+from attlog.core.sorting import median
 from attlog.flight.model import Angles, Attitude, FlightLog, Imu, TruthFit
 from attlog.reference.model import AlignmentStep, HeadingOrigin, Reference, ReferenceSigma
 from attlog.segments import increments, model
@@ -54,7 +55,7 @@ def clock_step(log: FlightLog, attitude: Attitude, clock: Clock, own: bool = Fal
         text = f"{attitude.source} has one time stamp; it is taken for the time of the attitude"
         return AlignmentStep("clock", text, "stamp", source=attitude.source, option="config: clock")
     delays = attitude.t - attitude_times(attitude, "sample")
-    delay = float(np.median(delays[~np.isnan(delays)])) * 1e3 if len(delays) else 0.0
+    delay = float(median(delays[~np.isnan(delays)])) * 1e3 if len(delays) else 0.0
     used = "the time of measurement" if clock == "sample" else "the time of publication"
     text = f"{attitude.source} is compared at {used}; it was published {delay:.1f} ms after the measurement (median)"
     return AlignmentStep("clock", text, delay, "ms", attitude.source, clock == "sample", "config: clock")
@@ -102,8 +103,8 @@ def flight_place(log: FlightLog) -> tuple[float, float, float] | None:
         if np.count_nonzero(good):
             altitude = gnss.alt[good]
             altitude = altitude[np.isfinite(altitude)]
-            height = float(np.median(altitude)) if len(altitude) else 0.0
-            return float(np.median(gnss.lat[good])), earth.middle_longitude(gnss.lon[good]), height
+            height = float(median(altitude)) if len(altitude) else 0.0
+            return float(median(gnss.lat[good])), earth.middle_longitude(gnss.lon[good]), height
     return None
 
 
@@ -162,7 +163,7 @@ def observed_declination_deg(log: FlightLog, reference: Reference) -> float | No
     north = rotation.rotate(q[good], field.x[good])
     direction = np.arctan2(north[:, 1], north[:, 0])
     middle = math.atan2(float(np.mean(np.sin(direction))), float(np.mean(np.cos(direction))))
-    return math.degrees(float(rotation.wrap(middle + np.median(rotation.wrap(direction - middle)))))
+    return math.degrees(float(rotation.wrap(middle + median(rotation.wrap(direction - middle)))))
 
 
 # The replay floor: the smallest difference between attitudes that a log can resolve.
@@ -205,7 +206,7 @@ def timestamp_tick_s(t: Array) -> float:
     if len(dt) < 10:
         return 0.0
     ticks = dt / TICK_S
-    usual = np.abs(ticks - np.median(ticks)) < 1.5
+    usual = np.abs(ticks - median(ticks)) < 1.5
     whole = bool(np.all(np.abs(ticks - np.round(ticks)) < 1e-2))
     return TICK_S if whole and usual.any() and np.ptp(np.round(ticks[usual])) > 0 else 0.0
 
@@ -232,7 +233,7 @@ def floor_step(t: Array, q: Array, known_step: float, imu: Imu | None) -> tuple[
     rate = 0.0
     if imu is not None and len(imu.gyro.x):
         (x,) = model.select_good(rotation.finite_rows(imu.gyro.x), imu.gyro.x)
-        centred = x - np.median(x, axis=0) if len(x) else x
+        centred = x - median(x, axis=0) if len(x) else x
         rate = float(np.degrees(np.sqrt(np.mean(np.einsum("ij,ij->i", centred, centred))))) if len(x) else 0.0
     timing = tick / np.sqrt(12) * rate
     missing = bridged_gap_deg(imu)
@@ -294,7 +295,7 @@ def fit_gyro_delay(imu: Imu, reference: Reference) -> tuple[float, float] | None
         return [misfit(rates - own) for rates in turned / (end - start)[:, None]]
 
     def misfit(off: Array) -> float:
-        usual = np.sum((off - np.median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
+        usual = np.sum((off - median(off, axis=0)) ** 2, axis=1) < OUTLIER_RAD_S**2
         if not usual.any():  # no agreement with the gyro at this shift
             return math.inf
         off = off[usual] - np.mean(off[usual], axis=0)

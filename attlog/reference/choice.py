@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import AttlogError, UsageError
+from attlog.core.sorting import is_in
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import Attitude, FlightLog, Imu, guarded_part
 from attlog.reference import (
@@ -294,7 +295,7 @@ class _Choice:
         reference = build_reference(
             self.log, self.segments, self.options, "smoother", "", Attitude(t, q, "the smoother"), why, segment
         )
-        used = np.isin(t, reference.t)
+        used = is_in(t, reference.t)
         reference.sigma = ReferenceSigma(tilt[used], heading[used])
         reference.gyro_jumps = smoothed.gyro_jumps(estimate)
         reference.quality, reference.faults.doubt = dict(estimate.quality), failed

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.earth import MagneticField
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median, unique
 from attlog.flight import recalibration
 from attlog.flight.calibration import mounting_matrices, mounting_matrix
 from attlog.flight.model import Array, FlightLog, Mag
@@ -225,7 +226,7 @@ def fit_orders(windows: Sequence[Window], orders: Array) -> Fits:
         h, rss = sums.fits(orders)
         w, p = np.unravel_index(int(np.argmin(rss)), rss.shape)
         off = rotation.length(measured @ orders[p].T - np.einsum("nia,i->na", matrices[w], h[w, p]))
-        scale = float(np.median(off)) / 1.538  # median length of three unit normals
+        scale = float(median(off)) / 1.538  # median length of three unit normals
         weight = np.minimum(1.0, HUBER_SIGMAS * scale / np.maximum(off, 1e-12))
         sums = _sums(*_projected(window, drifts, weight))
         h, rss = sums.fits(orders)
@@ -336,7 +337,7 @@ def _measured(found: Orientation, windows: Sequence[Window], fits: Fits, order: 
     for window, drift, weight in zip(windows, fits.drifts, fits.weights, strict=True):
         matrices, measured = _projected(window, drift[best : best + 1], weight)
         number = ((window.t - window.t[0]) / BLOCK_S).astype(np.int64)
-        parts = [number == k for k in np.unique(number)]
+        parts = [number == k for k in unique(number)]
         blocks.append([_sums(matrices[0][part], measured[part]) for part in parts])
     whole = [_added(each) for each in blocks]
     turn = order

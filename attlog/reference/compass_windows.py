@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import unique
 from attlog.core.spans import Span, inside, intersect
 from attlog.flight.compass import motor_drive, power_at
 from attlog.flight.model import Array, FlightLog, Imu, Mag
@@ -82,7 +83,7 @@ def _cut(log: FlightLog, t: Array, x: Array, earth: Array, joined: NDArray[np.bo
     t, x, earth, run = t[upright], x[upright], earth[upright], run[upright]
     power = power_at(motor_drive(log)[1], t)
     windows = []
-    for number in np.unique(run):
+    for number in unique(run):
         k = np.flatnonzero(run == number)
         for part in np.array_split(k, max(1, math.ceil((t[k[-1]] - t[k[0]]) / WINDOW_S))):
             if len(part) < MIN_WINDOW_SAMPLES:
@@ -132,7 +133,7 @@ def by_mean_force(log: FlightLog, segments: Segments, imu: Imu, mag: Mag) -> lis
     down = -rotation.rotate(q, mean)
     matrices = np.empty((len(t), 3, 3))
     run = np.cumsum(~joined)
-    for number in np.unique(run):
+    for number in unique(run):
         own = run == number
         level = _smooth(t[own], down[own])
         size = np.maximum(rotation.length(level), 1e-9)[:, None]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.kinematics import body_rates
+from attlog.core.sorting import is_in, median
 from attlog.flight.model import Array, Attitude, Imu, Mag
 from attlog.reference.model import GyroJump
 from attlog.segments import Segments, model
@@ -194,7 +195,7 @@ def field_follows(
     start, end, field, changed = field_changes(mag)
     turning = gyro_increments(imu)
     own = attitude.t if attitude.t_sample is None else attitude.t_sample
-    segment = model.merge_numbers(model.number_segments(own), np.cumsum(np.isin(np.arange(len(own)), jumps)))
+    segment = model.merge_numbers(model.number_segments(own), np.cumsum(is_in(np.arange(len(own)), jumps)))
     (before, first), (after, last) = (interpolate_attitudes(own, attitude.q, segment, t) for t in (start, end))
     both = (first >= 0) & (first == last) & turning.known(start, end)
     if np.count_nonzero(both) < MIN_RATE_INTERVALS:
@@ -343,14 +344,14 @@ def find_spikes(imu: Imu) -> GyroSpikes:
     if len(t) < 100:
         return GyroSpikes()
     dt = np.diff(t)
-    usual = float(np.median(dt))
+    usual = float(median(dt))
     off = rate[1:-1] - 0.5 * (rate[:-2] + rate[2:])
     size = rotation.length(off)
     change = rotation.length(rate[2:] - rate[:-2])
     regular = (np.maximum(dt[:-1], dt[1:]) < 1.5 * usual) & np.isfinite(size)
     if not regular.any():
         return GyroSpikes()
-    least = max(MIN_SPIKE_RATIO * float(np.median(size[regular])), np.radians(MIN_SPIKE_DPS))
+    least = max(MIN_SPIKE_RATIO * float(median(size[regular])), np.radians(MIN_SPIKE_DPS))
     found = np.flatnonzero(regular & (size > least) & (size > MIN_ISOLATION_RATIO * change))
     found = found[~_near_impact(imu, t[found + 1])]
     if len(found) < MIN_SPIKES:

@@ -13,6 +13,7 @@ from attlog import estimators
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.core.spans import Span, between, complement, intersect, merge
 from attlog.estimators.evidence import WRONG_DEG, WRONG_SIGMAS, HeadingOffset, both
 from attlog.flight.model import Attitude, FlightLog, Gnss, Imu
@@ -300,7 +301,7 @@ def _yaw_estimator(log: FlightLog, reference: Reference) -> HeadingReference | N
         if len(off) >= MIN_HEADINGS and np.mean(off**2) > MAX_YAW_SIGMAS**2:
             return None
     heading = np.degrees(rotation.wrap(x[:, 0]))
-    sigma = float(np.degrees(np.median(x[:, 1])))
+    sigma = float(np.degrees(median(x[:, 1])))
     text = f"yaw of {own.source} from GNSS motion, no compass (median sigma {sigma:.1f} deg)"
     return HeadingReference("yaw_estimator", t, heading, model.number_segments(t), text)
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import median
 from attlog.core.spans import Span
 from attlog.estimators.evidence import HeadingOffset
 from attlog.flight.model import Array, Attitude, FlightLog
@@ -197,7 +198,7 @@ def _angle_error(angle: str, found: OnboardComparison, evidence: OnboardEvidence
         if kept:
             part, longest = max(kept, key=lambda one: one[1][1] - one[1][0])
             seconds = sum(b - a for _, (a, b) in kept)
-            medians = float(np.median(size[part])), float(np.median(sigma[part]))
+            medians = float(median(size[part])), float(median(sigma[part]))
             shown = evidence.words(angle, longest), evidence.contradicts_onboard(angle, longest)
             return OnboardError(angle, seconds, longest, *medians, limit_deg is WRONG_DEG, *shown), supported
     return None, supported

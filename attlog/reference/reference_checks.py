@@ -13,6 +13,7 @@ from attlog.core import rotation, spans
 from attlog.core.errors import AttlogError
 from attlog.core.kinematics import earth_force, known_earth_force, tilt_deg
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median, nanmedian, unique
 from attlog.core.spans import Span
 from attlog.core.spans import between as time_slice
 from attlog.estimators.evidence import still_windows, tilt_residual, within
@@ -75,7 +76,7 @@ def gravity_check(reference: Reference, imu: Imu | None, segments: Segments) -> 
     if kind is None:
         return "", []
     tilts = [q.tilt for q in quiet if q.kind == kind]
-    tilt, where = float(np.median(tilts)), QUIET_WORDS[kind]
+    tilt, where = float(median(tilts)), QUIET_WORDS[kind]
     text = f"{where} {reference.source} and gravity in the accelerometer differ by this tilt (median of {len(tilts)})"
     step = AlignmentStep("gravity_check", text, tilt, "deg", f"accelerometer {where}", False)
     if tilt > MAX_GRAVITY_TILT_DEG:
@@ -180,7 +181,7 @@ class StaticTilt:
             inside = known & (end >= span[0] - BORDER_S) & (begin <= span[1] + BORDER_S)
         if not inside.any():
             return None
-        return float(np.median(self.reference[inside])), float(np.median(self.onboard[inside]))
+        return float(median(self.reference[inside])), float(median(self.onboard[inside]))
 
     def supports_onboard(self, span: Span) -> bool:
         """Return whether gravity at standstill supports the onboard attitude around a span."""
@@ -204,10 +205,8 @@ class StaticTilt:
             if np.count_nonzero(there) < MIN_STILL_WINDOWS:
                 continue
             onboard = self.onboard[there]
-            theirs = float(np.nanmedian(onboard)) if np.isfinite(onboard).any() else np.nan
-            found.append(
-                ((begin, end), float(np.median(self.reference[there])), theirs, float(np.median(self.sigma[there])))
-            )
+            theirs = float(nanmedian(onboard)) if np.isfinite(onboard).any() else np.nan
+            found.append(((begin, end), float(median(self.reference[there])), theirs, float(median(self.sigma[there]))))
         return found
 
 
@@ -260,7 +259,7 @@ def static_tilt_refusal(found: StaticTilt, reference: Reference, name: str) -> t
     wrong = [span for span, *_ in bad]
     known = spans.merge([(float(a), float(b)) for a, b in found.windows[np.isfinite(found.reference)]])
     refused, whole = list[Span](), 0
-    numbers = np.unique(reference.gap_segment)
+    numbers = unique(reference.gap_segment)
     for number in numbers:
         t = reference.t[reference.gap_segment == number]
         own = [(float(t[0]), float(t[-1]))]
@@ -391,10 +390,10 @@ def _refuted_by_force(
         return None
     t, use, downs = t[shared], use[shared], downs[:, shared]
     own_down = rotation.rotate_inverse(reference.q[use], DOWN)
-    common = np.nanmedian(downs, axis=0)
+    common = nanmedian(downs, axis=0)
     common /= np.sqrt(np.sum(common**2, axis=1, keepdims=True))
     distance = _angle(downs, common)
-    typical = np.array([np.median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
+    typical = np.array([median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.inf for d in distance])
     near = np.flatnonzero(typical <= MAX_SPREAD_DEG)
     if len(near) < max(MIN_FILTERS, (len(filters) + 1) // 2):
         return None
@@ -419,11 +418,11 @@ def _refuted_by_force(
     right, wrong = (float(np.sqrt(np.sum((f - gravity) ** 2))) for f in (by_filter, by_reference))
     if right > MAX_FORCE_RESIDUAL_M_S2 or wrong < MIN_FORCE_FAULT_M_S2:
         return None
-    angle = float(np.median(angles[longest]))
+    angle = float(median(angles[longest]))
     who = "all" if len(near) == len(filters) else "most"
     fault = f"{reference.source} is wrong by {angle:.0f} deg: {who} filters agree, and their mean force is gravity"
     text = (
-        f"Filters stay within {np.median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
+        f"Filters stay within {median(spread):.0f} deg of each other; from {t0:.1f} to {t1:.1f} s the mean force is "
         f"{_shown(by_filter)} m/s^2 (north, east, down) by them and {_shown(by_reference)} by {reference.source}"
     )
     return fault, AlignmentStep("contradiction", text, angle, "deg", reference.source, False)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation, spans, timestamps
 from attlog.core.rotation import earth_error, total_angle, unwrap, wrap
+from attlog.core.sorting import median
 from attlog.core.spans import Span
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import Attitude, FlightLog
@@ -74,7 +75,7 @@ def coverage_pct(
     total = spans.seconds(wanted)
     if total <= 0:
         return None
-    usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    usual = float(median(np.diff(t))) if len(t) > 1 else 0.0
     parts = [p for p in model.segment_slices(counted, number) if p.stop - p.start > 1]
     covered = [(float(t[p.start]) - 0.5 * usual, float(t[p.stop - 1]) + 0.5 * usual) for p in parts]
     return min(100.0, 100.0 * spans.seconds(spans.intersect(covered, wanted)) / total)
@@ -161,10 +162,10 @@ def convergence_s(errors: AttitudeErrors, start: float, with_heading: bool) -> f
     later = errors.scored if errors.scored.any() else np.ones(len(errors.t), bool)
     if not convergence_observable(errors):
         return None
-    good = errors.tilt <= np.median(errors.tilt[later]) + CONVERGED_TILT_DEG
+    good = errors.tilt <= median(errors.tilt[later]) + CONVERGED_TILT_DEG
     if with_heading:
         heading = np.abs(errors.heading)
-        good &= heading <= np.median(heading[later]) + CONVERGED_HEADING_DEG
+        good &= heading <= median(heading[later]) + CONVERGED_HEADING_DEG
     for part in model.segment_slices(good, _unbroken(errors)):
         if np.ptp(errors.t[part]) >= CONVERGED_S:
             took = max(0.0, float(errors.t[part.start]) - start) if part.start > 0 else 0.0

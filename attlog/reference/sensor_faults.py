@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation, spans
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.flight.model import Array, Attitude, FlightLog, guarded_part
 from attlog.reference import accelerometer_checks, alignment, gyro_checks
 from attlog.reference.compass_orientation import compass_orientation
@@ -95,7 +96,7 @@ def measure_dips(log: FlightLog, segments: Segments, attitude: Attitude | None) 
         by_attitude.append(_dip_deg(down, field))
     if not by_force:
         return None
-    return DipAngles(float(np.median(by_force)), float(np.median(by_attitude)), model.inclination_deg)
+    return DipAngles(float(median(by_force)), float(median(by_attitude)), model.inclination_deg)
 
 
 def _span_mean(t: Array, x: Array, t0: float, t1: float) -> Array | None:
@@ -148,7 +149,7 @@ def accelerometer_delay(log: FlightLog) -> float | None:
     if len(first) < MIN_VELOCITY_PAIRS:
         return None
     change = (velocity[last] - velocity[first]) / (t[last] - t[first])[:, None]
-    change = change - np.median(change, axis=0)
+    change = change - median(change, axis=0)
     if np.sqrt(np.mean(np.sum(change**2, axis=1))) < MIN_ACCELERATION_M_S2:
         return None
     q, _ = rotation.slerp_in_segments(attitude.t, attitude.q, None, grid)
@@ -220,7 +221,7 @@ def _delay_misfit(
     if np.count_nonzero(inside) < max(MIN_VELOCITY_PAIRS, len(inside) // 2):
         return np.inf, 0.0
     by_force = ((b - a) / ((place[1] - place[0]) * FORCE_STEP_S)[:, None])[inside]
-    by_force, own = by_force - np.median(by_force, axis=0), change[inside]
+    by_force, own = by_force - median(by_force, axis=0), change[inside]
     alike = float(np.sum(by_force * own) / np.sqrt(np.sum(by_force**2) * np.sum(own**2) + 1e-30))
     return float(np.mean(np.sum((by_force - own) ** 2, axis=1))), alike
 

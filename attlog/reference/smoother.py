@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.errors import UsageError
+from attlog.core.sorting import median
 from attlog.core.spans import Span, complement, intersect
 from attlog.estimators.interface import Estimate
 from attlog.flight.model import FlightLog, Stream
@@ -74,7 +75,7 @@ def reason_not_smoothed(log: FlightLog, segments: Segments) -> str:
     if log.replay_imu is None:
         return "no IMU is replayed"
     force = rotation.length(log.replay_imu.acc.x)
-    shown = float(np.median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
+    shown = float(median(force[np.isfinite(force)])) if np.isfinite(force).any() else 0.0
     if not FORCE_RANGE_M_S2[0] <= shown <= FORCE_RANGE_M_S2[1]:
         return f"the accelerometer shows {shown:.2g} m/s^2 (median), which is no gravity"
     seconds = sum(b - a for a, b in smoothable(log, segments))

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from attlog import estimators
 from attlog.core import rotation
 from attlog.core.errors import AttlogError
+from attlog.core.sorting import median
 from attlog.core.workers import Died, in_processes
 from attlog.estimators.samples import Sampling
 from attlog.reproduce.paper import PaperOptions
@@ -195,9 +196,9 @@ def quick_errors(t: Array, error: Array, within_s: float = 2.0, step_s: float = 
     """
     every = max(1, round(step_s * (len(t) - 1) / float(t[-1] - t[0])))
     t, error = t[::every], error[::every]
-    half = max(1, round(0.5 * within_s / float(np.median(np.diff(t)))))
+    half = max(1, round(0.5 * within_s / float(median(np.diff(t)))))
     windows = np.lib.stride_tricks.sliding_window_view(error, 2 * half + 1, axis=0)
-    return t[half : len(t) - half], error[half : len(t) - half] - np.median(windows, axis=-1)
+    return t[half : len(t) - half], error[half : len(t) - half] - median(windows, axis=-1)
 
 
 def count_spikes(t: Array, error: Array, threshold: float, apart_s: float = 0.5) -> tuple[int, float]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.core import spans
 from attlog.core.brief import brief
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
@@ -238,7 +239,7 @@ def _drive_power(log: FlightLog, t: Array) -> tuple[Array | None, str]:
 
 def _usual_power(power: Array, carried: Mask) -> float:
     """Return the usual power of flight: median while airborne, else the 95th percentile."""
-    return float(np.median(power[carried]) if carried.any() else np.quantile(power, 0.95))
+    return float(median(power[carried]) if carried.any() else quantile(power, 0.95))
 
 
 def _height_signs(kind: VehicleKind, grid: Grid, levels: list[HeightLevel]) -> tuple[Mask, Mask, Mask]:
@@ -298,7 +299,7 @@ def _flight_ranges(
         if kind.fixed_wing:
             found.append((a, b))
             continue
-        own = float(np.median(power[a:b]))
+        own = float(median(power[a:b]))
         dynamics = np.nan_to_num(grid.dynamics, nan=-9.0)
         lasting = driven & (power > FLIGHT_SHARE * own) & ~grid.contact & (dynamics > LANDED_DYNAMICS)
         while b < len(flying) and lasting[b]:
@@ -311,7 +312,7 @@ def _flight_ranges(
         found.append((a, b))
     reached = []
     for a, b in found:
-        pushed = driven & (power > FLIGHT_SHARE * float(np.median(power[a:b])))
+        pushed = driven & (power > FLIGHT_SHARE * float(median(power[a:b])))
         reached.append(_extend_to_ground(a, b, levels, pushed))
     return join_ranges(reached, MAX_BRIDGED_S)
 
@@ -375,7 +376,7 @@ def _is_flight(a: int, b: int, grid: Grid, levels: list[HeightLevel]) -> bool:
         own[a:b] = True
         return hints >= MIN_SLOW_HEIGHT_S and tilts_as_in_air(grid, own) is not False
     hinted = hints >= MIN_HEIGHT_S
-    dynamics = float(np.quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
+    dynamics = float(quantile(np.nan_to_num(grid.dynamics[a:b], nan=-9.0), 0.8))
     by_tilt = bool(np.isfinite(grid.down[a:b, 0]).any())  # without attitude, ground contact cannot be excluded
     moves = dynamics > MIN_DYNAMICS_ALONE and (b - a) * STEP_S >= MIN_DYNAMICS_S and by_tilt
     if levels and not hinted:  # a run on the ground
@@ -387,7 +388,7 @@ def _is_handheld(a: int, b: int, grid: Grid) -> bool:
     """Return whether a slow span has a large sideways force, as in a hand."""
     sideways = np.hypot(grid.force[a:b, 0], grid.force[a:b, 1])
     slow = not np.any(grid.speed[a:b] > MAX_HAND_M_S)
-    return slow and float(np.quantile(sideways, 0.6)) > MIN_HAND_FORCE_M_S2
+    return slow and float(quantile(sideways, 0.6)) > MIN_HAND_FORCE_M_S2
 
 
 def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
@@ -397,8 +398,8 @@ def _liftoff_time(grid: Grid, first: int, driven: Mask) -> float:
     before = grid.size[max(a - round(2.0 / STEP_S), 0) : a]
     if grid.slow or len(before) < 5:
         return float(grid.t[first])
-    level = float(np.median(before))
-    spread = 1.4826 * float(np.median(np.abs(before - level)))
+    level = float(median(before))
+    spread = 1.4826 * float(median(np.abs(before - level)))
     off, limit = np.abs(grid.size[a:b] - level), max(MIN_LIFTOFF_STEP_M_S2, LIFTOFF_SIGMAS * spread)
     left = np.flatnonzero(off > limit)
     if not len(left):
@@ -420,8 +421,8 @@ def _landing_time(grid: Grid, end: int) -> float:
     moving = np.flatnonzero(~(grid.dynamics[:end] < REST_DYNAMICS))
     if len(moving) and moving[-1] < end - 1:
         a = min(a, max(int(moving[-1]) - round(CAME_TO_REST_S / STEP_S), 0))
-    bump = np.abs(grid.size[a:b] - np.median(grid.size[a:b]))
-    stands_out = bump.max() > max(2.0 * MIN_LIFTOFF_STEP_M_S2, LANDING_PEAK_RATIO * float(np.median(bump)))
+    bump = np.abs(grid.size[a:b] - median(grid.size[a:b]))
+    stands_out = bump.max() > max(2.0 * MIN_LIFTOFF_STEP_M_S2, LANDING_PEAK_RATIO * float(median(bump)))
     if not stands_out:
         return float(grid.t[end])
     k = int(np.argmax(bump))

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation, spans
+from attlog.core.sorting import median
 from attlog.core.spans import Span
 from attlog.flight.model import FlightLog
 from attlog.segments.airborne import InAir
@@ -164,7 +165,7 @@ def find_tumbles(context: CrashContext) -> list[CrashEvent]:
             continue
         around = asked[spans.between(wanted.t, t[a] - 0.1, t[b - 1] + 0.1)]
         fastest = float(rate[a:b].max())
-        if len(around) and float(np.max(around)) > 0.5 * float(np.median(rate[a:b])):
+        if len(around) and float(np.max(around)) > 0.5 * float(median(rate[a:b])):
             continue
         if found and t[a] - found[-1].t_end < UPRIGHT_BEFORE_S:
             most = max(found[-1].size, fastest)
@@ -222,7 +223,7 @@ def find_falls(context: CrashContext) -> list[CrashEvent]:
             or not context.air.driven[a]
         ):
             continue
-        lean = float(np.median(tilt[a:b]))
+        lean = float(median(tilt[a:b]))
         t, t_end = float(grid.t[a]), float(grid.t[b - 1])
         passed = context.tilt.t[spans.between(context.tilt.t, t - 1.0, t + 0.5)]
         above = context.tilt.deg[spans.between(context.tilt.t, t - 1.0, t + 0.5)] > MIN_TIPPED_DEG

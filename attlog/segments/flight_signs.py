@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.brief import brief
+from attlog.core.sorting import median
 from attlog.flight.model import FlightLog, Imu, Stream
 
 Array = NDArray[np.float64]
@@ -139,7 +140,7 @@ def build_grid(log: FlightLog, t0: float, t1: float) -> Grid | None:
     if imu is None or imu.acc.rate < MIN_IMU_HZ or not known.any():
         return found
     found.slow = False
-    bias = np.median(rate[known], axis=0)
+    bias = median(rate[known], axis=0)
     for a, b in true_runs(known):
         _fill_signs(found, slice(a, b), np.degrees(rate[a:b] - bias))
     return found
@@ -181,7 +182,7 @@ def _mean_samples(imu: Imu, t: Array) -> tuple[Array, Array, Mask]:
     sums = np.column_stack([np.bincount(k, column, len(t)) for column in both.T])
     mean = sums[have] / count[have, None]
     filled = np.column_stack([np.interp(t, t[have], column) for column in mean.T])
-    usual = float(np.median(np.diff(at)))
+    usual = float(median(np.diff(at)))
     return filled[:, :3], filled[:, 3:], seconds_to_nearest(t, at) <= max(MAX_SAMPLE_GAP_S, 2.0 * usual)
 
 
@@ -252,7 +253,7 @@ def hold_last(t: Array, stream: Stream, nothing: float = 0.0) -> Array:
     ``nothing`` where that value is too old.
     """
     x = stream.x.reshape(len(stream.t), -1)[:, 0]
-    usual = float(np.median(np.diff(stream.t))) if len(stream.t) > 1 else MAX_AGE_S
+    usual = float(median(np.diff(stream.t))) if len(stream.t) > 1 else MAX_AGE_S
     i = np.clip(np.searchsorted(stream.t, t, side="right") - 1, 0, len(stream.t) - 1)
     fresh = (t - stream.t[i] <= max(MAX_AGE_S, 5.0 * usual)) & np.isfinite(x[i])
     return np.where(fresh, x[i], nothing)

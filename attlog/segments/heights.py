@@ -13,6 +13,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from attlog.core.brief import brief
+from attlog.core.sorting import median, nanmedian
 from attlog.flight.model import FlightLog, Stream
 from attlog.segments.flight_signs import MAX_AGE_S, STEP_S, Grid, hold_last, seconds_to_nearest, true_runs
 
@@ -74,7 +75,7 @@ def height_levels(log: FlightLog, grid: Grid, grounded: Mask) -> list[HeightLeve
     if log.rangefinder is not None and len(log.rangefinder.t) > 3:
         raw = hold_last(grid.t, log.rangefinder, np.nan) * np.clip(np.nan_to_num(grid.down[:, 2], nan=1.0), 0.0, 1.0)
         ranged = (
-            raw - np.nanmedian(raw[grounded]) if np.isfinite(raw[grounded]).any() else raw - np.nanmin(raw, initial=1e9)
+            raw - nanmedian(raw[grounded]) if np.isfinite(raw[grounded]).any() else raw - np.nanmin(raw, initial=1e9)
         )
         if np.nanmax(ranged, initial=0.0) > MIN_RANGE_CHANGE_M:
             found.append(HeightLevel("range", log.rangefinder.source, ranged))
@@ -145,11 +146,11 @@ def averaged_height(t: Array, stream: Stream) -> Array:
     """Return height (n,) averaged over 1 s, without spikes; NaN where no sample is near."""
     raw = np.interp(t, stream.t, stream.x[:, 0])
     around = round(0.5 * SPIKE_S / STEP_S)
-    middle = np.median(sliding_window_view(np.pad(raw, around, mode="edge"), 2 * around + 1), axis=1)
+    middle = median(sliding_window_view(np.pad(raw, around, mode="edge"), 2 * around + 1), axis=1)
     raw = np.where(np.abs(raw - middle) > SPIKE_M, middle, raw)
     half = round(0.5 * HEIGHT_MEAN_S / STEP_S)
     mean = np.convolve(np.pad(raw, half, mode="edge"), np.full(2 * half + 1, 1.0 / (2 * half + 1)), "valid")
-    usual = float(np.median(np.diff(stream.t))) if len(stream.t) > 1 else 0.0
+    usual = float(median(np.diff(stream.t))) if len(stream.t) > 1 else 0.0
     near: Array = np.where(seconds_to_nearest(t, stream.t) <= max(MAX_AGE_S, usual), mean, np.nan)
     return near
 

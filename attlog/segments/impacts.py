@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation, spans
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span
 from attlog.flight.model import FlightLog, Imu
 from attlog.flight.vehicle import VehicleKind
@@ -293,7 +294,7 @@ def _samples_above(imu: Imu, within: list[Span], least_g: float) -> tuple[Array,
         first = group[np.argmax(force[group] > max(least_g, 0.5 * peak))]
         before = force[spans.between(t, t[first] - PEAK_BEFORE_S, t[first] - 0.1)]
         before = before[np.isfinite(before)]
-        if len(before) <= 10 or peak >= PEAK_FACTOR * float(np.quantile(before, 0.98)):
+        if len(before) <= 10 or peak >= PEAK_FACTOR * float(quantile(before, 0.98)):
             kept.append(group)
     good = np.concatenate(kept) if kept else np.zeros(0, np.int64)
     return t[good], force[good]
@@ -360,7 +361,7 @@ def _impact_reason(context: CrashContext, peak: ImpactPeak) -> str:
 def _lies_over(context: CrashContext, t: float) -> bool:
     """Return whether a vehicle without wings stays far tilted after an impact, with whatever drive."""
     later = context.tilt.deg[spans.between(context.tilt.t, t + 0.5 * FLIES_ON_S, t + FLIES_ON_S)]
-    return not context.log.kind.winged and len(later) > 0 and float(np.median(later)) > MAX_UPRIGHT_DEG
+    return not context.log.kind.winged and len(later) > 0 and float(median(later)) > MAX_UPRIGHT_DEG
 
 
 def _fell_m(context: CrashContext, t: float) -> float:

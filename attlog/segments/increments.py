@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, Out2, last_before
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.flight.model import Attitude, FlightLog, Imu
 from attlog.segments import model
 from attlog.segments.model import Segments
@@ -196,7 +197,7 @@ def _jump_indices(jump: Array, rotated: Array) -> Index:
     known = np.isfinite(jump)
     if not known.any():
         return np.zeros(0, np.int64)
-    sigma = 1.4826 * float(np.median(jump[known]))
+    sigma = 1.4826 * float(median(jump[known]))
     limit = max(SMALLEST_DEG, SIGMAS * sigma) + SHARE * rotated
     candidates = np.flatnonzero(known & (np.where(known, jump, 0.0) > limit))
     offsets = np.concatenate([np.arange(-NEIGHBOURS - 1, -1), np.arange(2, NEIGHBOURS + 2)])

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation, spans
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, inside
 from attlog.flight.model import FlightLog, Imu, Stream, TimeLine
 from attlog.segments import flight_signs, model
@@ -60,7 +61,7 @@ def build_windows(t: Array, gyro: Array, acc: Array) -> ImuWindows:
     Windows of fewer than 3 samples are dropped.
     """
     dt = np.diff(t)
-    usual = float(np.median(dt[dt > 0])) if np.any(dt > 0) else MIN_WINDOW_S
+    usual = float(median(dt[dt > 0])) if np.any(dt > 0) else MIN_WINDOW_S
     seconds = max(MIN_WINDOW_S, MIN_WINDOW_SAMPLES * usual)
     segment = model.number_segments(t)
     segment_start = t[np.searchsorted(segment, segment)]
@@ -151,7 +152,7 @@ def vibration_levels(imu: Imu, within: list[Span]) -> tuple[Array, Array]:
         first = np.flatnonzero(np.diff(window, prepend=-1))
         count = np.diff(np.append(first, len(window)))
         mean = np.add.reduceat(fast**2, first, axis=0) / count[:, None]
-        full = count >= 0.8 * np.median(count)
+        full = count >= 0.8 * median(count)
         starts.append(t[part][first][full])
         found.append(np.sqrt(mean[full]))
     return (np.concatenate(starts), np.concatenate(found)) if starts else (np.zeros(0), np.zeros((0, 3)))
@@ -281,7 +282,7 @@ def still_rate_limit(windows: ImuWindows) -> float:
     """Return the largest standard deviation of the gyro at rest in deg/s: clip(4 x floor, 0.15, 0.6)."""
     if len(windows.t0) == 0:
         return MIN_RATE_STD_DPS
-    floor = np.quantile(windows.rate_std, 0.02)
+    floor = quantile(windows.rate_std, 0.02)
     return float(np.clip(RATE_STD_FACTOR * floor, MIN_RATE_STD_DPS, MAX_RATE_STD_DPS))
 
 
@@ -322,7 +323,7 @@ def find_rests(
             continue
         kind = "rest.long" if t1 - t0 >= MIN_LONG_REST_S else "rest.short"
         inside = (windows.t0 >= t0 - 1e-9) & (windows.t1 <= t1 + 1e-9)
-        noise = float(np.median(windows.rate_std[inside]))
+        noise = float(median(windows.rate_std[inside]))
         why = f"gyro noise {noise:.3f} deg/s (limit {limit:.2f}), accelerometer and mean rate steady"
         found.append(Segment(kind, t0, t1, ", ".join([why, *known])))
     return found
@@ -334,7 +335,7 @@ def find_idles(
     """Return spans on the ground with motors turning, outside rest; none where flight is unknown."""
     if not airborne.known:
         return []
-    offset = np.median(windows.rate[still], axis=0) if still.any() else np.zeros(3)
+    offset = median(windows.rate[still], axis=0) if still.any() else np.zeros(3)
     limit = IDLE_RATE_DPS if still.any() else IDLE_OFFSET_DPS
     slow = np.sqrt(np.sum((windows.rate - offset) ** 2, axis=1)) < limit
     turning = spans.overlaps(windows.t0, windows.t1, motors.spans)

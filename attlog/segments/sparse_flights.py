@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation, spans
+from attlog.core.sorting import median
 from attlog.core.spans import Span
 from attlog.flight.model import Stream
 from attlog.segments.flight_signs import AIRBORNE_DYNAMICS, MAX_AGE_S, REST_DYNAMICS, STEP_S, Grid, Mask, true_runs
@@ -52,7 +53,7 @@ def liftoff_by_tilt(grid: Grid, first: int) -> float:
     before = before[rotation.finite_rows(before)]
     if not len(before):
         return float(grid.t[first])
-    stood = np.median(before, axis=0)
+    stood = median(before, axis=0)
     low, high = max(first - round(SOUGHT_BEFORE_S / STEP_S), 0), first + round(SOUGHT_AFTER_S / STEP_S)
     turned = rotation.length(grid.down[low:high] - stood) > np.radians(LIFTOFF_TILT_DEG)
     return float(grid.t[low + np.argmax(turned)]) if turned.any() else float(grid.t[first])
@@ -73,7 +74,7 @@ def flights_by_motion(grid: Grid, height: Array, may: Mask, winged: bool) -> lis
     speed, slow = np.nan_to_num(grid.speed), np.isfinite(height) & (grid.speed < SLOW_M_S)
     if not np.isfinite(height).any():
         return []
-    above = np.nan_to_num(height - (np.median(height[slow]) if slow.any() else np.nanmin(height)), nan=0.0)
+    above = np.nan_to_num(height - (median(height[slow]) if slow.any() else np.nanmin(height)), nan=0.0)
     certain = may & (speed > MIN_FLIGHT_M_S) & (above > MIN_FLIGHT_M)
     lasting = may & ((speed > SLOW_M_S) | (above > LASTING_M))
     found = []
@@ -127,7 +128,7 @@ GROUND_M, OFF_M = 0.5, 2.0
 def heard_drive(t: Array, stream: Stream) -> tuple[Array, Mask]:
     """Return the last value (n,) of a drive at times ``t``, and whether it is heard there."""
     x = np.nan_to_num(stream.x.reshape(len(stream.t), -1)).mean(axis=1)
-    usual = float(np.median(np.diff(stream.t))) if len(stream.t) > 1 else MAX_AGE_S
+    usual = float(median(np.diff(stream.t))) if len(stream.t) > 1 else MAX_AGE_S
     i = np.searchsorted(stream.t, t, side="right") - 1
     age = np.where(i >= 0, t - stream.t[np.maximum(i, 0)], np.inf)
     return np.where(i >= 0, np.abs(x[np.maximum(i, 0)]), 0.0), age <= max(HEARD_S, HEARD_INTERVALS * usual)
@@ -151,8 +152,8 @@ def count_from_arming(t: Array, level: HeightLevel, armed: list[Span]) -> Height
     for (a, _), end in zip(armed, [*(a for a, _ in armed[1:]), np.inf], strict=False):
         around = level.above[(t >= a - COUNT_BEFORE_S) & (t <= a + COUNT_AFTER_S)]
         around = around[np.isfinite(around)]
-        if len(around) and np.median(around) < FIRST_HEARD_M:
-            above[(t >= a - COUNT_BEFORE_S) & (t < end)] -= np.median(around)
+        if len(around) and median(around) < FIRST_HEARD_M:
+            above[(t >= a - COUNT_BEFORE_S) & (t < end)] -= median(around)
     return replace(level, above=above)
 
 
@@ -161,7 +162,7 @@ def tilts_as_in_air(grid: Grid, within: Mask) -> bool | None:
     count = round(TILT_STEP_S / STEP_S)
     steps = np.degrees(rotation.length(grid.down[count:] - grid.down[:-count]))
     known = steps[within[count:] & within[:-count] & np.isfinite(steps)]
-    return bool(np.median(known) > MIN_TILT_STEP_DEG) if len(known) else None
+    return bool(median(known) > MIN_TILT_STEP_DEG) if len(known) else None
 
 
 def stood_times(grid: Grid, disarmed: Mask, off: Mask, above: Array, winged: bool) -> Mask:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from attlog.core.brief import counted, first_part
+from attlog.core.sorting import median
 from attlog.core.spans import between
 from attlog.flight.model import FlightLog
 from attlog.story.drive_events import BROKEN, LASTING
@@ -394,8 +395,8 @@ def weak_battery(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:
             armed = max((e.t for _, e in _of(events, "armed") if e.t <= low.t), default=0.0)
             now = battery.x[between(battery.t, fault.t, fault.t_end or fault.t), 0]
             before = battery.x[between(battery.t, max(armed, 0.0) - RESTED_S, max(armed, 0.0) + RESTED_S), 0]
-            if len(now) and len(before) and np.median(now) < SAGGED_SHARE * np.median(before):
-                yield k, n, f"{np.median(now):.1f} V, {np.median(before):.1f} V at arming"
+            if len(now) and len(before) and median(now) < SAGGED_SHARE * median(before):
+                yield k, n, f"{median(now):.1f} V, {median(before):.1f} V at arming"
 
 
 def lost_control(log: FlightLog, events: Sequence[Event]) -> Iterator[Link]:

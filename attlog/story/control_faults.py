@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.core.spans import Span, between, inside
 from attlog.flight.model import FlightLog, Stream
 from attlog.flight.vehicle import VehicleKind
@@ -90,7 +91,7 @@ def rate_tracking(motion: Motion, setpoint: Stream, spans: Sequence[Span]) -> li
                 continue
             rows.append((*_best_lag(at[good], x[good], t[near], rate[near, axis]), a, b))
         if len(rows) >= MIN_WINDOWS:
-            r, slope, lag = np.median([row[:3] for row in rows], axis=0).tolist()
+            r, slope, lag = median([row[:3] for row in rows], axis=0).tolist()
             found.append(Tracking(axis, r, slope, lag, len(rows), rows[0][3], rows[-1][4]))
     return found
 
@@ -158,8 +159,8 @@ def oscillations(motion: Motion, spans: Sequence[Span]) -> list[Oscillation]:
             found.append(
                 Oscillation(
                     axis,
-                    float(np.median(hz[rows, axis])),
-                    float(np.median(dps[rows, axis])),
+                    float(median(hz[rows, axis])),
+                    float(median(dps[rows, axis])),
                     len(rows) / len(starts),
                     float(starts[first[0]]),
                     float(starts[first[1] - 1] + WINDOW_S),
@@ -189,7 +190,7 @@ def _peaks(t: Array, rate: Array, a: float, b: float) -> tuple[Array, Array, Arr
     none = np.full((len(starts), 3), np.nan)
     if len(at) < 2 or not len(starts):
         return starts, none, none
-    step = float(np.median(np.diff(at)))
+    step = float(median(np.diff(at)))
     if 1.0 / step < MIN_GYRO_HZ:
         return starts, none, none
     times = np.arange(a, b, step)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import median
 from attlog.core.spans import Span, inside
 from attlog.flight.model import FIX_3D, FlightLog, Gnss, InnovationTest
 from attlog.segments.flight_signs import true_runs
@@ -133,7 +134,7 @@ def _rejections_of(test: InnovationTest, flown: list[Span]) -> Rejection | None:
     if np.count_nonzero(use) < 2:
         return None
     beyond = use & (test.ratio > 1.0)
-    pause = max(GAP_S, MAX_INTERVALS * float(np.median(np.diff(test.t[use]))))
+    pause = max(GAP_S, MAX_INTERVALS * float(median(np.diff(test.t[use]))))
     runs = [np.arange(a, b) for a, b in true_runs(beyond)]
     parts = [part for run in runs for part in np.split(run, np.flatnonzero(np.diff(test.t[run]) > pause) + 1)]
     pairs = [(float(test.t[part[0]]), float(test.t[part[-1]])) for part in parts]
@@ -292,7 +293,7 @@ def _gnss_lost(log: FlightLog, segments: Segments) -> list[Event]:
     if len(t) < 2:
         return []
     unfixed = np.sort(np.concatenate([g.t[(g.fix < FIX_3D) & np.isfinite(g.t)] for g in log.gnss]))
-    usual = float(np.median(np.diff(t)))
+    usual = float(median(np.diff(t)))
     found = []
     for a, b in segments.spans("airborne"):
         if a < t[0]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from attlog.core import rotation
 from attlog.core.brief import brief, counted
+from attlog.core.sorting import median, quantile
 from attlog.core.spans import Span, between, inside, merge
 from attlog.flight.model import VIBRATION_LIMITS, Array, Clipping, FlightLog, Stream
 from attlog.segments.airborne import FLIGHT_SHARE, InAir
@@ -280,9 +281,9 @@ def _moves_on(air: InAir, flagged: float, end: float) -> bool:
     """Return whether drive until a flag of landing, or motion until the end, shows flight in spite of it."""
     grid = air.grid
     before, last = between(grid.t, flagged - END_S, flagged), between(grid.t, end - END_S, end + END_S)
-    usual = [float(np.median(air.power[between(grid.t, a, b)])) for a, b in air.spans if a <= flagged]
+    usual = [float(median(air.power[between(grid.t, a, b)])) for a, b in air.spans if a <= flagged]
     driven = bool(usual and before.stop > before.start) and air.power_source != "arming"
-    driven = driven and float(np.median(air.power[before])) > FLIGHT_SHARE * usual[-1]
+    driven = driven and float(median(air.power[before])) > FLIGHT_SHARE * usual[-1]
     touching = bool(before.stop > before.start and grid.contact[before].mean() >= TOUCHING_SHARE)
     falls = bool((grid.size[last] < FREE_FALL_SHARE * G).any())
     fast = bool((grid.speed[last] > MAX_LANDED_M_S).any() or (air.climb[last] < -MAX_LANDED_M_S).any())
@@ -463,7 +464,7 @@ def _is_calm(own: Stream | None, flown: list[Span]) -> bool:
         return False
     x = own.x[inside(own.t, flown) & rotation.finite_rows(own.x)].max(axis=1, initial=0.0)
     limits = VIBRATION_LIMITS["rest"]
-    return len(x) >= MIN_LEVELS and bool(np.quantile(x, limits.share) <= limits.warning)
+    return len(x) >= MIN_LEVELS and bool(quantile(x, limits.share) <= limits.warning)
 
 
 def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
@@ -478,7 +479,7 @@ def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
     t, x = vibration_levels(imu, flown)
     strong = x.max(axis=1) > STRONG_M_S2 if len(t) else np.zeros(0, bool)
     if np.count_nonzero(strong) >= STRONG_S:
-        size = float(np.median(x[strong].max(axis=1)))
+        size = float(median(x[strong].max(axis=1)))
         a, b = float(t[strong][0]), float(t[strong][-1]) + 1.0
         source = f"{imu.acc.source}: {format_significant(size)} m/s² rms"
     elif log.vibration.level is not None:
@@ -487,7 +488,7 @@ def _vibration_event(log: FlightLog, flown: list[Span]) -> Event | None:
         high = mine & rotation.finite_rows(own.x) & (np.nan_to_num(own.x).max(axis=1, initial=0.0) > ONBOARD_M_S2)
         if np.count_nonzero(high) < 3:
             return None
-        size = float(np.median(own.x[high].max(axis=1)))
+        size = float(median(own.x[high].max(axis=1)))
         a, b = float(own.t[high][0]), float(own.t[high][-1])
         source = f"{own.source}: {format_significant(size)} m/s²"
     else:

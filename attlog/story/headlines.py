@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.brief import first_part
+from attlog.core.sorting import quantile
 from attlog.core.spans import Span, inside
 from attlog.flight.model import FlightLog
 from attlog.flight.vehicle import VehicleKind
@@ -168,7 +169,7 @@ def _ground_phrase(log: FlightLog, segments: Segments, total: str) -> str:
     if not np.isfinite(speed).any():
         return _armed_phrase(log, segments, total)
     speed = np.nan_to_num(speed)
-    slow = max(MIN_SPEED_M_S, SPEED_SCATTERS * float(np.percentile(speed, 25.0)))
+    slow = max(MIN_SPEED_M_S, SPEED_SCATTERS * float(quantile(speed, 0.25)))
     runs = [(a, b) for a, b in true_runs(speed > min(slow, FAST_M_S)) if b - a >= MIN_MOVING_S]
     top = float(speed.max())
     if not runs and top <= FAST_M_S:

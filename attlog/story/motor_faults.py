@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.log_cache import cached_per_log
+from attlog.core.sorting import median
 from attlog.core.spans import Span, between, inside, merge
 from attlog.flight.drive import Esc, Geometry, MotorOutputs, row_numbers
 from attlog.flight.model import FlightLog, Stream
@@ -125,7 +126,7 @@ class Motion:
     def rate_hz(self) -> float:
         """Sampling rate of the rates, 0 without any."""
         t = self.rates[0]
-        return 0.0 if len(t) < 2 else 1.0 / max(float(np.median(np.diff(t))), 1e-9)
+        return 0.0 if len(t) < 2 else 1.0 / max(float(median(np.diff(t))), 1e-9)
 
     def push_rate(self, lever: Array, t0: float, t1: float) -> tuple[Array, Array]:
         """Return times and the rate (n,) deg/s in the direction in which a motor pushes, from t0 to t1 s."""
@@ -343,16 +344,16 @@ def with_speed(
     if own is None:
         if len(escs) < outputs.motors:
             return fault
-        stopped = speeds[least] < STOPPED_SHARE * np.median(np.delete(speeds, least))
+        stopped = speeds[least] < STOPPED_SHARE * median(np.delete(speeds, least))
         own = least if stopped else int(np.argmax(speeds))
-    others = float(np.median(np.delete(speeds, own)))
+    others = float(median(np.delete(speeds, own)))
     drawn = currents_in(escs, fault.t, fault.t_end + STOP_NEAR_S)
     ampere = f", {drawn[own]:.1f} A" if np.isfinite(drawn[own]) else ""
     line = f"{escs[own].name}: {speeds[own]:,.0f} rpm{ampere}, median of the others {others:,.0f} rpm"
     evidence = [*fault.evidence, line]
     cause = fault.cause
     if speeds[own] < STOPPED_SHARE * others:
-        blocked = np.isfinite(drawn[own]) and drawn[own] >= max(MIN_CURRENT_A, np.median(np.delete(drawn, own)))
+        blocked = np.isfinite(drawn[own]) and drawn[own] >= max(MIN_CURRENT_A, median(np.delete(drawn, own)))
         cause = cause.replace(NO_THRUST_CAUSE, BLOCKED_CAUSE if blocked else STOPPED_CAUSE)
     elif speeds[own] > others:  # driven at its ceiling
         cause = cause.replace(NO_THRUST_CAUSE, PROPELLER_CAUSE)
@@ -377,10 +378,10 @@ def stopped_motor(
         if motor is not None:
             x = outputs.x[:, motor]
             now, before = (x[between(outputs.t, *s)] for s in ((stop.t, stop.t_end), (stop.t - BEFORE_S, stop.t)))
-            if not len(now) or not np.median(now) >= MIN_COMMAND:
+            if not len(now) or not median(now) >= MIN_COMMAND:
                 continue
             level = 100.0 * float(np.mean(now))
-            responds = len(before) > 0 and float(np.max(now) - np.median(before)) >= MIN_RISE
+            responds = len(before) > 0 and float(np.max(now) - median(before)) >= MIN_RISE
         loses_control = loss - stop.t <= STOP_TO_LOSS_S
         if not (stop.without_current or responds or loses_control):
             continue
@@ -530,7 +531,7 @@ def _fell(log: FlightLog, t0: float, t1: float) -> bool:
     """Return whether the IMU with most samples shows a fall between two times."""
     parts = [imu.acc.x[between(imu.acc.t_best, t0 + 0.5 * OFF_S, t1)] for imu in log.imus]
     force = max(parts, key=len, default=np.zeros((0, 3)))
-    return len(force) > 1 and float(np.median(np.linalg.norm(force, axis=1))) < FALL_M_S2
+    return len(force) > 1 and float(median(np.linalg.norm(force, axis=1))) < FALL_M_S2
 
 
 def _detected_landing(log: FlightLog, t: float) -> float | None:
@@ -593,7 +594,7 @@ def _hover_demand(demand: Stream | None, motion: Motion, spans: Sequence[Span]) 
     level = (np.abs(climb) < HOVER_CLIMB_M_S) & (motion.tilt_at(middle) < HOVER_TILT_DEG)
     if np.count_nonzero(level) < MIN_HOVER_S:
         return None
-    return float(np.median(np.interp(middle[level], demand.t, np.nan_to_num(demand.x[:, 0]))))
+    return float(median(np.interp(middle[level], demand.t, np.nan_to_num(demand.x[:, 0]))))
 
 
 def _sinking_part(t: Array, motion: Motion) -> Span | None:
@@ -763,7 +764,7 @@ def _judge_thrust(log: FlightLog, study: DriveStudy, motion: Motion, spans: Sequ
     outputs, demand = log.power.outputs, log.power.throttle
     outputs = outputs if outputs is not None and _is_logged(outputs.t, spans) else None
     demand = demand if demand is not None and _is_logged(demand.t, spans) else None
-    rates = [1.0 / float(np.median(np.diff(x.t))) for x in (outputs, demand) if x is not None]
+    rates = [1.0 / float(median(np.diff(x.t))) for x in (outputs, demand) if x is not None]
     outputs = outputs if outputs is not None and 1.0 / outputs.period >= MIN_LONG_HZ else None
     if not spans:
         study.missing["thrust_reserve"] = SHORT_FLIGHT

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from attlog.core.sorting import median, nanmedian
 from attlog.core.spans import Span, between, inside
 from attlog.flight.drive import Esc, MotorOutputs
 from attlog.flight.model import Array
@@ -52,7 +53,7 @@ def match_motors(escs: Sequence[Esc], outputs: MotorOutputs, spans: Sequence[Spa
     best, found = 0.0, list[int | None](logged)
     for delay in DELAYS_S:
         speed = np.column_stack([np.interp(t + delay, esc.t, esc.rpm) for esc in escs])
-        turning = speed.min(axis=1) > TURNING_SHARE * np.median(speed, axis=1)
+        turning = speed.min(axis=1) > TURNING_SHARE * median(speed, axis=1)
         if np.count_nonzero(turning) < MIN_MATCH_RECORDS:
             continue
         a, b = (_differences(y[turning]) for y in (speed, x))
@@ -81,23 +82,23 @@ def motor_stops(escs: Sequence[Esc], spans: Sequence[Span]) -> list[Stop]:
         flown = inside(esc.t, spans)
         if len(others) < 2 or not flown.any():
             continue
-        median = np.median([np.interp(esc.t, other.t, other.rpm) for other in others], axis=0)
-        standing = flown & (median > 0) & (esc.rpm < STOPPED_SHARE * median)
+        usual = median([np.interp(esc.t, other.t, other.rpm) for other in others], axis=0)
+        standing = flown & (usual > 0) & (esc.rpm < STOPPED_SHARE * usual)
         for a, b in true_runs(standing):
-            turned = (esc.rpm[:a] > TURNING_SHARE * median[:a]) & flown[:a]
+            turned = (esc.rpm[:a] > TURNING_SHARE * usual[:a]) & flown[:a]
             if b - a < MIN_STOP_RECORDS or esc.t[b - 1] - esc.t[a] < MIN_STOP_S or not turned.any():
                 continue
             t0, t1 = float(esc.t[a]), float(esc.t[b - 1])
-            level = float(np.median(median[a:b]))
+            level = float(median(usual[a:b]))
             found.append(Stop(k, t0, t1, level, _without_current(esc, others, t0, t1)))
     return sorted(found, key=lambda stop: stop.t)
 
 
 def _without_current(esc: Esc, others: Sequence[Esc], t0: float, t1: float) -> bool | None:
     means = currents_in([esc, *others], t0, t1)
-    if not np.isfinite(means).all() or np.median(means[1:]) < MIN_CURRENT_A:
+    if not np.isfinite(means).all() or median(means[1:]) < MIN_CURRENT_A:
         return None
-    return bool(means[0] < NO_CURRENT_SHARE * np.median(means[1:]))
+    return bool(means[0] < NO_CURRENT_SHARE * median(means[1:]))
 
 
 def _mean(t: Array, x: Array, t0: float, t1: float) -> float:
@@ -128,7 +129,7 @@ def motor_loads(escs: Sequence[Esc], spans: Sequence[Span]) -> Array:
     for esc in escs:
         fast = inside(esc.t, spans) & (esc.rpm > MIN_LOAD_SHARE * np.max(esc.rpm, initial=0.0)) & (esc.current > 0)
         enough = np.count_nonzero(fast) >= MIN_LOAD_RECORDS
-        loads.append(float(np.median(esc.current[fast] / esc.rpm[fast] ** 3)) if enough else np.nan)
+        loads.append(float(median(esc.current[fast] / esc.rpm[fast] ** 3)) if enough else np.nan)
     return over_others(np.array(loads), np.divide)
 
 
@@ -142,5 +143,5 @@ def over_others(x: Array, compare: np.ufunc) -> Array:
     """Return each of x (n,) beside the median of the others by ``compare``; NaN for fewer than three numbers."""
     if np.count_nonzero(np.isfinite(x)) < 3:
         return np.full(len(x), np.nan)
-    result: Array = compare(x, [np.nanmedian(np.delete(x, k)) for k in range(len(x))])
+    result: Array = compare(x, [nanmedian(np.delete(x, k)) for k in range(len(x))])
     return result

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from attlog.core import jit
 from attlog.core.jit import F1, F2, Out1, Out2
+from attlog.core.sorting import median, quantile
 from attlog.estimators.ekf2 import state as s
 from attlog.estimators.ekf2.loop import Samples, run_filter
 from attlog.estimators.ekf2.parameters import TABLE, era_of, settings_of
@@ -54,7 +55,7 @@ def rerun(
     TABLE.check(changes or {}, inputs.version)
     setting = settings_of(inputs.params, inputs.version) | dict(changes or {})
     steps = steps_of(inputs.imu, predict_seconds(inputs.version, setting))
-    t_step, step_s = steps[:, 0].copy(), float(np.median(steps[:, 7]))
+    t_step, step_s = steps[:, 0].copy(), float(median(steps[:, 7]))
     fill_flags(steps, inputs, era)
     starts = [] if cold else warm_starts(inputs, era, step_s)
     check_start(changes or {}, TABLE.at_start, "warm" if starts else "cold")
@@ -140,7 +141,7 @@ def fitted_gnss_rate(inputs: Ekf2Inputs, model: FieldModel | None, latitude_deg:
         use = (found.states["gnss"][k] > 0) & (variance > 0) & np.isfinite(ours)
         if np.count_nonzero(use) < 5:
             return None
-        apart[rate] = float(np.median(np.abs(np.log(ours[use] / variance[use]))))
+        apart[rate] = float(median(np.abs(np.log(ours[use] / variance[use]))))
     return min(apart, key=apart.__getitem__) if apart else None
 
 
@@ -183,7 +184,7 @@ def known_facts(
         flown_alignment=0.0,
         flown_emergency=0.0,
         brief_checks=float(minor >= 17),
-        imu_period=float(np.median(inputs.imu.dt)),
+        imu_period=float(median(inputs.imu.dt)),
     )
 
 
@@ -216,7 +217,7 @@ def begin_timers(c: Array, begin: float) -> None:
 
 def steps_of(imu: ImuIncrements, predict_s: float) -> Array:
     """Average the IMU over the filter's steps: rows as of :class:`Samples`, flags still zero."""
-    n = max(round(predict_s / float(np.median(imu.dt))), 1)
+    n = max(round(predict_s / float(median(imu.dt))), 1)
     ends = np.arange(n - 1, len(imu.t), n)
     steps = np.full((len(ends), 14), -1.0)
     steps[:, 0], steps[:, 12] = imu.t[ends], ends
@@ -288,7 +289,7 @@ def rest_by_imu(imu: ImuIncrements, landed: Array) -> Array:
 def field_samples(inputs: Ekf2Inputs, setting: Mapping[str, float], era: int, bias: Array, step_s: float) -> Array:
     """Return the field's rows of :class:`Samples`, averaged or interpolated to the onboard rate."""
     t, x = inputs.mag["t"], inputs.mag["x"]
-    late = float(np.median(inputs.mag["t_arrival"] - t)) if len(t) else 0.0
+    late = float(median(inputs.mag["t_arrival"] - t)) if len(t) else 0.0
     onboard_hz = float(inputs.params.get("SENS_MAG_RATE", 15.0))
     if era == s.ERA_A:
         onboard_hz = min(50.0, 1000.0 / max(setting["MIN_OBS_DT"], 20.0))
@@ -373,7 +374,7 @@ def receiver_rate(gnss: Mapping[str, Array], logged_hz: float) -> float:
     """Return the receiver's rate by its shortest steps of UTC, else 5 Hz."""
     steps = np.diff(gnss["utc"])
     steps = steps[(steps > 0.01) & (steps < 5.0)]
-    if len(steps) > 10 and (rate := 1.0 / float(np.percentile(steps, 5))) > 1.3 * logged_hz:
+    if len(steps) > 10 and (rate := 1.0 / float(quantile(steps, 0.05))) > 1.3 * logged_hz:
         return min(rate, GNSS_RATES_HZ[-1])
     return max(DEFAULT_GNSS_HZ, logged_hz)
 
@@ -385,4 +386,4 @@ def fusion_time(t: Array, delay_ms: float, step_s: float) -> Array:
 
 def rate_of(t: Array, otherwise: float) -> float:
     """Return the rate in Hz by the median interval, ``otherwise`` for fewer than three samples."""
-    return 1.0 / float(np.median(np.diff(t))) if len(t) > 2 and np.median(np.diff(t)) > 0 else otherwise
+    return 1.0 / float(median(np.diff(t))) if len(t) > 2 and median(np.diff(t)) > 0 else otherwise

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import unique
 from attlog.estimators.ekf2 import state as s
 from attlog.estimators.error_state import N_ERR, N_STATE
 from attlog.estimators.rerun import attitude_variances
@@ -37,7 +38,7 @@ def warm_starts(inputs: Ekf2Inputs, era: int, step_s: float) -> list[WarmStart]:
     if inputs.states is None or not len(inputs.states.t):
         return []
     first = np.searchsorted(inputs.states.t, np.append(-np.inf, inputs.switches))
-    return [warm_start(inputs, int(i), era, step_s) for i in np.unique(first[first < len(inputs.states.t)])]
+    return [warm_start(inputs, int(i), era, step_s) for i in unique(first[first < len(inputs.states.t)])]
 
 
 def warm_start(inputs: Ekf2Inputs, i: int, era: int, step_s: float) -> WarmStart:

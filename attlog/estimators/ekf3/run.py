@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.core import earth, rotation
 from attlog.core.errors import UsageError
+from attlog.core.sorting import median, nanmedian, unique
 from attlog.estimators.ekf3 import state as s
 from attlog.estimators.ekf3.loop import Samples, run_filter
 from attlog.estimators.ekf3.parameters import TABLE, settings_of, sources_of
@@ -187,7 +188,7 @@ def steps_of(inputs: Ekf3Inputs, step_s: float, frames: int) -> tuple[list[Span]
     t = inputs.t
     late_gyro, late_acc = (inputs.gyro_late, inputs.acc_late)
     if inputs.intervals:
-        late_gyro = late_acc = 0.5 * float(np.median(np.diff(t)))
+        late_gyro = late_acc = 0.5 * float(median(np.diff(t)))
     holes = np.flatnonzero(np.diff(t) > MAX_HOLE_S)
     spans, parts, count = [], [], 0
     for a, b in zip([0, *(holes + 1)], [*holes, len(t) - 1], strict=True):
@@ -255,7 +256,7 @@ def samples_of(
     )
     if inputs.states is not None and len(baro) and len(inputs.states.t):
         logged = np.interp(baro[:, 0], inputs.states.t, inputs.states.x[:, 9])
-        baro[:, 2] -= np.nanmedian(baro[:, 2] + logged)
+        baro[:, 2] -= nanmedian(baro[:, 2] + logged)
     gsf = np.isfinite(inputs.gsf["yaw"]) & (inputs.gsf["sigma"] > 0) & (inputs.gsf["sigma"] < math.radians(15.0))
     return Samples(
         steps=steps,
@@ -291,7 +292,7 @@ def compass_rows(inputs: Ekf3Inputs, mode: Mode) -> Array:
     t, x, unit = (np.concatenate([m[name] for m in sources]) for name in ("t", "x", "unit"))
     rows = side_by_side(t - MAG_DELAY_S - HALF_STEP_S, t, x, unit)
     rows = rows[np.argsort(rows[:, 1], kind="stable")]
-    each = [_spaced(rows[rows[:, 5] == number]) for number in np.unique(unit)] or [_spaced(rows)]
+    each = [_spaced(rows[rows[:, 5] == number]) for number in unique(unit)] or [_spaced(rows)]
     joined = np.concatenate(each)
     return np.ascontiguousarray(joined[np.argsort(joined[:, 1], kind="stable")])
 
@@ -316,7 +317,7 @@ def gnss_rows(inputs: Ekf3Inputs, horizon_s: float, lag_ms: float) -> Array:
             arm = rotation.rotate(q, np.broadcast_to(inputs.antenna, (len(q), 3)))
             for i, column in enumerate((north, east, down)):
                 at_imu = column[aided] - arm[:, i]
-                column += np.median(np.interp(stamp[aided], states.t, states.x[:, 7 + i]) - at_imu)
+                column += median(np.interp(stamp[aided], states.t, states.x[:, 7 + i]) - at_imu)
     accuracy = [np.nan_to_num(g[name]) for name in ("sacc", "hacc", "vacc")]
     vd = np.nan_to_num(g["vd"])
     rows = side_by_side(
@@ -407,7 +408,7 @@ def known_facts(
         t_start=float(inputs.events["initialised"][0]) if len(inputs.events["initialised"]) else -np.inf,
         flown=float(mode == "flown"),
         t_origin=float(inputs.events["origin"][0]) if mode == "flown" and len(inputs.events["origin"]) else np.inf,
-        n_baro=max(BARO_HZ * float(np.median(np.diff(inputs.baro["t"]))), 1.0) if len(inputs.baro["t"]) > 2 else 1.0,
+        n_baro=max(BARO_HZ * float(median(np.diff(inputs.baro["t"]))), 1.0) if len(inputs.baro["t"]) > 2 else 1.0,
         arm_x=inputs.antenna[0],
         arm_y=inputs.antenna[1],
         arm_z=inputs.antenna[2],

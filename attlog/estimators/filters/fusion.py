@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.estimators.api import propagated
 from attlog.estimators.interface import Array, Estimate, Parameter
 from attlog.estimators.samples import typical_size
@@ -48,7 +49,7 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Any, params: Mapping
     import imufusion
 
     step = np.diff(t)
-    period = float(np.median(step)) if len(step) else 0.01
+    period = float(median(step)) if len(step) else 0.01
     settings = imufusion.AhrsSettings()
     settings.convention = imufusion.CONVENTION_NED
     settings.sample_rate = 1.0 / period

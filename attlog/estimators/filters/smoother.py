@@ -29,6 +29,7 @@ from typing import Literal
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import quantile
 from attlog.estimators.aids import Aids, Measurements
 from attlog.estimators.evidence import HeadingOffset, heading_offset
 from attlog.estimators.filters.navigation import attitude, passes
@@ -109,7 +110,7 @@ def field_fits(run: Estimate) -> bool:
     """Return whether a run's compass fits it: nearly all test ratios of the field below 1."""
     ratio = run.aux.get("test_ratio_mag", np.zeros(0))
     ratio = ratio[np.isfinite(ratio)]
-    return not len(ratio) or bool(np.percentile(ratio, FITTING_PCT) < 1.0)
+    return not len(ratio) or bool(quantile(ratio, FITTING_PCT / 100) < 1.0)
 
 
 def without_heading(run: Estimate, why: str, quality: Mapping[str, float | str] | None = None) -> Estimate:

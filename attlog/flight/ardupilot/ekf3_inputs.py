@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from attlog.core import rotation
 from attlog.core.errors import UsageError
+from attlog.core.sorting import median, nanmedian
 from attlog.flight.ardupilot.estimator import from_euler_deg, heading_and_sigma
 from attlog.flight.ardupilot.imu import DataflashBuilder, primary_core, unit_of_core
 from attlog.flight.builder import columns
@@ -252,7 +253,7 @@ def gnss_lag(builder: DataflashBuilder) -> float:
 def antenna_of(builder: DataflashBuilder, core: int, unit: int) -> tuple[float, float, float]:
     """Return the position of the GNSS antenna in use from the IMU in m, body axes, by parameters."""
     used = _chosen(builder, core, "GI")["unit"]
-    number = int(np.nanmedian(used)) + 1 if np.isfinite(used).any() else 1
+    number = int(nanmedian(used)) + 1 if np.isfinite(used).any() else 1
     arm = [
         builder.values.get(f"GPS{number}_POS_{axis}", builder.values.get(f"GPS_POS{number}_{axis}", 0.0))
         - builder.values.get(f"INS_POS{unit + 1}_{axis}", 0.0)
@@ -342,7 +343,7 @@ def _armed(builder: DataflashBuilder, t0: float) -> dict[str, Array]:
         t = _seconds(builder, outputs)
         motors = np.column_stack([outputs.value(c) for c in ("C1", "C2", "C3", "C4") if c in outputs])
         before = motors[t < armed["t"][0]][:5]
-        begin = len(before) > 0 and bool(np.median(before) > MOTOR_TURNS_US)
+        begin = len(before) > 0 and bool(median(before) > MOTOR_TURNS_US)
         if builder.family == "plane":
             begin = armed["on"][0] == 0.0
     return {"t": np.concatenate([[-np.inf], armed["t"]]), "on": np.concatenate([[float(begin)], armed["on"]])}
@@ -418,7 +419,7 @@ def read_inputs(builder: DataflashBuilder, unit: int | None = None) -> Ekf3Input
     timing = _read(builder, _core_table(builder, "XKT", core), {"count": "Cnt"})
     step_s = None
     if len(timing["t"]) > 2 and (timing["count"] > 0).all():
-        step_s = float(np.median(np.diff(timing["t"]) / timing["count"][1:]))
+        step_s = float(median(np.diff(timing["t"]) / timing["count"][1:]))
     compass = _chosen(builder, core, "MI", "MI")
     mag, other_mag = _compasses(builder, compass)
     changes = compass["t"][1:][np.diff(compass["unit"]) != 0]

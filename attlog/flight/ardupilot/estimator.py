@@ -25,6 +25,7 @@ from functools import partial
 import numpy as np
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder, primary_core, unit_of_core
 from attlog.flight.builder import angle_step_deg, columns, from_euler
@@ -229,7 +230,7 @@ def acc_bias_stream(builder: DataflashBuilder) -> Stream | None:
     None where no core does.
     """
     status, imu, tables = builder.messages.first("XKF4"), builder.log.replay_imu, builder.units("XKF2")
-    first = int(np.median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
+    first = int(median(status["PI"])) if status is not None and "PI" in status and len(status) else 0
     for core in sorted(tables, key=lambda c: (c != first, c)):
         if imu is None or unit_of_core(builder, "XK", core, list(tables)) == imu.index:
             return builder.column_stream(tables[core], ACC_BIAS_COLUMNS, "m/s^2", "XKF2", limits.ACC_BIAS, frame="FRD")

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps
 from attlog.flight.builder import LogBuilder, columns
 from attlog.flight.imu import ImuCandidate, drop_unpaired, low_pass_delay, read_candidates, resample_vectors
@@ -282,7 +283,7 @@ def sensor_time(builder: DataflashBuilder, table: Table) -> Stamps:
     if "SampleUS" not in table:
         return t
     sample = table["SampleUS"].astype(np.int64)
-    return sample if len(t) and abs(int(np.median(t - sample))) < MAX_SENSOR_CLOCK_US else t
+    return sample if len(t) and abs(int(median(t - sample))) < MAX_SENSOR_CLOCK_US else t
 
 
 def increment_records(builder: DataflashBuilder) -> list[ImuCandidate]:

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.flight import parameters
 from attlog.flight.advice import VehicleSettings
 from attlog.flight.ardupilot import drive, estimator, sensors, vehicle
@@ -132,7 +133,7 @@ def first_stamp(builder: DataflashBuilder) -> int:
         table = builder.messages.first(name)
         stamps = None if table is None else builder.clock.of_samples(table)
         if stamps is not None and len(stamps):
-            return int(np.median(stamps[:5]))
+            return int(median(stamps[:5]))
     return 0
 
 

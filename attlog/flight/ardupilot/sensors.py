@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.earth import TESLA_PER_MILLIGAUSS
+from attlog.core.sorting import median, unique
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder, own_time, replay_frame_stamps, source_name
@@ -318,7 +319,7 @@ def battery_stream(builder: DataflashBuilder) -> Stream | None:
             continue
         x = columns(table, "Volt", "Curr")
         volts = x[np.isfinite(x[:, 0]), 0]
-        if table.fields["Volt"].dtype.kind in "iu" or (len(volts) and np.median(np.abs(volts)) > MAX_VOLTS):
+        if table.fields["Volt"].dtype.kind in "iu" or (len(volts) and median(np.abs(volts)) > MAX_VOLTS):
             x = x * 0.01
         return builder.battery_stream(builder.stamps(table), x, name)
     return None
@@ -366,7 +367,7 @@ def are_hundredths(t: Array, measured: Array, imu: Imu) -> bool:
     known = measured[np.isfinite(measured)]
     if len(known) == 0:
         return False
-    spread = np.median(np.abs(np.radians(known))), np.median(np.abs(gyro))
+    spread = median(np.abs(np.radians(known))), median(np.abs(gyro))
     return bool(spread[0] > 10.0 * spread[1] and spread[1] > 0)
 
 
@@ -450,9 +451,9 @@ def _chosen_headers(heads: Table) -> NDArray[np.int64]:
     """Return the indices of the headers to read, evenly spread over each sensor's."""
     kind = heads["type"].astype(np.int64) * 256 + heads["instance"].astype(np.int64)
     kept = []
-    for one in np.unique(kind):
+    for one in unique(kind):
         k = np.flatnonzero(kind == one)
-        kept.append(k[np.unique(np.linspace(0, len(k) - 1, MAX_BURSTS).round().astype(np.int64))])
+        kept.append(k[unique(np.linspace(0, len(k) - 1, MAX_BURSTS).round().astype(np.int64))])
     return np.sort(np.concatenate(kept)) if kept else np.zeros(0, np.int64)
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import is_in
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.ardupilot.imu import DataflashBuilder
@@ -223,7 +224,7 @@ def _events(builder: DataflashBuilder, wanted: tuple[int, ...]) -> tuple[Stamps,
     if events is None or "Id" not in events:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     ids = events["Id"].astype(np.int64)
-    mine = np.isin(ids, wanted)
+    mine = is_in(ids, wanted)
     return builder.stamps(events)[mine], ids[mine]
 
 

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, columns, optional_column
 from attlog.flight.drive import (
@@ -64,7 +65,7 @@ def motor_outputs(builder: TopicBuilder) -> MotorOutputs | None:
         if not wanted or not all(name in each for name in wanted):
             continue
         x = columns(each, *wanted)
-        varies = float(np.median(np.std(np.nan_to_num(x), axis=0))) if len(x) else 0.0
+        varies = float(median(np.std(np.nan_to_num(x), axis=0))) if len(x) else 0.0
         if varies > moved:
             found, moved = (each, x, f"actuator_outputs:{instance}"), varies
     if found is None:
@@ -123,7 +124,7 @@ def esc_list(builder: TopicBuilder) -> list[Esc]:
         names = [f"esc[{k}].{name}" for name in ("esc_rpm", "esc_current", "esc_temperature")]
         x = np.column_stack([optional_column(table, name) for name in names])
         functions = optional_column(table, f"esc[{k}].actuator_function")
-        motor = float(np.median(functions)) - FIRST_FUNCTION + 1
+        motor = float(median(functions)) - FIRST_FUNCTION + 1
         known = 1 <= motor <= MAX_ROTORS
         esc = esc_telemetry(builder.seconds(stamps[near]), x[near], f"esc[{k}]", int(motor) if known else None)
         found += [] if esc is None else [esc]

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.errors import UsageError
+from attlog.core.sorting import median
 from attlog.formats.table import Messages, Table
 
 Array = NDArray[np.float64]
@@ -129,13 +130,13 @@ def imu_increments(messages: Messages) -> ImuIncrements:
     if table is None or len(table) < 100:
         raise UsageError("EKF2 cannot be run again: the log holds no sensor_combined.")
     dt = table["gyro_integral_dt"].astype(np.float64)
-    dt = dt * 1e-6 if np.median(dt) > 1.0 else dt
+    dt = dt * 1e-6 if median(dt) > 1.0 else dt
     clip = table["accelerometer_clipping"] if "accelerometer_clipping" in table else np.zeros(len(table))
     rows = np.column_stack([_s(table), dt, _stack(table, "gyro_rad", 3), _stack(table, "accelerometer_m_s2", 3), clip])
     rows = rows[np.isfinite(rows).all(axis=1) & (dt > 0) & (dt < 0.1)]
     rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 0])]
     t, dt = rows[:, 0], rows[:, 1]
-    period, interval = float(np.median(dt)), float(np.median(np.diff(t)))
+    period, interval = float(median(dt)), float(median(np.diff(t)))
     if period > 1.0 / MIN_IMU_RATE_HZ or interval > 2.0 * period:
         rate = 1.0 / max(period, interval)
         raise UsageError(
@@ -161,7 +162,7 @@ def _magnetometer(messages: Messages, lane_device: int | None) -> dict[str, Arra
         return {"t": np.zeros(0), "t_arrival": np.zeros(0), "x": np.zeros((0, 3))}
     chosen = tables[0]
     for table in tables:
-        if lane_device and "device_id" in table and len(table) and int(np.median(table["device_id"])) == lane_device:
+        if lane_device and "device_id" in table and len(table) and int(median(table["device_id"])) == lane_device:
             chosen = table
             break
     t_arrival = _s(chosen)
@@ -245,7 +246,7 @@ def estimator_states(messages: Messages, lane: int) -> EstimatorStates | None:
         t = _s(table, "timestamp_sample" if "timestamp_sample" in table else "timestamp")
         states = np.asarray(table["states"], np.float64)
         covariances = np.asarray(table["covariances"], np.float64)
-        n = int(np.median(table["n_states"])) if "n_states" in table else 24
+        n = int(median(table["n_states"])) if "n_states" in table else 24
         keep = np.all(np.isfinite(states), 1) & np.all(np.isfinite(covariances), 1) & np.any(states[:, :4] != 0, 1)
         if keep.any():
             return EstimatorStates(t[keep], states[keep], covariances[keep], n)
@@ -301,7 +302,7 @@ def _horizon(messages: Messages, lane: int) -> float | None:
             late = _s(table) - _s(table, "timestamp_sample")
             late = late[(late > MIN_HORIZON_S) & (late < MAX_HORIZON_S)]
             if len(late):
-                return float(np.median(late))
+                return float(median(late))
     return None
 
 
@@ -378,7 +379,7 @@ def read_inputs(messages: Messages, params: Mapping[str, float]) -> Ekf2Inputs:
     def magnetometer(lane: int) -> dict[str, Array]:
         status = messages.tables.get(("estimator_status", lane))
         known = status is not None and "mag_device_id" in status
-        return _magnetometer(messages, int(np.median(status["mag_device_id"])) if status and known else None)
+        return _magnetometer(messages, int(median(status["mag_device_id"])) if status and known else None)
 
     flags = flown(lambda lane: control_flags(messages, lane))
     for name, aid in UNSUPPORTED_AIDS.items():
@@ -393,7 +394,7 @@ def read_inputs(messages: Messages, params: Mapping[str, float]) -> Ekf2Inputs:
     kind = 0
     if vehicle is not None and len(vehicle):
         column = "vehicle_type" if "vehicle_type" in vehicle else None
-        kind = int(np.median(vehicle[column])) if column else 1
+        kind = int(median(vehicle[column])) if column else 1
     return Ekf2Inputs(
         imu=imu_increments(messages),
         mag=flown(magnetometer),

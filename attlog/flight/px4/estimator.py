@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.flight import limits
 from attlog.flight.advice import GENERAL_REMEDIES
 from attlog.flight.builder import columns
@@ -167,7 +168,7 @@ def is_on_sensor(table: Table, column: str, device: str | None) -> bool:
     if device in (None, "", "0") or column not in table:
         return True
     ids = table[column]
-    return not ids.any() or str(int(np.median(ids[ids > 0]))) == device
+    return not ids.any() or str(int(median(ids[ids > 0]))) == device
 
 
 def acc_bias_stream(builder: TopicBuilder) -> Stream | None:

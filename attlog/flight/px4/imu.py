@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core.brief import counted
+from attlog.core.sorting import median, unique
 from attlog.core.timestamps import Stamps
 from attlog.flight import limits
 from attlog.flight.builder import LogBuilder, columns
@@ -121,7 +122,7 @@ def voted_accelerometer(builder: TopicBuilder) -> str | None:
     for name in ("sensor_selection", "estimator_selector_status"):
         table = builder.table(name)
         if table is not None and "accel_device_id" in table and len(table):
-            ids = np.unique(table["accel_device_id"])
+            ids = unique(table["accel_device_id"])
             return str(int(ids[0])) if len(ids) == 1 and ids[0] else None
     return None
 
@@ -222,7 +223,7 @@ def sample_intervals(logged: Array, since: Array, count: NDArray[np.int64]) -> A
     but not shorter than a sensor's fastest.
     """
     needed = since[1:][count[1:] > 0] / count[1:][count[1:] > 0]
-    typical = max(float(np.median(needed)) if len(needed) else 0.0, 0.0)
+    typical = max(float(median(needed)) if len(needed) else 0.0, 0.0)
     with np.errstate(invalid="ignore"):
         possible = (logged * limits.RAW_HZ >= 1e6) & (logged <= DECIMATION_FACTOR * typical)
     return np.where(possible, logged, typical)
@@ -294,7 +295,7 @@ def decimation_problem(source: str, t: Stamps, dt: Array) -> list[Problem]:
         covered = dt[np.isfinite(dt) & (dt > 0)]
     if len(t) < 3 or len(covered) == 0:
         return []
-    apart_ms, covered_ms = float(np.median(np.diff(t))) / 1000, 1000 * float(np.median(covered))
+    apart_ms, covered_ms = float(median(np.diff(t))) / 1000, 1000 * float(median(covered))
     if apart_ms <= DECIMATION_FACTOR * covered_ms:
         return []
     text = f"{source}: the logger kept one sample per {apart_ms:.0f} ms although each covers {covered_ms:.1f} ms; "

@@ -10,6 +10,7 @@ from functools import partial
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.flight import parameters
 from attlog.flight.advice import VehicleSettings
 from attlog.flight.builder import Part
@@ -125,7 +126,7 @@ def first_stamp(builder: TopicBuilder) -> int:
     for name in FIRST_TOPICS:
         table = builder.table(name)
         if table is not None and "timestamp" in table:
-            return int(np.median(builder.stamps(table)[:5]))
+            return int(median(builder.stamps(table)[:5]))
     tables = [table for table in builder.messages.tables.values() if "timestamp" in table and len(table)]
     return int(min((read_stamps(table, "timestamp")[0] for table in tables), default=0))
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from attlog.core.earth import TESLA_PER_GAUSS
+from attlog.core.sorting import median, unique
 from attlog.core.timestamps import changed_records
 from attlog.flight import limits
 from attlog.flight.builder import columns, optional_column
@@ -46,7 +47,7 @@ def published_magnetometers(builder: TopicBuilder) -> list[Mag]:
         name = str(device) if device else None
         mag = build_mag(builder, i, builder.stamps(table), field, source, t_sample_us=sampled, device=name)
         if mag is not None:
-            single = "device_id" in table and len(np.unique(table["device_id"])) == 1  # else two sensors alternate
+            single = "device_id" in table and len(unique(table["device_id"])) == 1  # else two sensors alternate
             mag.raw = uncalibrated_field(builder, device) if single else None
             found.append(mag)
     return found
@@ -57,7 +58,7 @@ def uncalibrated_field(builder: TopicBuilder, device: int) -> Stream | None:
     for i, table in builder.topics("sensor_mag").items() if device else ():
         if topic_device(table) != device or "x" not in table:
             continue
-        some = table.rows(np.unique(np.linspace(0, len(table) - 1, RAW_RECORDS).astype(np.int64)))
+        some = table.rows(unique(np.linspace(0, len(table) - 1, RAW_RECORDS).astype(np.int64)))
         field, sampled = columns(some, "x", "y", "z") * TESLA_PER_GAUSS, sample_stamps(some)
         return builder.quiet().stream(builder.stamps(some), field, "T", f"sensor_mag:{i}", t_sample_us=sampled)
     return None
@@ -303,7 +304,7 @@ def increment_seconds(builder: TopicBuilder, unit: int) -> float:
     """Return the integration time in s of a unit's velocity increments."""
     table = builder.table("vehicle_imu", unit)
     if table is not None and "delta_velocity_dt" in table and len(table):
-        dt = float(np.median(table["delta_velocity_dt"])) * 1e-6
+        dt = float(median(table["delta_velocity_dt"])) * 1e-6
         if 1.0 / MAX_INTEGRATION_HZ <= dt < 1.0:
             return dt
     return 1.0 / DEFAULT_INTEGRATION_HZ
@@ -317,14 +318,14 @@ def onboard_spectrum(builder: TopicBuilder) -> OnboardSpectrum | None:
     if table is None or len(table) < 2 or not all(c in table for c in needed):
         return None
     peaks = np.column_stack([columns(table, name) for name in names])
-    rate = float(np.median(table["sensor_sample_rate_hz"]))
+    rate = float(median(table["sensor_sample_rate_hz"]))
     with np.errstate(invalid="ignore"):
         peaks[~((peaks > 0) & (peaks < 0.5 * rate))] = np.nan
     t = builder.seconds(builder.stamps(table))
     rising = np.isfinite(t) & np.concatenate([[True], np.diff(t) > 0])
     if not np.isfinite(rate) or not rising.any():
         return None
-    resolution = float(np.median(table["resolution_hz"]))
+    resolution = float(median(table["resolution_hz"]))
     return OnboardSpectrum(t[rising], peaks[rising], rate, resolution, f"sensor_gyro_fft:{table.instance}")
 
 
@@ -429,7 +430,7 @@ def radio_signal(builder: TopicBuilder) -> TimeLine | None:
         found += [] if line is None else [line]
     if len(found) < 2:
         return found[0] if found else None
-    times = np.unique(np.concatenate([line.t for line in found]))
+    times = unique(np.concatenate([line.t for line in found]))
     received = [all(bool(line.at(t)) for line in found) for t in times.tolist()]
     new = [k for k, on in enumerate(received) if k == 0 or on != received[k - 1]]
     return TimeLine(times[new], [received[k] for k in new], " and ".join(line.source for line in found))

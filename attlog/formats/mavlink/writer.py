@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from attlog.core.errors import UsageError
 from attlog.core.files import write_atomic
 from attlog.core.own_files import SIMULATED_LOG, FileKind
+from attlog.core.sorting import unique
 from attlog.formats.mavlink.layout import (
     MAVLINK_2,
     STAMP_BYTES,
@@ -76,7 +77,7 @@ def _sequences(times: list[NDArray[Any]], senders: list[int]) -> list[NDArray[np
     order = time_order(times)
     sender = np.repeat(np.array(senders, np.int64), [len(t) for t in times])
     count = np.zeros(len(order), np.int64)
-    for one in np.unique(sender):
+    for one in unique(sender):
         mine = order[sender[order] == one]
         count[mine] = np.arange(len(mine))
     ends = np.cumsum([len(t) for t in times], dtype=np.int64)
@@ -175,7 +176,7 @@ def _packets(
     head[:, 7:10] = number & 0xFF, number >> 8 & 0xFF, number >> 16
     head[:, _HEADER_BYTES : _HEADER_BYTES + size] = body
     seed = int(message_catalogue().seeds[number])
-    for length in np.unique(used).tolist():
+    for length in unique(used).tolist():
         mine = np.flatnonzero(used == length)
         end = _HEADER_BYTES + length
         covered = np.column_stack([head[mine, 1:end], np.full(len(mine), seed, np.uint8)])

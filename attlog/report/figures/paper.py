@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import unique
 from attlog.report.figures.figure import PageFigure, quantile
 from attlog.report.figures.legend import INK, PT, TEXT, WIDTH, Key, legend, shortened, text_width
 from attlog.report.figures.style import PRINT_DASHES, RowStyle, palette, print_dash, safe
@@ -541,7 +542,7 @@ def _extremes(y: Array, edges: NDArray[np.int64]) -> NDArray[np.int64]:
     some = known > 0
     low, high = by_size[edges[:-1][some]], by_size[(edges[:-1] + known - 1)[some]]
     holes = by_size[(edges[:-1] + known)[known < np.diff(edges)]]
-    return np.unique(np.concatenate([low, high, holes]))
+    return unique(np.concatenate([low, high, holes]))
 
 
 def spaced(east: Array, north: Array, at: NDArray[np.int64], apart: float) -> NDArray[np.int64]:
@@ -551,4 +552,4 @@ def spaced(east: Array, north: Array, at: NDArray[np.int64], apart: float) -> ND
     flown = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(east[at]), np.diff(north[at])))])
     step = max(apart, flown[-1] / MAX_ARROWS, 1e-9)
     places: NDArray[np.int64] = np.searchsorted(flown, np.arange(0.0, flown[-1] + step, step)).clip(max=len(at) - 1)
-    return np.asarray(at[np.unique(places)])
+    return np.asarray(at[unique(places)])

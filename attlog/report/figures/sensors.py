@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from attlog.core.sorting import median
 from attlog.report.figures.figure import (
     FigureSource,
     PageFigure,
@@ -113,7 +114,7 @@ def median_residual(trace: Trace, axis: str) -> float:
     """Return the median of measured minus expected field, uT."""
     off = np.asarray(trace.columns[axis] - trace.columns[f"expected_{axis}"], np.float64)
     off = off[np.isfinite(off)]
-    return float(np.median(off)) if len(off) else math.nan
+    return float(median(off)) if len(off) else math.nan
 
 
 def interference(source: FigureSource) -> PageFigure | None:

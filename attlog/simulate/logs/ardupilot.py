@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from attlog.core.earth import TESLA_PER_MILLIGAUSS
 from attlog.core.rotation import rotate_inverse, to_euler
+from attlog.core.sorting import median
 from attlog.flight.ardupilot.vehicle import ARMED_EVENT, DISARMED_EVENT, LANDED_EVENT, NOT_LANDED_EVENT
 from attlog.flight.timestamps import GPS_EPOCH_S, LEAP_SECONDS
 from attlog.formats import MessageLayout, ParamChange, Recording, Text
@@ -157,7 +158,7 @@ def _sensors(flight: Flight) -> Iterator[tuple[Key, Columns]]:
         yield message("MAG", mag.instance, micros(mag.t), I=mag.instance, MagX=x, MagY=y, MagZ=z, OfsX=own[0],
                       OfsY=own[1], OfsZ=own[2], Health=1, S=sampled)
     for baro in flight.baro:
-        ground = float(np.median(baro.height[:10])) if len(baro.height) else 0.0
+        ground = float(median(baro.height[:10])) if len(baro.height) else 0.0
         yield message("BARO", baro.instance, micros(baro.t), I=baro.instance, Alt=baro.height - ground,
                       AltAMSL=baro.height, Press=baro.pressure, Temp=baro.temperature,
                       SMS=micros(baro.t_sample) // np.uint64(1000), GndTemp=baro.temperature[0] if len(baro.t) else 0.0,
@@ -277,7 +278,7 @@ def _baro_height(flight: Flight, at: Array, otherwise: Array) -> Array:
     if not flight.baro or not len(flight.baro[0].t):
         return otherwise
     baro = flight.baro[0]
-    return baro.height[last_before(baro.t, at)] - float(np.median(baro.height[:10]))
+    return baro.height[last_before(baro.t, at)] - float(median(baro.height[:10]))
 
 
 def _degrees(q: Array) -> tuple[Array, Array, Array]:

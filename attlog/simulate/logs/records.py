@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from attlog import __version__
 from attlog.core.errors import UsageError
+from attlog.core.sorting import unique
 from attlog.formats import Text
 from attlog.simulate.flight import Flight, GnssStream, ImuStream
 
@@ -46,7 +47,7 @@ def state_times(flight: Flight, lines: Sequence[list[tuple[float, Any]]], hz: fl
     """Return times (n,) s of states: ``hz`` times a second and at each change."""
     regular = np.arange(0.0, flight.seconds + 1e-9, 1.0 / hz)
     changes = [t for line in lines for t, _ in line if 0.0 <= t <= flight.seconds]
-    return np.unique(np.round(np.concatenate([regular, changes]), 6))
+    return unique(np.round(np.concatenate([regular, changes]), 6))
 
 
 def held_values(line: list[tuple[float, T]], at: Array) -> list[T]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import rotation
+from attlog.core.sorting import median
 from attlog.estimators.filters.navigation import turns
 from attlog.estimators.filters.navigation.inputs import MIN_R, Inputs, NoiseLevels
 from attlog.estimators.filters.navigation.jumps import Jump
@@ -157,7 +158,7 @@ def quality_of_biases(inputs: Inputs, solution: Solution, gyro_bias: Array) -> d
     begin, found, moving = solution.begin, solution.found, inputs.rest == 0
     sigma = np.sqrt(np.maximum(found.first_spread, 0.0))
     acc = begin.x[E.ba : E.ba + 3] + found.first[E.ba : E.ba + 3]
-    gyro = np.median(gyro_bias[moving] if moving.any() else gyro_bias, axis=0)
+    gyro = median(gyro_bias[moving] if moving.any() else gyro_bias, axis=0)
     numbers: dict[str, float | str] = {}
     for k, axis in enumerate("xyz"):
         numbers[f"acc_bias_{axis}_m_s2"], numbers[f"acc_bias_{axis}_sigma_m_s2"] = float(acc[k]), float(sigma[E.ba + k])

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from attlog.core.sorting import median
 from attlog.estimators.filters.navigation.inputs import (
     MIN_R,
     REST_MEAN_S,
@@ -64,21 +65,21 @@ MARGIN_S = 0.7
 
 def first_guess(inputs: Inputs, tuned: NoiseLevels) -> NoiseLevels:
     """Guess inertial noise from second differences of the samples, zero-rate noise from successive means at rest."""
-    dt = float(np.median(inputs.dt[1:])) if len(inputs.dt) > 1 else 0.01
+    dt = float(median(inputs.dt[1:])) if len(inputs.dt) > 1 else 0.01
     levels = []
     for x in (inputs.gyr, inputs.acc):
         if len(x) < 8:
             levels.append(0.0)
             continue
         second = x[2:] - 2.0 * x[1:-1] + x[:-2]
-        sd = np.median(np.abs(second), axis=0) / (0.6745 * np.sqrt(6.0))
+        sd = median(np.abs(second), axis=0) / (0.6745 * np.sqrt(6.0))
         levels.append(float(np.sqrt(np.mean(sd**2) * dt)))
     gyro, acc = max(WHITE_FACTOR * levels[0], MIN_GYRO_NOISE), max(WHITE_FACTOR * levels[1], MIN_ACC_NOISE)
     r = tuned.r.copy()
     looks = rest_times(inputs)
     if len(looks) > 5:
         means = RunningMean(inputs.sensed_at, inputs.gyr).mean(looks - REST_MEAN_S, looks)
-        spread = np.median(np.abs(np.diff(means, axis=0)), axis=0) / (0.6745 * np.sqrt(2.0))
+        spread = median(np.abs(np.diff(means, axis=0)), axis=0) / (0.6745 * np.sqrt(2.0))
         r[6] = max(float(np.sqrt(np.mean(spread**2))), MIN_R[6])
     return replace(tuned, gyro=gyro, acc=acc, acc_rest=max(2.0 * acc, MIN_ACC_NOISE), r=r)
 
@@ -90,7 +91,7 @@ def ratios(found: Pass) -> Array:
     for g in range(GROUPS):
         mine = score[found.group == g]
         if len(mine) >= MIN_UPDATES:
-            out[g] = float(np.median(mine)) / MEDIAN_OF_SQUARE
+            out[g] = float(median(mine)) / MEDIAN_OF_SQUARE
     return out
 
 

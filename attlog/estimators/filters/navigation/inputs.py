@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from attlog.core import earth
+from attlog.core.sorting import median
 from attlog.estimators.aids import Aids, Measurements
 from attlog.estimators.filters.navigation.model import GROUPS, Motion, Settings
 from attlog.estimators.interface import Array, Parameter
@@ -211,7 +212,7 @@ def prepare_inputs(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, dec
     place = aids.position
     gravity = GRAVITY
     if place is not None:
-        lat, alt = float(np.median(place.x[:, 0])), place.x[np.isfinite(place.x[:, 2]), 2]
+        lat, alt = float(median(place.x[:, 0])), place.x[np.isfinite(place.x[:, 2]), 2]
         gravity = earth.gravity(lat if ahead else float(place.x[0, 0]), float(alt[0]) if len(alt) else 0.0)
     return Inputs(
         t,
@@ -303,7 +304,7 @@ def _shape(sigma: Array | None, n: int, columns: int, ahead: bool) -> Array:
     if ahead:
         with np.errstate(all="ignore"):
             level = np.array(
-                [np.median(s[~np.isnan(s[:, i]), i]) if np.isfinite(s[:, i]).any() else 1.0 for i in range(columns)]
+                [median(s[~np.isnan(s[:, i]), i]) if np.isfinite(s[:, i]).any() else 1.0 for i in range(columns)]
             )
     else:
         known = np.isfinite(s)
@@ -328,7 +329,7 @@ def _mag(t: Array, mag: Array, field: Array | None, ahead: bool) -> Measurements
         return None
     at = t[good]
     known = size[good] if ahead else size[good][at <= at[0] + FIRST_S]
-    level = float(np.median(known))
+    level = float(median(known))
     wanted = TYPICAL_FIELD_G if field is None else float(np.sqrt(np.sum(field * field)))
     scale = 1e4
     if field is None or abs(level * scale / wanted - 1.0) > MAX_FIELD_BIAS:

@@ -19,6 +19,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from attlog.core.sorting import unique
 from attlog.estimators.filters.navigation.inputs import JUMP_RAD_S, Inputs
 from attlog.estimators.filters.navigation.model import MEM, ROW, E, Settings, State
 from attlog.estimators.filters.navigation.schedule import Schedule
@@ -188,7 +189,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
     schedule = replace(schedule, jump=schedule.jump.copy())
     found, state = runner.begun(schedule, begin)
     when = runner.inputs.sensed_at[schedule.node_at]
-    bounds = np.unique(np.append(np.searchsorted(when, np.arange(when[0], when[-1], EVERY_S)), [0, len(when)]))
+    bounds = unique(np.append(np.searchsorted(when, np.arange(when[0], when[-1], EVERY_S)), [0, len(when)]))
     begun: list[tuple[int, State]] = []
     accepted: list[Jump] = []
     looks, origin, end, used = 0, 0, 0, 0
