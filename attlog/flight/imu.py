@@ -349,12 +349,11 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
     """
     if not units:
         return None
-    lengths: list[int] = np.diff(np.asarray(t_us, np.int64)).tolist()
-    lengths.append(int(median(lengths)) if lengths else 1)
-    held: dict[int, int] = {}
-    for unit, length in zip(units, lengths, strict=True):
-        held[unit] = held.get(unit, 0) + max(length, 1)
-    return max(held, key=lambda u: held[u])
+    lengths = np.diff(np.asarray(t_us, np.int64))
+    lengths = np.append(lengths, int(median(lengths)) if len(lengths) else 1)
+    found, first, unit = np.unique(units, return_index=True, return_inverse=True)
+    held = np.bincount(unit, np.maximum(lengths, 1))
+    return int(found[np.lexsort((first, -held))[0]])  # of equal lengths the first
 
 
 def drop_unpaired(candidate: ImuCandidate) -> ImuCandidate:

@@ -59,6 +59,8 @@ def isolated_timestamps(messages: Messages, t_us: Stamps) -> NDArray[np.bool_]:
         after = np.append(stamps, np.iinfo(np.int64).max)[place] - t_us
         before = t_us - np.append(stamps[:1] - 2 * CORROBORATION_US, stamps)[place]
         near += (after <= CORROBORATION_US) | (before <= CORROBORATION_US)
+        if np.all(near > 1):  # the clocks of all other messages are not decoded
+            break
     return near <= 1 if logged >= MIN_CLOCKS else np.zeros(len(t_us), np.bool_)
 
 
