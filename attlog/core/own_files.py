@@ -32,7 +32,7 @@ PNG_MAGIC = b"\x89PNG\r\n\x1a\n"
 # Text of a PNG, by its keyword and program.
 PNG_TEXT = b"tEXtSoftware\0attlog "
 # Where files name the log that they are about.
-LOG_HASH = re.compile(rb'(?i)sha-?256"?(?::\s*|</dt><dd class="mono">)"?([0-9a-f]{64})')
+LOG_HASH = rb'(?i)sha-?256"?(?::\s*|</dt><dd class="mono">)"?([0-9a-f]{64})'
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class FileKind:
     """
 
     name: str
-    marks: tuple[re.Pattern[bytes], ...] = ()
+    marks: tuple[bytes, ...] = ()
     check: Callable[[Path], bool] = field(default=lambda _: False)
     logs: frozenset[str] = frozenset()
 
@@ -57,7 +57,7 @@ class FileKind:
         """Return whether a file is of this kind, whichever log it is about."""
         try:
             ends = b"\0".join(_ends(path))
-            return any(mark.search(ends) for mark in self.marks) or self.check(path)
+            return any(re.search(mark, ends) for mark in self.marks) or self.check(path)
         except Exception:  # whatever a stranger's file does to a parser, or Parquet without pyarrow
             return False
 
@@ -104,7 +104,7 @@ def log_of(path: Path) -> str:
 
 def hash_named_in(content: bytes) -> str:
     """Return the SHA-256 that a document gives of its log, empty without one."""
-    found = LOG_HASH.search(content)
+    found = re.search(LOG_HASH, content)
     return found[1].decode() if found else ""
 
 
@@ -132,8 +132,8 @@ def _ends(path: Path) -> tuple[bytes, bytes]:
         return head, file.read(TAIL_BYTES)
 
 
-def _mark(*patterns: str) -> tuple[re.Pattern[bytes], ...]:
-    return tuple(re.compile(pattern.encode()) for pattern in patterns)
+def _mark(*patterns: str) -> tuple[bytes, ...]:
+    return tuple(pattern.encode() for pattern in patterns)
 
 
 def _page(title: str) -> str:

@@ -8,14 +8,12 @@ needs with its defaults on logs of both firmwares. Objects that exist stay, miss
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import os
 import re
 import subprocess
 import sys
 from collections.abc import Callable, Container, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -149,6 +147,8 @@ def build(target: Path, levels: tuple[str, ...], chosen: Iterable[str]) -> None:
 
 def compile_all(places: dict[Path, str], names: list[str], progress: Callable[[int, int], None]) -> None:
     """Compile loops for each place and its level of processor in processes of their own."""
+    from concurrent.futures import ThreadPoolExecutor
+
     parts = max(cores() // len(places), 1)
     jobs = [(place, level, share) for place, level in places.items() for share in _shares(names, parts) if share]
     made = count(1)
@@ -201,6 +201,8 @@ def compile_share(place: Path, names: list[str], mode: int) -> None:
 
 def main() -> None:
     """See the head of this file."""
+    import argparse
+
     options = argparse.ArgumentParser(prog="python -m attlog.core.jit.build", description=__doc__)
     options.add_argument("folder", nargs="?", type=Path, default=store.SHIPPED)
     options.add_argument("--here", action="store_true")
