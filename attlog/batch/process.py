@@ -39,6 +39,7 @@ PRELOADED = (
     "llvmlite.binding",
     "numpy.fft",
     "numpy.ma",
+    "platformdirs",
     "pygeomag",
     "tomli_w",
     "vqf",

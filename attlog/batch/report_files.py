@@ -158,13 +158,15 @@ def messages_to(on_message: Callable[[dict[str, Any]], None]) -> Iterator[None]:
 
 
 def load_filters(specs: list[str], *, on_message: Callable[[dict[str, Any]], None]) -> None:
-    """Load filters into this process, from which log processes are forked.
+    """Load filters and what pages draw with into this process, from which log processes are forked.
 
     An error is ignored here, because the log's process hits and reports it too.
     """
     from attlog.pipeline.replay import preload
+    from attlog.report.bundle import bundle
 
     with messages_to(on_message), suppress(Exception):
+        bundle()
         preload(specs)
 
 

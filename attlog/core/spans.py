@@ -66,7 +66,12 @@ def seconds(spans: Iterable[Span]) -> float:
 
 def inside(t: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
     """Select the times (n,) within a span, ends included."""
-    return overlaps(t, t, spans)
+    if not (t[1:] >= t[:-1]).all():
+        return overlaps(t, t, spans)
+    found = np.zeros(len(t), bool)
+    for t0, t1 in merge(spans):
+        found[between(t, t0, t1)] = True
+    return found
 
 
 def between(t: Array, t0: float, t1: float) -> slice:
