@@ -142,6 +142,10 @@ def correction_residual(
             out[i, 0], out[i, 1], out[i, 2] = x * cosine + y * sine, y * cosine - x * sine, DEG * out[i, 2]
 
 
+# Residuals (n, 3) in deg of windows, and the bounds of these (windows + 1,) in them.
+Residuals = tuple[Array, NDArray[np.int64]]
+
+
 class GyroAttitude(NamedTuple):
     """The integrated gyro: ``t`` (n,) s, ``q`` (n, 4), ``segment`` (n,) counts restarts."""
 
@@ -186,7 +190,7 @@ def residual(t: Array, q: Array, gyro: GyroAttitude, turn_deg: float) -> Array |
     ``turn_deg`` away from its mean.
     """
     whole = [slice(0, len(t))]
-    return next(residuals(t, q, gyro, whole)) if usable_windows(t, gyro, turn_deg, whole)[0] else None
+    return next(residuals(t, q, gyro, whole))[0] if usable_windows(t, gyro, turn_deg, whole)[0] else None
 
 
 def usable_windows(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequence[slice]) -> NDArray[np.bool_]:
@@ -204,8 +208,8 @@ def usable_windows(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequen
     return np.concatenate(found)
 
 
-def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -> Iterator[Array]:
-    """Yield :func:`residual` (n, 3) of several windows in which the gyro is :func:`usable_windows`."""
+def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -> Iterator[Residuals]:
+    """Yield :func:`residual` of batches of windows in which the gyro is :func:`usable_windows`."""
     for _, at, edges in sample_batches(inside):
         own = np.ascontiguousarray(q[at], np.float64)
         correction = rotation.earth_error(own, rotation.slerp(gyro.t, gyro.q, t[at]))
@@ -213,14 +217,14 @@ def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -
         out = np.empty((len(at), 3))
         scratch = np.empty((len(at), 9)), np.zeros(9), np.zeros(9), np.zeros(9), np.zeros(3)
         correction_residual(out, t[at], own, correction, rotation.group_means(correction, edges), yaw, edges, *scratch)
-        yield from np.split(out, edges[1:-1])
+        yield out, edges
 
 
-def window_residuals(case: Case, row: Track, inside: list[slice]) -> list[Array | None]:
-    """Return the residuals (n, 3) of a row in windows of its samples; None where the gyro is of no use."""
+def window_residuals(case: Case, row: Track, inside: list[slice]) -> tuple[NDArray[np.bool_], Iterator[Residuals]]:
+    """Return in which windows (k,) of a row's samples the gyro is of use, and the residuals in these."""
     gyro = gyro_alone(case, row)
     if gyro is None:
-        return [None] * len(inside)
+        return np.zeros(len(inside), bool), iter(())
     limit = TURN_ONBOARD_DEG if row.kind == "onboard" else TURN_DEG
     index = None if (imu := imu_of(case, row)) is None else logged_unit(case, imu)
     corrected = 1e-3 * float(row.quality.get("imu_lag_corrected_ms", 0.0))
@@ -234,8 +238,7 @@ def window_residuals(case: Case, row: Track, inside: list[slice]) -> list[Array 
         if index is None
         else _usable_windows(case, row.t, index, inside, limit)
     )
-    left = residuals(row.t, row.q, gyro, [part for part, good in zip(inside, use, strict=True) if good])
-    return [next(left) if good else None for good in use]
+    return use, residuals(row.t, row.q, gyro, [part for part, good in zip(inside, use, strict=True) if good])
 
 
 @per_object

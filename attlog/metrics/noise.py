@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from attlog.core import jit, rotation
 from attlog.core.jit import F1, F2, I1, Out2
 from attlog.core.sorting import is_in, median, unique
-from attlog.core.spans import Span
 from attlog.metrics import correction_noise, following, statistics, windows
-from attlog.metrics.correction_noise import DEG, relative, vector
+from attlog.metrics.correction_noise import DEG, Residuals, relative, vector
 from attlog.metrics.metric import Answer, Case, Metric, MetricGroup, Resolution, Wording, paragraph, per_case, per_row
 from attlog.metrics.statistics import Ids, Summary, UnitValues, VariancePrior, make_ids
 from attlog.metrics.windows import WINDOW_S, imu_of, phase_of, phase_spans, reason_unavailable
@@ -72,10 +71,17 @@ class PhaseVariances(NamedTuple):
     seconds: float
 
 
-def variance(residual: Array) -> Array:
-    """Return variances (4,) about roll, pitch, heading and tilt (mean of the first two) of residuals (n, 3)."""
-    v = np.sum(residual**2, axis=0) / (len(residual) - 2)
-    return np.array([v[0], v[1], v[2], 0.5 * (v[0] + v[1])])
+def variances_of(residuals: Iterable[Residuals]) -> Array:
+    """Return variances (k, 4) about roll, pitch, heading and tilt (mean of the first two) of windows.
+
+    ``residuals``: batches of samples (n, 3) with the bounds of their windows.
+    """
+    found = [np.zeros((0, 3))]
+    for out, edges in residuals:
+        sums = [np.add.reduceat(np.ascontiguousarray(axis) ** 2, edges[:-1]) for axis in out.T]
+        found.append(np.column_stack(sums) / (np.diff(edges) - 2)[:, None])
+    v = np.concatenate(found)
+    return np.column_stack([v, 0.5 * (v[:, 0] + v[:, 1])])
 
 
 def unsettled(variances: Array) -> int:
@@ -95,28 +101,32 @@ def phase_variances(case: Case, row: Track, phase: str, window: str) -> PhaseVar
     """
     spans = windows.row_windows(case, row, phase, window)
     inside = [samples for span in spans for _, samples in span]
-    left = iter(
-        residuals_at_rest(row, inside) if phase == "rest" else correction_noise.window_residuals(case, row, inside)
-    )
-    kept: list[tuple[Span, Array]] = []
-    for span in spans:
-        found = [(w, variance(r)) for (w, _), r in zip(span, left, strict=False) if r is not None]
-        skip = unsettled(np.array([v for _, v in found])) if phase == "rest" and len(found) > MIN_LATER else 0
-        kept += found[skip:]
-    if not kept:
+    if phase == "rest":
+        use, residuals = np.ones(len(inside), bool), residuals_at_rest(row, inside)
+    else:
+        use, residuals = correction_noise.window_residuals(case, row, inside)
+    if not use.any():
         return None
-    t0, variances = np.array([w[0] for w, _ in kept]), np.array([v for _, v in kept])
-    return PhaseVariances(t0, variances, sum((w[1] - w[0] for w, _ in kept), 0.0))
+    left, first = variances_of(residuals), 0
+    begin_end = np.array([w for span in spans for w, _ in span])
+    keep = np.ones(len(left), bool)
+    if phase == "rest":
+        for span in spans:
+            if len(span) > MIN_LATER:
+                keep[first : first + unsettled(left[first : first + len(span)])] = False
+            first += len(span)
+    t0, t1 = begin_end[use][keep].T
+    return PhaseVariances(t0, left[keep], float(sum((t1 - t0).tolist())))
 
 
-def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Array]:
-    """Yield the residuals (n, 3) in deg of windows at rest about their mean attitude and a line."""
+def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Residuals]:
+    """Yield batches of windows at rest: residuals (n, 3) in deg about mean attitude and a line, and their bounds."""
     for _, at, edges in windows.sample_batches(inside):
         q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
         centre = rotation.group_means(q, edges)
         yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
         rest_residual(out, row.t[at], q, centre, yaw, edges)
-        yield from np.split(out, edges[1:-1])
+        yield out, edges
 
 
 # Noise of the gyro itself in flight: smaller noise of filters cannot be ordered.

@@ -43,6 +43,7 @@ def unsettled_spans(case: Case, phase: str) -> list[Span]:
     return found
 
 
+@per_row
 def own_start(case: Case, row: Track) -> float:
     """Return when a row has settled after its own start, s.
 
