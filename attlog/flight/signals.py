@@ -62,6 +62,7 @@ UNIT_ENDINGS = {
     "_a": "A",
     "_s": "s",
 }
+UNIT_ENDING = re.compile(f"(?:{'|'.join(UNIT_ENDINGS)})$")
 
 
 class Signal(NamedTuple):
@@ -69,7 +70,7 @@ class Signal(NamedTuple):
 
     ``name`` is ``MESSAGE.field``, with ``[instance]`` behind the message where the log has several instances of it, in
     telemetry behind messages of others than the vehicle. A message of telemetry that serves several sensors has a
-    signal for each: ``BATTERY_STATUS[id=1].current_consumed``.
+    signal for each, ``part`` (``id=1``): ``BATTERY_STATUS[id=1].current_consumed``.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Signal(NamedTuple):
     field: str
     unit: str
     n: int
+    part: str = ""
 
 
 class Signals:
@@ -128,14 +130,17 @@ class Signals:
         table, column, _ = self._place(name)
         return self._unit(table.fields.get(column) or table.fields[column.rpartition("[")[0]])
 
-    def read(self, name: str) -> tuple[Array, Array]:
+    def read(self, signal: str | Signal) -> tuple[Array, Array]:
         """Return rising times (n,) s on the log's clock and values (n,) in the unit that the format prints.
 
-        ``MESSAGE.field``, ``MESSAGE[instance].field``; without an instance the vehicle's own, else the lowest, without
-        a sensor the first. Records without a plausible time are left out. UsageError for an unknown name, with similar
-        ones.
+        ``signal``: one of the log, or its name: ``MESSAGE.field``, ``MESSAGE[instance].field``; without an instance the
+        vehicle's own, else the lowest, without a sensor the first. Records without a plausible time are left out.
+        UsageError for an unknown name, with similar ones.
         """
-        table, column, part = self._place(name)
+        if isinstance(signal, Signal):
+            table, column, part = self.messages[signal.message, signal.instance], signal.field, signal.part
+        else:
+            table, column, part = self._place(signal)
         t, kept = self._clock(table)
         own = self.parts(table)[part][kept] if part else slice(None)
         return t[own], table.value(column)[kept[own]]
@@ -157,12 +162,13 @@ class Signals:
             message, n = f"{table.name}[{inside}]" if inside else table.name, int(np.count_nonzero(rows))
             for column, spec in table.fields.items():
                 for name in _numbers(column, spec) if not part.startswith(f"{column}=") else ():
-                    yield Signal(f"{message}.{name}", table.name, table.instance, name, self._unit(spec), n)
+                    yield Signal(f"{message}.{name}", table.name, table.instance, name, self._unit(spec), n, part)
 
     def _unit(self, spec: Field) -> str:
         unit = spec.unit or ""
         if not unit and self.log.format == "ulog":
-            return next((u for end, u in UNIT_ENDINGS.items() if spec.name.endswith(end)), "")
+            ending = UNIT_ENDING.search(spec.name)
+            return UNIT_ENDINGS[ending[0]] if ending else ""
         return UNIT_WORDS.get(unit, unit)
 
     def _found(self, name: str) -> tuple[Table, str, str] | None:

@@ -87,7 +87,7 @@ def _thinned(signals: Signals, key: str, fields: list[Signal], keep: int) -> Tra
     """Return the fields of a message with at most ``keep`` samples each."""
     n, times, columns = 0, np.zeros(0), {}
     for signal in fields:
-        t, y = signals.read(signal.name)
+        t, y = signals.read(signal)
         if not np.isfinite(y).any():
             continue
         n = len(t)
