@@ -28,9 +28,8 @@ from attlog.estimators.interface import Array
 PASSES, OWN_LINEARISATION = 5, 3
 # After so many passes jumps of the gyro bias are looked for: noise levels are calibrated, and not yet to a jump.
 LOOK = 3
-# After these passes the GNSS delay is searched with this step in s.
-SEARCH = {1: 0.030, 2: 0.012}
-FOUND_SIGMA_S = 0.003
+# Until after this pass the state moves the GNSS delay; then it is searched with this step in s, and held.
+SEARCH_AFTER, SEARCH_STEP_S, FOUND_SIGMA_S = 2, 0.012, 0.003
 # Without a compass so many headings start. All so many nodes those are dropped whose log likelihood trails the best by
 # more: on 118 runs of flights the winner trailed by 31 at most, but for three logs whose aids contradict each other.
 HEADINGS, RACE_NODES, MAX_TRAIL = 12, 100, 50.0
@@ -224,16 +223,14 @@ def _delays(
     """Return the delays for the next pass."""
     moved = calibration.delays_by_state(found, used)
     following = replace(following, mag_delay=moved.mag_delay)
-    if inputs.velocity is None:
+    if inputs.velocity is None or number > SEARCH_AFTER:
         return following
-    if number < max(SEARCH):
-        following = replace(following, gnss_delay=moved.gnss_delay)
-    if number in SEARCH:
-        begin = start(inputs, following, begin if begin.how == "motion" or inputs.mag is None else None)
-        following = calibration.delay_by_likelihood(runner, inputs, following, begin, gate, SEARCH[number])
-    if number >= max(SEARCH):
-        following = replace(following, prior=replace(following.prior, gnss_delay=FOUND_SIGMA_S))
-    return following
+    following = replace(following, gnss_delay=moved.gnss_delay)
+    if number < SEARCH_AFTER:
+        return following
+    begin = start(inputs, following, begin if begin.how == "motion" or inputs.mag is None else None)
+    following = calibration.delay_by_likelihood(runner, inputs, following, begin, gate, SEARCH_STEP_S)
+    return replace(following, prior=replace(following.prior, gnss_delay=FOUND_SIGMA_S))
 
 
 def first_start(runner: Runner, inputs: Inputs, tuned: NoiseLevels, gate: float) -> StartState:
