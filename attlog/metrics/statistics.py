@@ -499,6 +499,7 @@ P95 = 0.95  # probability of the percentile
 # Largest end of an interval over its value: one burst does not predict larger values.
 MAX_INTERVAL_RATIO = 3.0
 PIECES = 4  # two scales of changes: halves and quarters
+HALVES_AND_QUARTERS = ((0, 2), (2, 4), (0, 1), (1, 2), (2, 3), (3, 4))  # from, to; in quarters
 GROUP_S, MAX_GROUPS = 5.0, 20  # length as that of blocks of tilt errors
 SHORTEST_S, MIN_SAMPLES = 4.0, 8  # a second and two samples a quarter
 # Largest angle between two attitudes, the limit of an interval.
@@ -557,14 +558,17 @@ class ErrorSize:
 
     def _sizes(self, name: str) -> list[float]:
         """Return the size of the whole, of both halves and four quarters."""
-        halves, quarters = (equal_groups(len(self._angle), n) if self.pieces else [] for n in (2, PIECES))
-        if name == "rmse":
-            if not self._rms:
-                square = group_means(self._angle**2, [slice(0, len(self._angle)), *halves, *quarters])
-                self._rms = np.sqrt(np.maximum(square - self._noise**2, 0.0)).tolist()
-            return self._rms
-        parts = [self._angle, *(self._angle[piece] for piece in (*halves, *quarters))]
-        return [quantile(_ordered_at(part, P95), P95) for part in parts]
+        ends = _edges(len(self._angle), self.pieces or 1)
+        parts = HALVES_AND_QUARTERS if self.pieces else ()
+        places = [(0, ends[-1]), *((ends[a], ends[b]) for a, b in parts)]
+        if name != "rmse":
+            return [quantile(_ordered_at(self._angle[a:b], P95), P95) for a, b in places]
+        if not self._rms:
+            sums = np.add.reduceat(self._angle**2, ends[:-1]).tolist()
+            squares = [sum(sums), *(sum(sums[a:b]) for a, b in parts)]
+            own = [square / (b - a) - self._noise**2 for square, (a, b) in zip(squares, places, strict=True)]
+            self._rms = [math.sqrt(max(square, 0.0)) for square in own]
+        return self._rms
 
 
 def _changes(parts: list[float], whole: float) -> list[float]:

@@ -62,15 +62,13 @@ def curves(case: Case, row: Track, window: str) -> list[Curve]:
 class EventSamples(NamedTuple):
     """Samples of a row's errors in one event.
 
-    ``own`` (n,): indices in the event, ``before`` (m,): before its onset; ``body`` (3,): axis of the event. ``turned``
-    (n,) deg: turning of the reference about it since the onset.
+    ``own`` (n,): indices in the event, ``before`` (m,): before its onset; ``body`` (3,): axis of the stroke.
     """
 
     event: StepEvent
     own: Index
     before: Index
     body: Array
-    turned: Array
 
 
 @per_row
@@ -88,17 +86,17 @@ def event_curves(case: Case, row: Track, events: list[StepEvent]) -> list[Curve]
     found = [] if errors is None else _all_covered(case, errors, events)
     if errors is None or not found:
         return []
-    own = np.concatenate([c.own for c in found])
+    own, body = np.concatenate([c.own for c in found]), np.array([c.body for c in found])
     ends = np.cumsum([len(c.own) for c in found])
     of = np.repeat(np.arange(len(found)), [len(c.own) for c in found])
     start = _means(errors, [c.before for c in found])
     middle = np.minimum(np.searchsorted(ref.t, [c.event.middle for c in found]), len(ref.t) - 1)
-    axes = rotation.rotate(ref.q[middle], np.array([c.body for c in found]))
-    axes *= np.array([math.copysign(1.0, c.event.delta_deg) for c in found])[:, None]
     error = rotation.earth_error(errors.q_est[own], errors.q_ref[own])
     away = np.degrees(rotation.to_rotvec(rotation.multiply(error, rotation.conjugate(start)[of])))
-    off = np.split(np.einsum("ni,ni->n", away, axes[of]), ends[:-1])
-    return [Curve(c.event, errors.t[c.own], c.turned, x) for c, x in zip(found, off, strict=True)]
+    off = np.split(np.einsum("ni,ni->n", away, rotation.rotate(ref.q[middle], body)[of]), ends[:-1])
+    onset = [c.event.onset for c in found]
+    turned = np.split(_turned(ref, errors.t[own], body[of]) - _turned(ref, np.array(onset), body)[of], ends[:-1])
+    return [Curve(c.event, errors.t[c.own], *x) for c, *x in zip(found, turned, off, strict=True)]
 
 
 def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) -> list[EventSamples]:
@@ -114,12 +112,12 @@ def _all_covered(case: Case, errors: AttitudeErrors, events: list[StepEvent]) ->
     j = np.minimum(np.searchsorted(t, end), np.searchsorted(broken, segment, side="right"))
     first = np.maximum(i, np.searchsorted(t, onset - BEFORE_S))
     last = np.minimum(j, np.searchsorted(t, onset, side="right"))
-    axes = axes_of(ref, events)
+    axes = axes_of(ref, events) * np.copysign(1.0, [e.delta_deg for e in events])[:, None]
     whole = np.isfinite(axes[:, 0]) & (j - i > 1) & (last > first) & (t[j - 1] >= t90)
     found = []
     for k in np.flatnonzero(whole).tolist():
         own, before = np.arange(i[k], j[k]), np.arange(first[k], last[k])
-        found.append(EventSamples(events[k], own, before, axes[k], _turned(ref, events[k], axes[k], t[own])))
+        found.append(EventSamples(events[k], own, before, axes[k]))
     return found
 
 
@@ -130,11 +128,9 @@ def _means(errors: AttitudeErrors, groups: list[Index]) -> Array:
     return rotation.group_means(error, np.cumsum([0, *(len(g) for g in groups)]))
 
 
-def _turned(ref: SummedTurning, event: StepEvent, body: Array, t: Array) -> Array:
-    """Return the reference's turning (n,) deg since an event's onset."""
-    near = slice(max(int(np.searchsorted(ref.t, t[0])) - 1, 0), int(np.searchsorted(ref.t, t[-1], side="right")) + 1)
-    along = math.copysign(1.0, event.delta_deg) * (ref.turned[near] @ body)
-    return np.asarray(np.interp(t, ref.t[near], along) - np.interp(event.onset, ref.t[near], along))
+def _turned(ref: SummedTurning, t: Array, body: Array) -> Array:
+    """Return the reference's summed turning (n,) in deg at times (n,) s about axes ``body`` (n, 3)."""
+    return np.asarray(sum(body[:, k] * np.interp(t, ref.t, ref.turned[:, k]) for k in range(3)))
 
 
 def setpoint(case: Case, curve: Curve) -> Array | None:

@@ -180,9 +180,8 @@ def unexplained_deg(attitude: Attitude, imu: Imu | None) -> tuple[Array, Array] 
     for a in range(0, len(t) - 1, MAX_INTERVALS):
         b = min(a + MAX_INTERVALS, len(t) - 1)
         by_gyro = turning.between(t[a:b], t[a + 1 : b + 1])
-        by_attitude = rotation.multiply(rotation.conjugate(attitude.q[a:b]), attitude.q[a + 1 : b + 1])
-        rest = rotation.multiply(rotation.conjugate(rotation.from_rotvec(by_gyro)), by_attitude)
-        jump[a:b] = np.degrees(rotation.total_angle(rest))
+        expected = rotation.multiply(attitude.q[a:b], rotation.from_rotvec(by_gyro))
+        jump[a:b] = np.degrees(rotation.length(rotation.relative_rotvecs(expected, attitude.q[a + 1 : b + 1])))
         rotated[a:b] = np.degrees(rotation.length(by_gyro))
     where = np.clip(np.searchsorted(gyro_t, t), 0, len(gyro_t) - 1)
     whole = segment[where[:-1]] == segment[where[1:]]
