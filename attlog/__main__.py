@@ -25,8 +25,12 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from attlog.cli import main as run
+    from attlog.cli.process import end
 
-    run()
+    try:
+        run()
+    except SystemExit as stop:
+        end(stop.code)
 
 
 if __name__ == "__main__":

@@ -59,9 +59,7 @@ def main() -> None:
     # Read by numpy. A log's arrays are too small for threads, whose waiting costs 0.2 s of CPU in a short ``analyze``.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     process.show_everything()
-    code = process.run_guarded(_run, sys.argv[1:])
-    gc.freeze()  # a last collection would take a tenth of ``attlog info``
-    sys.exit(code)
+    sys.exit(process.run_guarded(_run, sys.argv[1:]))
 
 
 def _run() -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import codecs
 import errno
 import io
@@ -9,8 +10,8 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from typing import Any
+from contextlib import contextmanager, suppress
+from typing import Any, NoReturn
 
 from attlog import __version__
 from attlog.core import limits
@@ -146,6 +147,18 @@ def flush_output(code: int) -> int:
     except OSError as error:
         return report_lost_output(error)
     return code
+
+
+def end(code: object) -> NoReturn:
+    """End the process with this exit code after what was registered for its end, all output written.
+
+    Python would take modules and objects apart first, one by one: 10 ms of CPU, 30 ms until the prompt.
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(code if isinstance(code, int) else 0 if code is None else 1)
 
 
 def report_lost_output(error: OSError) -> int:
