@@ -18,8 +18,9 @@ from attlog.metrics.metric import (
 )
 from attlog.metrics.step_fit import timing
 from attlog.metrics.windows import imu_of, own_start
-from attlog.reference.heading_sources import GnssMotion, find_gnss_motion
+from attlog.reference.heading_sources import GnssMotion, gnss_motion
 from attlog.reference.model import Track
+from attlog.reference.sensor_faults import FRAME
 from attlog.segments import model
 
 GNSS_HEADING_NAME, GNSS_HEADING_UNIT = "gnss_heading_deg", "deg"
@@ -85,7 +86,8 @@ def _motion_of(case: Case, row: Track) -> GnssMotion | None:
 
 @per_object
 def _motion_by(case: Case, imu: Imu) -> GnssMotion | None:
-    return find_gnss_motion(case.log, case.segments, imu)
+    wrong = imu is case.log.replay_imu and FRAME in case.reference.faults.sensors
+    return None if wrong else gnss_motion(case.log, case.segments, imu)
 
 
 @per_row

@@ -65,15 +65,23 @@ class GnssMotion:
 
 
 @cached_per_log
-def find_gnss_motion(log: FlightLog, segments: Segments, imu: Imu | None = None) -> GnssMotion | None:
-    """Return specific force and GNSS velocities in flight, up to an impact.
+def find_gnss_motion(log: FlightLog, segments: Segments) -> GnssMotion | None:
+    """Return :func:`gnss_motion` of the replayed IMU.
 
-    In the whole log where no flight is known. ``imu``: by default the replayed one. None without GNSS, or if the axes
-    of the replayed accelerometer are wrong: every heading would appear wrong.
+    None if the axes of its accelerometer are wrong: every heading would appear wrong.
     """
-    imu = imu or log.replay_imu
+    if log.replay_imu is None or sensor_faults.wrong_frame(log, segments):
+        return None
+    return gnss_motion(log, segments, log.replay_imu)
+
+
+def gnss_motion(log: FlightLog, segments: Segments, imu: Imu) -> GnssMotion | None:
+    """Return specific force and GNSS velocities in flight, up to an impact; None without GNSS.
+
+    In the whole log where no flight is known.
+    """
     receiver = next((g for g in log.gnss if np.count_nonzero(g.fix >= FIX_3D) > 1), None)
-    if imu is None or receiver is None or (imu is log.replay_imu and sensor_faults.wrong_frame(log, segments)):
+    if receiver is None:
         return None
     fixes_t, velocity = model.select_rising(np.where(receiver.fix >= FIX_3D, receiver.t, np.nan), receiver.vel_ned)
     if len(fixes_t) < 2:
