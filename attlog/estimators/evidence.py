@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from attlog.core import rotation
 from attlog.core.sorting import unique
@@ -149,6 +149,8 @@ MIN_CORRELATION, SCALES, MAX_SIGMA_DEG = 0.7, (0.7, 1.3), 10.0
 MIN_BLOCKS, MIN_BLOCKS_OF_SEGMENT = 1.8, 2.5
 WRONG_DEG, WRONG_SIGMAS = 8.0, 3.0
 SOUND_DEG, SOUND_SIGMAS, SOUND_SIGMA_DEG = 3.0, 2.0, 2.0
+# Windows, times delays, that are compared at once.
+WINDOWS_AT_ONCE = 1 << 14
 # Fewer in 30 s fit any rotation.
 MIN_WINDOWS = 4
 
@@ -210,10 +212,10 @@ class VelocitySteps:
         """End of each window, s."""
         return self.fixes[self.second]
 
-    def force(self, delay_s: float) -> Complex:
-        """Return the changes (k,) by force of a receiver that is ``delay_s`` later than the IMU, up to 0.75 s."""
-        at = np.interp(self.fixes - delay_s, self.t, self.integral)
-        return np.asarray(at[self.second] - at[self.first])
+    def force(self, delay_s: ArrayLike) -> Complex:
+        """Return the changes (..., k) by force of a receiver ``delay_s`` (...) later than the IMU, up to 0.75 s."""
+        at = np.interp(self.fixes - np.asarray(delay_s)[..., None], self.t, self.integral)
+        return np.asarray(at[..., self.second] - at[..., self.first])
 
 
 class _Delay(NamedTuple):
@@ -325,10 +327,11 @@ def _delay_of(steps: VelocitySteps, segments: Index) -> _Delay:
     at, inside = _padded(segments)
     a = _centred(steps.gnss[at], inside)
     explained = np.zeros(len(DELAYS_TRIED_S))
-    for k, delay_s in enumerate(DELAYS_TRIED_S.tolist()):
-        b = _centred(steps.force(delay_s)[at], inside)
-        product = np.abs(np.sum(b.conj() * a, axis=1)) ** 2
-        explained[k] = np.sum(product / np.maximum(_power(b), 1e-12))
+    some = max(1, WINDOWS_AT_ONCE // max(at.size, 1))
+    for k in range(0, len(explained), some):
+        b = _centred(steps.force(DELAYS_TRIED_S[k : k + some])[:, at], inside)
+        product = np.abs(np.sum(b.conj() * a, axis=-1)) ** 2
+        explained[k : k + some] = np.sum(product / np.maximum(_power(b), 1e-12), axis=-1)
     total, beyond = float(np.sum(_power(a))), round(BESIDE_S / STEP_S)
     best = beyond + int(np.argmax(explained[beyond:-beyond]))
     rest = np.maximum(total - explained, 1e-12)
@@ -400,14 +403,14 @@ def _padded(parts: Index) -> tuple[Index, Mask]:
 
 
 def _centred(x: Complex, kept: Mask) -> Complex:
-    """Return values (p, w) about the mean of their row, 0 where not kept."""
-    mean = np.sum(np.where(kept, x, 0.0), axis=1) / np.maximum(np.count_nonzero(kept, axis=1), 1)
-    return np.where(kept, x - mean[:, None], 0.0)
+    """Return values (..., p, w) about the mean of their row, 0 where not kept (p, w)."""
+    mean = np.sum(np.where(kept, x, 0.0), axis=-1) / np.maximum(np.count_nonzero(kept, axis=1), 1)
+    return np.where(kept, x - mean[..., None], 0.0)
 
 
 def _power(x: Complex) -> Array:
-    """Return the sum of squares (p,) of each row."""
-    return np.asarray(np.sum(x.real**2 + x.imag**2, axis=1))
+    """Return the sum of squares (...) of each row (..., w)."""
+    return np.asarray(np.sum(x.real**2 + x.imag**2, axis=-1))
 
 
 def _without_outliers(a: Complex, b: Complex, inside: Mask) -> Mask:
