@@ -122,11 +122,16 @@ def json_text(value: Any) -> str:
 
 def rounded_document(value: Any, digits: int) -> Any:
     """Round all floats of a plain value to significant digits."""
-    if isinstance(value, float):
-        return float(f"{value:.{digits}g}")
-    if isinstance(value, dict):
-        return {k: rounded_document(v, digits) for k, v in value.items()}
-    return [rounded_document(v, digits) for v in value] if isinstance(value, list) else value
+    text = f"%.{digits}g"
+
+    def rounded(value: Any) -> Any:
+        if isinstance(value, list):
+            return [float(text % v) if type(v) is float else rounded(v) for v in value]
+        if isinstance(value, dict):
+            return {k: float(text % v) if type(v) is float else rounded(v) for k, v in value.items()}
+        return float(text % value) if isinstance(value, float) else value
+
+    return rounded(value)
 
 
 def without_keys(value: Any, keys: tuple[str, ...]) -> Any:

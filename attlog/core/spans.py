@@ -68,10 +68,9 @@ def inside(t: Array, spans: Iterable[Span]) -> NDArray[np.bool_]:
     """Select the times (n,) within a span, ends included."""
     if not (t[1:] >= t[:-1]).all():
         return overlaps(t, t, spans)
-    found = np.zeros(len(t), bool)
-    for t0, t1 in merge(spans):
-        found[between(t, t0, t1)] = True
-    return found
+    ends = np.array(merge(spans)).reshape(-1, 2)
+    edges = np.stack([np.searchsorted(t, ends[:, 0], "left"), np.searchsorted(t, ends[:, 1], "right")], axis=1).ravel()
+    return np.repeat(np.arange(len(edges) + 1) % 2 == 1, np.diff(edges, prepend=0, append=len(t)))
 
 
 def between(t: Array, t0: float, t1: float) -> slice:

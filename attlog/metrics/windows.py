@@ -253,11 +253,10 @@ def filled_samples(t: Array, window: Span) -> slice | None:
     return slice(i, j) if max(float(np.max(steps)), float(ends)) <= gap else None
 
 
-def unbroken_samples(inside: slice | None, x: Array, segment: NDArray[np.int64]) -> slice | None:
-    """Return an index range if finite and of one segment, else None."""
-    if inside is None or segment[inside.start] != segment[inside.stop - 1]:
-        return None
-    return inside if rotation.finite_rows(x[inside]).all() else None
+@per_row
+def known_samples(case: Case, row: Track) -> NDArray[np.bool_]:
+    """Return which attitudes (n,) of a row are known."""
+    return rotation.finite_rows(row.q)
 
 
 def sample_batches(inside: Sequence[slice]) -> Iterator[tuple[list[slice], NDArray[np.int64], NDArray[np.int64]]]:
@@ -288,10 +287,12 @@ def row_windows(case: Case, row: Track, phase: str, window: str) -> list[list[tu
 
 def span_windows(case: Case, row: Track, phase: str, span: Span) -> list[tuple[Span, slice]]:
     """Return the usable windows of a row in one span."""
-    start, segment = own_start(case, row), row_segments(case, row)
-    laid = [(w, s) for w, s in windows_of_times(case, row.t, phase, span) if w[0] >= start - ROUND_S]
-    own = [(w, unbroken_samples(s, row.q, segment)) for w, s in laid]
-    return [(w, s) for w, s in own if s is not None]
+    start, segment, known = own_start(case, row), row_segments(case, row), known_samples(case, row)
+    return [
+        (w, s)
+        for w, s in windows_of_times(case, row.t, phase, span)
+        if w[0] >= start - ROUND_S and s is not None and segment[s.start] == segment[s.stop - 1] and known[s].all()
+    ]
 
 
 def why_unproven(case: Case) -> str | None:
