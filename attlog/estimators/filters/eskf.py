@@ -71,13 +71,15 @@ def run(t: Array, gyr: Array, acc: Array, mag: Array, aids: Aids, params: Mappin
     inputs = prepare_inputs(t, gyr, acc, mag, aids, np.deg2rad(float(params["declination"])), ahead=ahead)
     del mag  # a long log's is large, and its means are in the inputs
     begun, gate = started(params), float(params["soft_gate"])
-    found = []
+    found, learnt = [], None
     for a, b in passes.learning_stages(inputs) if constants == "past" else [(0, len(t))]:
         known = passes.Constants(begun)
         if ahead:
             known = passes.constants_of_log(inputs, begun, gate)
         elif a > 0:
-            known = passes.Constants(passes.levels_of_past(inputs.part(0, a), begun, gate))
+            past = inputs.part(0, a)
+            learnt = passes.levels_of_past(past, begun, gate, learnt)
+            known = passes.Constants(passes.trusted(learnt, begun, past))
         stage = inputs if b == len(t) else inputs.part(0, b)
         found.append(filtered(stage, a, known, gate, KNOWN[constants]))
     numbers = found[-1].quality | {"constants": constants}

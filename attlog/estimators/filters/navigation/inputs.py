@@ -181,7 +181,7 @@ class Inputs:
     @property
     def sensed_at(self) -> Array:
         """When the samples were taken, s."""
-        return self.t - self.lag
+        return self.t if self.lag == 0.0 else self.t - self.lag
 
     @property
     def aided_by(self) -> str:

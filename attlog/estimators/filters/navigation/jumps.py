@@ -160,7 +160,7 @@ def bias_change_dps(inputs: Inputs) -> float:
 
 # Jumps of the gyro bias as a filter finds them: by what came so far, and of use from then on.
 #
-# Each second the filter asks whether its innovations have grown. Then the scores of the last seconds (see
+# Each second the filter asks whether its innovations have grown. If they stay so, the scores of the last seconds (see
 # :mod:`jumps`) say whether a jump of the bias explains it; where one does, these seconds are filtered again with it,
 # and the filter goes on from there. Earlier attitudes stay. A compass that is turned or offset looks like a jump
 # too, but such a jump worsens the fit of GNSS: then there is none.
@@ -171,6 +171,8 @@ EVERY_S, WINDOW_S = 1.0, 10.0
 KEPT_S = 60.0
 # Mean square, over the gate's, of the worst of three innovations of velocity or field: 0.3 where noise levels fit.
 LARGE_INNOVATION = 0.5
+# For so many seconds in a row, before a jump is searched: half of the odd innovations last for one.
+GROWN_S = 2
 # Least gain in log likelihood, and what a filter that a bad compass misleads would take for a jump.
 ONLINE_MIN_GAIN, ONLINE_MAX_JUMP_RAD_S = 40.0, np.deg2rad(4.0)
 # Groups of GNSS velocities and positions, and what they must gain at least: -3 and more for real jumps on 24 flights (a
@@ -206,7 +208,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
             run = runner.bound(found, state, begin, par, None, store)
         used = run(a, b, origin, used)
         looks = looks + 1 if innovations_grew(found.ratio[a:b]) else 0
-        if looks == 0 or (looks > VAIN_SEARCHES and second % SLOW_SEARCH_S):
+        if looks < GROWN_S or (looks > VAIN_SEARCHES and second % SLOW_SEARCH_S):
             continue
         gain, size = gains(runner.shocks(schedule, par, store, origin, first, b))
         rate = np.sqrt(np.sum(size**2, axis=1))

@@ -15,7 +15,7 @@ from attlog.estimators.filters.navigation import passes
 from attlog.estimators.filters.navigation import passes as sequence
 from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, prepare_inputs
 from attlog.estimators.filters.navigation.model import MEM, MEMORY
-from attlog.estimators.filters.navigation.passes import learning_stages, levels_of_past
+from attlog.estimators.filters.navigation.passes import learning_stages, levels_of_past, trusted
 from attlog.estimators.filters.navigation.start import StartState
 from tests.estimators.filters.navigation.made import flight, off
 
@@ -191,9 +191,20 @@ def test_without_ten_seconds_of_fixes_there_is_no_look():
 def test_the_delay_of_gnss_is_learnt_within_half_a_minute_of_flight():
     """Planted are 100 ms, begun with 250 ms."""
     inputs = inputs_of(40.0)
-    found = levels_of_past(inputs, replace(NoiseLevels(), gnss_delay=0.25), 2.5)
+    begun = replace(NoiseLevels(), gnss_delay=0.25)
+    found = levels_of_past(inputs, begun, 2.5)
     assert found.gnss_delay == pytest.approx(0.100, abs=0.02)
-    assert found.prior.gnss_delay == 0.010
+    assert trusted(found, begun, inputs).prior.gnss_delay == 0.010
+
+
+def test_a_stage_goes_on_from_the_levels_of_the_one_before():
+    inputs = inputs_of(60.0)
+    early = levels_of_past(inputs.part(0, len(inputs.t) // 2), NoiseLevels(), 2.5)
+    alone, after = (levels_of_past(inputs, NoiseLevels(), 2.5, before) for before in (None, early))
+    assert after.gyro == pytest.approx(alone.gyro, rel=0.2)
+    assert after.acc == pytest.approx(alone.acc, rel=0.2)
+    assert after.r == pytest.approx(alone.r, rel=0.1)
+    assert after.gnss_delay == pytest.approx(alone.gnss_delay, abs=0.005)
 
 
 def test_a_gyro_scale_far_from_its_prior_is_not_held_by_what_is_learnt_early():
