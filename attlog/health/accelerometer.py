@@ -225,15 +225,16 @@ class TurnedForce:
     """Prefix sums of the force's components in earth axes, for means over any span."""
 
     def __init__(self, t: Array, force: Array, q: Array) -> None:
-        turn = rotation.to_matrix(q)[:, :2, :]
-        parts = [turn[:, :, i] * force[:, j : j + 1] for i in (0, 1) for j in (0, 1)]
-        parts += [turn[:, :, 0], turn[:, :, 1]]
-        constant = np.zeros((len(t), 2, 2))
-        constant[:, 0, 0] = constant[:, 1, 1] = 1.0
-        every = np.concatenate([np.stack(parts, axis=2), constant, (turn[:, :, 2] * force[:, 2:3])[:, :, None]], axis=2)
         dt = np.diff(t, prepend=t[0])
         self.t, self.hole = t, np.cumsum(dt > MAX_HOLE_S)
-        self.sums = np.cumsum(every * np.minimum(dt, MAX_HOLE_S)[:, None, None], axis=0).reshape(len(t), -1)
+        self.sums, dt = np.zeros((len(t), 18)), np.minimum(dt, MAX_HOLE_S)
+        turn, sums = rotation.to_matrix(q), self.sums.reshape(-1, 2, 9)
+        for axis in (0, 1):  # a column at a time: in long logs copies add up
+            x, y, z = turn[:, axis].T
+            for k, (row, j) in enumerate(((x, 0), (x, 1), (y, 0), (y, 1))):
+                sums[:, axis, k] = np.cumsum(row * force[:, j] * dt)
+            sums[:, axis, 4], sums[:, axis, 5] = np.cumsum(x * dt), np.cumsum(y * dt)
+            sums[:, axis, 6 + axis], sums[:, axis, 8] = np.cumsum(dt), np.cumsum(z * force[:, 2] * dt)
 
     def means(self, start: Array, end: Array) -> tuple[Array, Array]:
         """Return means (n, 2, 9) over spans, and a mask (n,) of spans without gaps."""
