@@ -476,6 +476,7 @@ def test_parameters_are_found_by_name_and_by_what_was_set_during_the_log(visit, 
     rows = "() => [...document.querySelectorAll('#parameters tbody tr')].map((r) => r.innerText.split(/\\s*\\t\\s*/))"
     assert len(page.locator("#parameters tbody tr").all()) == 2  # without script those that were set
     page.locator("#parameters > summary").click()
+    page.locator("#parameters tbody tr").nth(2).wait_for()  # the event of opening comes after the click
     assert [row[0] for row in page.evaluate(rows)] == ["BAT_LOW", "BAT_N", "RATE_P"]
     page.get_by_label("Search").fill("bat n")
     assert page.evaluate(rows) == [["BAT_N", "1015294", "1", ""]]
