@@ -14,6 +14,7 @@ from attlog import estimators, reference
 from attlog.core import rotation
 from attlog.core.earth import GAUSS_PER_TESLA
 from attlog.core.errors import UsageError
+from attlog.core.limits import READ_BYTES
 from attlog.core.sorting import median, nanmedian, quantile
 from attlog.estimators.ekf2.parameters import TABLE as EKF2
 from attlog.estimators.ekf3.parameters import TABLE as EKF3
@@ -68,7 +69,11 @@ def inputs_of(case: Case, unit: str) -> Any:
     read = case.log.estimator.inputs
     if read is None:
         raise UsageError("An onboard filter is run again only on a log of PX4 that EKF2 flew, or ArduPilot and EKF3.")
-    return read(unit=int(unit)) if unit else read()
+    try:
+        return read(unit=int(unit)) if unit else read()
+    finally:
+        if case.log.messages is not None and case.log.messages.size > READ_BYTES:  # the inputs are copies
+            case.log.messages.forget()
 
 
 def flown_inputs(case: Case, imu: Imu) -> Any:
