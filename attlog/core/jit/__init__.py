@@ -17,6 +17,7 @@ from attlog.core.jit.loops import (
     last_before,
     loop,
     plain_python,
+    with_constants,
 )
 
 __all__ = [
@@ -36,4 +37,5 @@ __all__ = [
     "last_before",
     "loop",
     "plain_python",
+    "with_constants",
 ]

@@ -194,6 +194,23 @@ def with_globals(function: Callable[..., Any], given: Mapping[str, Any]) -> Func
     return made
 
 
+def with_constants(function: Callable[..., Any], name: str, given: Mapping[str, Any]) -> FunctionType:
+    """Return the function as ``name``, with constants replaced in it and in all functions that it uses."""
+    made: dict[FunctionType, FunctionType] = {}
+
+    def changed(one: FunctionType) -> FunctionType:
+        if one not in made:
+            made[one] = with_globals(one, given)
+            helpers = {n: x for n, x in used_globals(one).items() if isinstance(x, FunctionType)}
+            made[one].__globals__.update({n: changed(x) for n, x in helpers.items()})
+        return made[one]
+
+    assert isinstance(function, FunctionType)
+    found = changed(function)
+    found.__name__ = found.__qualname__ = name
+    return found
+
+
 @cache
 def used_globals(function: FunctionType) -> dict[str, Any]:
     """Return what a function looks up by name outside itself; loops as their functions."""

@@ -16,7 +16,7 @@ import pytest
 from attlog.core import jit
 from attlog.core.errors import PluginError
 from attlog.core.jit import compile, loops, store
-from attlog.core.jit.loops import Cells, Group, Loop, with_globals
+from attlog.core.jit.loops import Cells, Group, Loop, with_constants, with_globals
 from tests.conftest import few
 
 FACTOR = 2.0
@@ -130,6 +130,17 @@ def test_the_key_follows_the_text_of_all_functions_and_the_constants() -> None:
     assert "FACTOR = 2.0" in total.text
     assert "def weighted" in total.text
     assert "def allocates" not in total.text
+
+
+def test_constants_are_replaced_in_all_functions_that_a_loop_uses() -> None:
+    pair = Pair(np.array([1.0, 2.0]), np.ones((2, 2)))
+    other = with_constants(total.function, "total_of_three", {"FACTOR": 3.0})
+    assert weighted(pair, 1, 0) == 4.0
+    assert other.__globals__["weighted"](pair, 1, 0) == 6.0
+    made = Loop(other, "another sum")
+    assert made.name == f"{__name__}.total_of_three"
+    assert made.key != total.key
+    assert "FACTOR = 3.0" in made.text
 
 
 def test_what_a_loop_cannot_use_is_named() -> None:

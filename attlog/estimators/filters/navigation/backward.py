@@ -18,7 +18,17 @@ from typing import Any, NamedTuple
 
 from attlog.core import jit
 from attlog.core.jit import B1, Out1, Out2, Out3, aligned_zeros
-from attlog.estimators.filters.navigation.model import ROW, SUM, E, Kept, N, Settings, adjoint_predict, dot
+from attlog.estimators.filters.navigation.model import (
+    ROW,
+    SUM,
+    WITHOUT_COMPASS,
+    E,
+    Kept,
+    N,
+    Settings,
+    adjoint_predict,
+    dot,
+)
 
 # A disturbance counts as at most three sigma: faults must not calibrate.
 CLIP = 9.0
@@ -153,3 +163,9 @@ def change(L: Any, h: Any, w: Any) -> None:
                 + (h1 * w[ROW + m] + w1 * h[ROW + m])
                 + (h2 * w[2 * ROW + m] + w2 * h[2 * ROW + m])
             )
+
+
+backward_without_compass = jit.Loop(
+    jit.with_constants(backward.function, "backward_without_compass", WITHOUT_COMPASS),
+    "the navigation filter without compass, backward",
+)

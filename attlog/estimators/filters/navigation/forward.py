@@ -27,6 +27,7 @@ from attlog.estimators.filters.navigation.model import (
     SUMS,
     VELOCITY,
     WIDE,
+    WITHOUT_COMPASS,
     E,
     Events,
     Filtered,
@@ -174,7 +175,8 @@ def add_process_noise(P: Any, T: float, par: Any, rest: int) -> None:
         P[ROW * (E.v + i) + E.pos + i] += 0.5 * qa * T * T
         P[(ROW + 1) * (E.bg + i)] += T * par.q_bg * par.q_bg
         P[(ROW + 1) * (E.ba + i)] += T * par.q_ba * par.q_ba
-        P[(ROW + 1) * (E.hard + i)] += T * par.q_hard * par.q_hard
+        if N > E.hard:
+            P[(ROW + 1) * (E.hard + i)] += T * par.q_hard * par.q_hard
         P[(ROW + 1) * (E.wander + i)] += T * par.q_wander * par.q_wander
     P[(ROW + 1) * E.baro] += T * par.q_baro * par.q_baro
 
@@ -441,3 +443,9 @@ def keep_node(node: int, own: int, b: int, state: Any, out: Any, keep: bool, P_r
             for m in range(ROW):
                 P_rows[at + m] = P[(E.phi + i) * ROW + m]
                 P_rows[at + 3 * ROW + m] = P[(E.bg + i) * ROW + m]
+
+
+forward_without_compass = jit.Loop(
+    jit.with_constants(forward.function, "forward_without_compass", WITHOUT_COMPASS),
+    "the navigation filter without compass, forward",
+)

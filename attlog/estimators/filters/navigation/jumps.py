@@ -21,7 +21,7 @@ import numpy as np
 
 from attlog.core.sorting import unique
 from attlog.estimators.filters.navigation.inputs import JUMP_RAD_S, Inputs
-from attlog.estimators.filters.navigation.model import MEM, ROW, E, Settings, State
+from attlog.estimators.filters.navigation.model import MEM, E, Settings, State
 from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.solve import Pass, Runner, likelihoods
 from attlog.estimators.filters.navigation.start import StartState
@@ -225,7 +225,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
         if np.sum((with_it - without)[GNSS]) < GNSS_GAIN:
             continue
         for i in range(3):  # what it turned while its time is unsure
-            after.P[(ROW + 1) * (E.phi + i)] += (UNSURE_S * size[k, i]) ** 2
+            after.P[(runner.row + 1) * (E.phi + i)] += (UNSURE_S * size[k, i]) ** 2
         for old, new in zip(state, after, strict=True):
             old[:] = new
         schedule.jump[:] = opened.jump

@@ -1,9 +1,9 @@
 """The navigation filter's state, and what its aids and its motion do to it.
 
 Error state, 39 numbers: attitude (a rotation vector in earth axes, ``q_true = exp(phi) q``), velocity, position,
-gyro bias, accelerometer bias, earth field, hard iron, soft iron (xx yy zz xy xz yz), wandering position error,
-barometer bias, GNSS delay, magnetometer delay, lever arm of the antenna, gyro scale. The nominal state ``x`` has
-the same places; its first three are unused, the attitude is the quaternion beside it.
+gyro bias, accelerometer bias, wandering position error, barometer bias, GNSS delay, lever arm of the antenna, gyro
+scale; then what only a compass needs: earth field, hard iron, soft iron (xx yy zz xy xz yz), magnetometer delay. The
+nominal state ``x`` has the same places; its first three are unused, the attitude is the quaternion beside it.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ ERROR_SIZES = {
     "pos": 3,
     "bg": 3,
     "ba": 3,
-    "earth": 3,
-    "hard": 3,
-    "soft": 6,
     "wander": 3,
     "baro": 1,
     "gnss_delay": 1,
-    "mag_delay": 1,
     "arm": 3,
     "scale": 3,
+    "earth": 3,
+    "hard": 3,
+    "soft": 6,
+    "mag_delay": 1,
 }
 E, N = places(ERROR_SIZES), sum(ERROR_SIZES.values())
 # Entries of the symmetric soft iron, row by row.
@@ -64,6 +64,8 @@ SUM, SUMS = places({"t": 1, "A": 3, "D": 9, "W": 9}), 22
 
 # Numbers from one row of a covariance to the next: rows end with a zero and fill whole vector registers.
 ROW = 40
+# Without a compass the loops run with fewer states and shorter rows, a multiple of three and of four: half the work.
+WITHOUT_COMPASS = {"N": 27, "ROW": 28}
 
 # Most entries of a measurement's row that are not zero.
 WIDE = 12
@@ -563,16 +565,19 @@ def adjoint_predict(lam: Any, Lam: Any, sums: Any, rest: int, tau: float, M: Any
         backward_columns(Lam, row * ROW, row, T, M, rest)
     for row in range(E.scale, E.scale + 3):
         backward_columns(Lam, row * ROW, row, T, M, rest)
-    # Positions, the field and what follows stay: their columns are the rows of what moves.
+    # Positions and what else stays: their columns are the rows of what moves.
     for row in range(E.phi, E.pos):
         across(Lam, row, 0, row)
         across(Lam, row, E.pos, E.pos + 3)
         across(Lam, row, E.ba + 3, E.scale)
+        across(Lam, row, E.scale + 3, N)
     for row in range(E.bg, E.ba + 3):
         across(Lam, row, 0, row)
         across(Lam, row, E.ba + 3, E.scale)
+        across(Lam, row, E.scale + 3, N)
     for row in range(E.scale, E.scale + 3):
         across(Lam, row, 0, row)
+        across(Lam, row, E.scale + 3, N)
 
 
 def across(P: Any, row: int, first: int, last: int) -> None:
@@ -581,13 +586,15 @@ def across(P: Any, row: int, first: int, last: int) -> None:
         P[c * ROW + row] = P[row * ROW + c]
 
 
-def padded(P: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance (39, 39) as the kernels take it, flat."""
-    out = aligned_zeros(N, ROW)
-    out[:, :N] = P
+def padded(P: NDArray[np.float64], row: int = ROW) -> NDArray[np.float64]:
+    """Return a covariance (39, 39) as the loops take it, flat with rows of so many numbers."""
+    out = aligned_zeros(row - 1, row)
+    out[:, : row - 1] = P[: row - 1, : row - 1]
     return out.ravel()
 
 
-def square(P: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance of the kernels as (39, 39)."""
-    return P.reshape(N, ROW)[:, :N].copy()
+def square(P: NDArray[np.float64], row: int = ROW) -> NDArray[np.float64]:
+    """Return a covariance of the loops as (39, 39), zero where they have no state."""
+    out = np.zeros((N, N))
+    out[: row - 1, : row - 1] = P.reshape(row - 1, row)[:, : row - 1]
+    return out

@@ -25,6 +25,7 @@ from attlog.estimators.filters.navigation.model import (
     ROW,
     SUMS,
     WIDE,
+    WITHOUT_COMPASS,
     Filtered,
     Kept,
     N,
@@ -85,6 +86,10 @@ class Runner:
         self.inputs = inputs
         self.timetable = Timetable(inputs)
         self.store: Kept | None = None
+        compass = inputs.mag is not None
+        self.row = ROW if compass else WITHOUT_COMPASS["ROW"]
+        self.forward_loop = forward.forward if compass else forward.forward_without_compass
+        self.backward_loop = backward.backward if compass else backward.backward_without_compass
 
     def forward(self, schedule: Schedule, begin: StartState, par: Settings, along: Array | None = None) -> Pass:
         """Run forward alone; ``along`` (m, 4) is the trajectory of linearisation at nodes."""
@@ -108,7 +113,7 @@ class Runner:
             if b < m:
                 self.run(a, b, found, state, begin, par, along, None)
         found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
-        adjoint = backward.Adjoint(aligned_zeros(ROW), aligned_zeros(N * ROW))
+        adjoint = backward.Adjoint(aligned_zeros(self.row), aligned_zeros((self.row - 1) * self.row))
         outputs: list[tuple[NDArray[Any], ...]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
             store = self.storage(schedule, a, b)
@@ -119,8 +124,8 @@ class Runner:
             self._back(a, b, found, par, store, adjoint, score, spread)
             outputs.append((score, store.group[:used].copy(), store.soft[:used].copy()))
         # The adjoint is now that before the updates of the first node, whose covariance is the prior's.
-        found.first = -begin.P @ adjoint.lam[:N]
-        found.first_spread = np.diag(begin.P) - np.einsum("ij,ij->i", begin.P @ square(adjoint.Lam), begin.P)
+        found.first = -begin.P[:, : self.row - 1] @ adjoint.lam[:-1]
+        found.first_spread = np.diag(begin.P) - np.einsum("ij,ij->i", begin.P @ square(adjoint.Lam, self.row), begin.P)
         found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(outputs), strict=True))
         return found
 
@@ -133,10 +138,12 @@ class Runner:
         used = int(store.update_of[b - origin])
         shocks = np.empty((count, 12))
         out = backward.Smoothed(np.empty((count, 6)), np.empty((count, 3)), np.empty(used), np.zeros((2, N)), shocks)
-        adjoint = backward.Adjoint(aligned_zeros(ROW), aligned_zeros(N * ROW))
-        own = store._replace(P_rows=store.P_rows[6 * ROW * at :], sums=store.sums[at:], update_of=store.update_of[at:])
+        adjoint = backward.Adjoint(aligned_zeros(self.row), aligned_zeros((self.row - 1) * self.row))
+        own = store._replace(
+            P_rows=store.P_rows[6 * self.row * at :], sums=store.sums[at:], update_of=store.update_of[at:]
+        )
         rest_of = np.ascontiguousarray(schedule.rest_of[a:b])
-        backward.backward(a == 0, False, par, rest_of, own, adjoint, out, backward.new_work())
+        self.backward_loop(a == 0, False, par, rest_of, own, adjoint, out, backward.new_work())
         return shocks
 
     def run_again(
@@ -144,7 +151,7 @@ class Runner:
     ) -> tuple[State, Array]:
         """Run the nodes a to b from the state ``before``, which stays; return the state after and the likelihoods."""
         found, state = self.begun(schedule, begin)[0], before.copy()
-        store = empty_store(b - a, int(schedule.scalars[b] - schedule.scalars[a]))
+        store = empty_store(b - a, int(schedule.scalars[b] - schedule.scalars[a]), self.row)
         used = self.run(a, b, found, state, begin, par, None, store)
         return state, likelihoods(store, 0, used)
 
@@ -154,7 +161,7 @@ class Runner:
         memory = np.zeros(MEMORY)
         memory[MEM.frozen : MEM.frozen + 4] = begin.q
         found = Pass(schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory)
-        return found, State(begin.q.copy(), begin.x.copy(), padded(begin.P), memory)
+        return found, State(begin.q.copy(), begin.x.copy(), padded(begin.P, self.row), memory)
 
     def run(
         self,
@@ -176,7 +183,7 @@ class Runner:
     ) -> Callable[[int, int, int, int], int]:
         """Return the run forward as a function of first and last node, the store's first, and updates in the store."""
         s = found.schedule
-        return forward.forward.bound(
+        return self.forward_loop.bound(
             ...,
             ...,
             ...,
@@ -208,7 +215,7 @@ class Runner:
         """Go back through the nodes a to b, which ``store`` holds; ``adjoint`` is carried on in place."""
         rest_of = np.ascontiguousarray(found.schedule.rest_of[a:b])
         out = backward.Smoothed(found.d[a:b], found.spread[a:b], score, found.scores, found.shocks[a:b])
-        backward.backward(a == 0, wanted, par, rest_of, store, adjoint, out, backward.new_work())
+        self.backward_loop(a == 0, wanted, par, rest_of, store, adjoint, out, backward.new_work())
 
     def storage(self, s: Schedule, a: int, b: int) -> Kept:
         """Return arrays large enough for the nodes a to b; used again."""
@@ -218,18 +225,18 @@ class Runner:
             if have is not None:
                 nodes, updates = max(nodes, len(have.sums)), max(updates, len(have.s_of))
             self.store = have = None  # before the larger one: memory
-            self.store = have = empty_store(nodes, updates)
+            self.store = have = empty_store(nodes, updates, self.row)
         return have
 
 
-def empty_store(nodes: int, updates: int) -> Kept:
-    """Return arrays for what the way back needs of so many nodes and updates."""
+def empty_store(nodes: int, updates: int, row: int) -> Kept:
+    """Return arrays for what the way back needs of so many nodes and updates, with rows of so many numbers."""
     small = [np.empty(updates, np.int8) for _ in range(3)]
     return Kept(
-        np.empty(nodes * 6 * ROW),
+        np.empty(nodes * 6 * row),
         np.empty((nodes, SUMS)),
         np.zeros(nodes + 1, np.int64),
-        np.empty(updates * ROW),
+        np.empty(updates * row),
         np.empty((updates, WIDE)),
         np.empty((updates, WIDE), np.int8),
         small[0],

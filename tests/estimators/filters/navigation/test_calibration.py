@@ -14,6 +14,7 @@ from attlog.estimators import Aids, Measurements
 from attlog.estimators.filters.navigation import calibration
 from attlog.estimators.filters.navigation.calibration import WHITE_FACTOR, first_guess
 from attlog.estimators.filters.navigation.inputs import MIN_R, NoiseLevels, prepare_inputs
+from attlog.estimators.filters.navigation.model import E
 from attlog.estimators.filters.navigation.start import StartState
 
 
@@ -92,8 +93,8 @@ class Likelihoods:
         return tuned.gnss_delay
 
     def forward(self, tau: float, begin: StartState, par: np.ndarray) -> Any:
-        assert (begin.P[31] == 0.0).all()
-        assert (begin.P[:, 31] == 0.0).all()
+        assert (begin.P[E.gnss_delay] == 0.0).all()
+        assert (begin.P[:, E.gnss_delay] == 0.0).all()
         return SimpleNamespace(likelihood=self.of(tau))
 
 
@@ -103,7 +104,7 @@ def searched(of: Any, begun: float = 0.12, step: float = 0.03) -> tuple[float, L
     runner: Any = Likelihoods(of)
     begin = StartState(np.array([1.0, 0, 0, 0]), np.zeros(39), np.eye(39), "static")
     found = calibration.delay_by_likelihood(runner, inputs, replace(FIRST_LEVELS, gnss_delay=begun), begin, 2.5, step)
-    assert begin.P[31, 31] == 1.0
+    assert begin.P[E.gnss_delay, E.gnss_delay] == 1.0
     return found.gnss_delay, runner
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from attlog.core import rotation
-from attlog.estimators.filters.navigation import forward, solve, turns
+from attlog.estimators.filters.navigation import backward, forward, solve, turns
 from attlog.estimators.filters.navigation.backward import Work, undo_updates
 from attlog.estimators.filters.navigation.forward import apply_gain, new_row, new_work, propagate
 from attlog.estimators.filters.navigation.inputs import WANDER_S, NoiseLevels, prepare_inputs
@@ -290,3 +292,19 @@ def test_an_attitude_of_before_is_carried_on_by_the_rate_less_the_bias_that_is_k
     wanted = rotation.multiply(q[then], rotation.from_rotvec((rate - known) * seconds[:, None] * along))
     apart = rotation.total_angle(rotation.earth_error(out, wanted))
     assert apart == pytest.approx(np.zeros(n), abs=1e-9)
+
+
+def test_without_a_compass_fewer_states_give_the_same_run() -> None:
+    made = flight(seconds=30.0)
+    inputs = replace(prepare_inputs(*made.motion.sensors, made.aids, 0.0, ahead=True), mag=None)
+    few, all_states = Runner(inputs), Runner(inputs)
+    all_states.row = ROW
+    all_states.forward_loop, all_states.backward_loop = forward.forward, backward.backward
+    tuned = NoiseLevels()
+    schedule, begin, par = scheduled(inputs, tuned), start(inputs, tuned), tuned.settings(inputs.gravity, 2.5)
+    assert few.row < ROW
+    a, b = (runner.both(schedule, begin, par) for runner in (few, all_states))
+    assert a.likelihood == pytest.approx(b.likelihood, rel=1e-12)
+    for name in ("q", "bias", "variance", "d", "spread", "score", "shocks", "first", "first_spread"):
+        x, y = getattr(a, name), getattr(b, name)
+        np.testing.assert_allclose(x, y, rtol=1e-6, atol=1e-9 * np.max(np.abs(y)))

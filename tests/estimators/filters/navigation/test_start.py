@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from attlog.estimators import Measurements
 from attlog.estimators.filters.navigation import start
 from attlog.estimators.filters.navigation.inputs import NoiseLevels
+from attlog.estimators.filters.navigation.model import E
 
 Array = np.ndarray
 G = 9.8
@@ -144,8 +145,10 @@ def test_in_motion_without_gnss_the_mean_force_of_two_seconds_is_down() -> None:
 
 # How sure a run is as it begins: information matrices by numpy, derivatives by differences.
 
-PHI, V, POS, BG, BA, EARTH, HARD, WANDER = (slice(a, a + 3) for a in (0, 3, 6, 9, 12, 15, 18, 27))
-SOFT = slice(21, 27)
+PHI, V, POS, BG, BA, EARTH, HARD, WANDER = (
+    slice(a, a + 3) for a in (E.phi, E.v, E.pos, E.bg, E.ba, E.earth, E.hard, E.wander)
+)
+SOFT = slice(E.soft, E.soft + 6)
 R = Rotation.from_euler("ZYX", [70.0, -20.0, 35.0], degrees=True)
 COVARIANCE_FIELD = np.array([0.19, 0.07, 0.41])
 
