@@ -80,8 +80,8 @@ MAG_LIMIT_T = 5e-3
 
 # Files.
 
-# Logs up to this size (15 minutes at full rate) are read into memory; larger ones are mapped where MAPPED is set, so that
-# neither their bytes nor all decoded columns add to the memory of an analysis.
+# Logs up to this size (some five minutes of a ULog at full rate) are read into memory; larger ones are mapped where
+# MAPPED is set. Pages of a mapped log are dropped where memory is short, so its bytes do not add to that of filters.
 READ_BYTES = 32 << 20
 # Environment variable that allows mapping. Truncation of a mapped file kills the process, so attlog's commands set it
 # only for supervised processes.
