@@ -108,16 +108,16 @@ def pulse_gain(case: Case, row: Track, axis: int) -> float | None:
     At the end of the log's longest rest, else on synthetic samples. Real filters have 1.00, those with an accelerometer
     alone 0.2 to 0.7, a frozen one 0. None without a replay.
     """
+    probe = _probe(case, row)
+    if probe is None:
+        return None
+    rest, before = probe
+    rate, acc = add_pulse(rest.t, rest.acc, axis)
+    mag = None if rest.mag is None else add_pulse(rest.t, rest.mag, axis)[1]
     try:
-        probe = _probe(case, row)
-        if probe is None:
-            return None
-        rest, before = probe
-        rate, acc = add_pulse(rest.t, rest.acc, axis)
-        mag = None if rest.mag is None else add_pulse(rest.t, rest.mag, axis)[1]
         after = final_attitude(row, rest, rest.gyro + rate, acc, mag)
     except AttlogError:
-        return None  # a filter that cannot be run again stays unranked
+        return None
     turn = rotation.to_rotvec(rotation.multiply(rotation.conjugate(before), after))[axis]
     gain = float(turn / np.sum(rate[1:, axis] * np.diff(rest.t)))
     return gain if np.isfinite(gain) else None
@@ -125,9 +125,14 @@ def pulse_gain(case: Case, row: Track, axis: int) -> float | None:
 
 @per_row
 def _probe(case: Case, row: Track) -> tuple[StillSamples, Array] | None:
-    """Return samples at rest, and the filter's attitude (4,) after them; AttlogError if it cannot run."""
+    """Return samples at rest, and the filter's attitude (4,) after them; None if it cannot run again."""
     rest = rest_samples(case, row, SETTLE_S + PULSE_S, LONGEST_S) or level_samples(case, row, LONGEST_S)
-    return None if rest is None else (rest, final_attitude(row, rest, rest.gyro, rest.acc, rest.mag))
+    if rest is None:
+        return None
+    try:
+        return rest, final_attitude(row, rest, rest.gyro, rest.acc, rest.mag)
+    except AttlogError:
+        return None  # the row stays unranked
 
 
 STILL_S, TILT_PULSE_S, AFTER_S = 20.0, 0.5, 10.0  # settling, tilt by 10 deg, and recovery

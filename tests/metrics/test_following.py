@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
 from attlog import estimators
 from attlog.core import rotation
+from attlog.core.errors import AttlogError
 from attlog.flight.model import Imu, Mag, Stream
 from attlog.metrics import compute, following
 from attlog.metrics.metric import Case
@@ -119,3 +122,10 @@ def test_a_row_that_cannot_be_run_again_is_not_called_uncorrected():
     case, row = case_with("no-such-filter")
     assert following.tilt_left(case, row) is None
     assert following.why_uncorrected(case, row) is None
+
+
+def test_a_filter_that_cannot_run_again_is_tried_once_for_all_axes():
+    case, row = case_with("mahony")
+    with patch.object(estimators, "estimate", side_effect=AttlogError("it diverged")) as tried:
+        assert [following.pulse_gain(case, row, axis) for axis in range(3)] == [None, None, None]
+    assert tried.call_count == 1
