@@ -104,13 +104,20 @@ def first_seconds(
     """Return the start vectors of a segment without gaps, also for whole runs that align themselves.
 
     ``t`` (n,) s; ``gyr`` (n, 3) rad/s; ``acc``, ``mag`` (n, 3), zero or NaN rows where there is no sample; ``dt``
-    (n,) s where it is not the difference of times; ``init`` first (good sample), else an average.
+    (n,) s where it is not the difference of times; ``init`` first (good sample), else an average. In motion nothing
+    after a rate that is no number counts.
     """
     end = int(np.searchsorted(t, t[0] + MOTION_S, side="right"))
     late = None if _there(mag[:end]).any() else next(iter(end + np.flatnonzero(_there(mag[end:]))), None)
     t, gyr, acc, mag = t[:end], gyr[:end], acc[:end], mag[:end]
     soon = t - t[0] <= REST_S
     rest = at_rest(gyr[soon], acc[soon])
+    # Where nothing moves the vectors stay as they are, and the gyro's noise out.
+    if not (rest and init != "first" and _there(mag[soon]).any()):
+        # What the gyro shows at rest is its bias: a field that comes a second later is not turned by that.
+        step = np.diff(t, prepend=t[:1]) if dt is None else dt[:end]
+        held = derotate(step, gyr - gyr[soon].mean(axis=0) if rest else gyr, acc, mag)
+        acc, mag = held.acc, held.mag
     forces, fields = (np.flatnonzero(_there(x)) for x in (acc, mag))
     picked = []
     for rows in (forces, fields):
@@ -118,12 +125,6 @@ def first_seconds(
             picked.append(rows[:1])
         else:
             picked.append(rows[t[rows] - t[rows[0]] <= REST_S] if rest and len(rows) else rows)
-    if not (rest and init != "first" and len(fields) and soon[fields[0]]):
-        # Where nothing moves the vectors stay as they are, and the gyro's noise out. What it shows at rest is its bias:
-        # a field that comes a second later is not turned by that.
-        step = np.diff(t, prepend=t[:1]) if dt is None else dt[:end]
-        held = derotate(step, gyr - gyr[soon].mean(axis=0) if rest else gyr, acc, mag)
-        acc, mag = held.acc, held.mag
     return StartVectors(
         acc[picked[0]].mean(axis=0) if len(forces) else np.zeros(3),
         mag[picked[1]].mean(axis=0) if len(fields) else np.zeros(3),

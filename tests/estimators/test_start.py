@@ -38,6 +38,15 @@ def test_a_second_run_over_the_same_samples_finds_the_same_start_without_looking
         assert start.first(samples, 0, 1000, {"init": "average"}) is seen
 
 
+def test_in_motion_samples_from_a_rate_that_is_no_number_on_do_not_count() -> None:
+    x = throw(3.0)
+    x["gyr"][200] = np.nan
+    seen = first_seconds(*(x[name] for name in ("t", "gyr", "acc", "mag")))
+    before = first_seconds(*(x[name][:200] for name in ("t", "gyr", "acc", "mag")))
+    np.testing.assert_array_equal((seen.acc, seen.mag), (before.acc, before.mag))
+    assert np.isfinite(seen.acc).all()
+
+
 def test_other_segments_and_another_init_have_their_own_start() -> None:
     samples = tilting()
     asked = [(0, 1000, "average"), (1000, 2000, "average"), (0, 300, "average"), (0, 1000, "first")]
