@@ -171,20 +171,23 @@ EVERY_S, WINDOW_S = 1.0, 10.0
 KEPT_S = 60.0
 # Mean square, over the gate's, of the worst of three innovations of velocity or field: 0.3 where noise levels fit.
 LARGE_INNOVATION = 0.5
-# For so many seconds in a row, before a jump is searched: half of the odd innovations last for one.
+# Seconds in a row of grown innovations before a jump is searched: half of the odd innovations last for one.
 GROWN_S = 2
 # Least gain in log likelihood, and what a filter that a bad compass misleads would take for a jump.
 ONLINE_MIN_GAIN, ONLINE_MAX_JUMP_RAD_S = 40.0, np.deg2rad(4.0)
 # Groups of GNSS velocities and positions, and what they must gain at least: -3 and more for real jumps on 24 flights (a
 # plane's -12 in the first second), -6 to -32 in 11 of the 18 copies where a compass feigned one.
 GNSS, GNSS_GAIN = slice(0, 4), -5.0
-# After so many looks in vain it looks only as often: aids that stay bad must not cost minutes. 5 or 20 s find the same
-# jumps, 72 of 72.
-VAIN_SEARCHES, SLOW_SEARCH_S = 5, 20
 # How well the time of a jump is known, about.
 UNSURE_S = 0.5
 # So near to the end a jump looks like a single odd fix.
 FRESH_S = 0.3
+# Searches in vain, one a second, after which they become rare: aids that stay bad must not cost minutes.
+VAIN_SEARCHES = 5
+# Seconds between rare searches. Windows have to overlap by what a jump needs to show: of 300 made jumps all are found,
+# with windows that only meet 64 %.
+SHOWN_S = 3.0
+SLOW_SEARCH_S = int(WINDOW_S - SHOWN_S)
 
 
 def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Settings) -> tuple[Pass, tuple[Jump, ...]]:
@@ -195,7 +198,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
     bounds = unique(np.append(np.searchsorted(when, np.arange(when[0], when[-1], EVERY_S)), [0, len(when)]))
     begun: list[tuple[int, State]] = []
     accepted: list[Jump] = []
-    looks, origin, end, used = 0, 0, 0, 0
+    grown, origin, end, used = 0, 0, 0, 0
     for second, (a, b) in enumerate(pairwise(bounds.tolist())):
         begun.append((a, state.copy()))
         while when[b - 1] - when[begun[0][0]] > WINDOW_S:
@@ -207,8 +210,8 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
             used = runner.run(origin, a, found, before.copy(), begin, par, None, store)
             run = runner.bound(found, state, begin, par, None, store)
         used = run(a, b, origin, used)
-        looks = looks + 1 if innovations_grew(found.ratio[a:b]) else 0
-        if looks < GROWN_S or (looks > VAIN_SEARCHES and second % SLOW_SEARCH_S):
+        grown = grown + 1 if innovations_grew(found.ratio[a:b]) else 0
+        if grown < GROWN_S or (grown >= GROWN_S + VAIN_SEARCHES and second % SLOW_SEARCH_S):
             continue
         gain, size = gains(runner.shocks(schedule, par, store, origin, first, b))
         rate = np.sqrt(np.sum(size**2, axis=1))
@@ -230,7 +233,7 @@ def filtered(runner: Runner, schedule: Schedule, begin: StartState, par: Setting
             old[:] = new
         schedule.jump[:] = opened.jump
         begun.clear()
-        looks, end = 0, 0
+        grown, end = 0, 0
         accepted.append(Jump(float(when[first + k]), 0.0, size[k], np.zeros(3)))
     found.memory = state.memory
     return found, tuple(accepted)

@@ -200,6 +200,19 @@ def test_a_jump_changes_nothing_that_was_said_before_it(online_run):
     assert jumped.quality["gyro_jumps"] >= 1.0
 
 
+def test_a_jump_is_found_whenever_it_comes_though_the_field_never_fits():
+    """A field that wanders by 15 % lets innovations grow for good, so that searches are rare."""
+    made = flight(seconds=100.0)
+    m = made.motion
+    wander = 0.15 * np.nanmax(np.abs(m.mag)) * np.sin(2.0 * np.pi * m.t / 3.1) * (m.t > 22.0)
+    field = m.mag + np.outer(wander, [1.0, -1.0, 0.5])
+    for when in np.arange(60.0, 76.0, 2.0):
+        gyr = m.gyr + np.radians([0.0, 0.0, 2.0]) * (m.t >= when)[:, None]
+        e = estimate("eskf@fixed", m.t, gyr, m.acc, field, aids=made.aids)
+        assert e.quality["gyro_jumps"] >= 1.0
+        assert e.quality["gyro_jump_s"] > when - 1.5
+
+
 def test_a_field_that_changes_is_no_jump(online_run):
     m = online_run.motion
     field = m.mag + 6e-6 * np.outer(m.t >= ONLINE_JUMP_S, [1.0, -0.6, 0.4])
