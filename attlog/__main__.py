@@ -25,13 +25,22 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     from attlog.cli import main as run
-    from attlog.cli.process import end
 
+    run()
+
+
+def command() -> None:
+    """Run the command and end the process at once, unless a profiler, debugger or other program started it."""
+    own = ["-m", "attlog"] if __name__ == "__main__" else sys.argv[:1]
+    if sys.orig_argv[1:] != own + sys.argv[1:]:
+        return main()
     try:
-        run()
+        main()
     except SystemExit as stop:
+        from attlog.cli.process import end
+
         end(stop.code)
 
 
 if __name__ == "__main__":
-    main()
+    command()

@@ -360,3 +360,43 @@ def test_a_freed_block_of_a_long_log_is_used_again() -> None:
     small_pages = os.environ | {"NUMPY_MADVISE_HUGEPAGE": "0"}
     done = subprocess.run([sys.executable, "-c", "\n".join(lines)], capture_output=True, env=small_pages, check=True)
     assert int(done.stdout) < 1000  # of 16,384 pages
+
+
+# The end of the process: at once, but as Python ends.
+
+WRITTEN = "import atexit, sys; from attlog.cli.process import end; atexit.register(print, 'last'); print('first'); "
+
+
+@pytest.mark.parametrize("stop", ["None", "0", "66", "'a text'"])
+def test_the_process_ends_at_once_as_python_would(stop: str) -> None:
+    """Output is flushed and what is registered for the end has run; a text is an error."""
+    here, pythons = (run("-c", WRITTEN + f"{way}({stop}); print('not reached')") for way in ("end", "sys.exit"))
+    assert here.stdout == "first\nlast\n"
+    assert (here.returncode, here.stdout, here.stderr) == (pythons.returncode, pythons.stdout, pythons.stderr)
+
+
+def test_the_process_waits_for_its_other_threads() -> None:
+    late = "import threading, time; threading.Thread(target=lambda: (time.sleep(0.3), print('late'))).start(); "
+    assert run("-c", WRITTEN + late + "end(3)").stdout.splitlines() == ["first", "late", "last"]
+
+
+def test_a_profiler_that_runs_the_command_writes_its_result(tmp_path: Path) -> None:
+    """And who calls :func:`attlog.__main__.main` goes on afterwards."""
+    done = run("-m", "cProfile", "-o", tmp_path / "profile", "-m", "attlog", "--version")
+    assert (done.returncode, (tmp_path / "profile").exists()) == (0, True), done.stderr
+    script = tmp_path / "attlog"
+    script.write_text("from attlog.__main__ import command; command()")
+    done = run("-m", "cProfile", "-o", tmp_path / "another", script, "--version")
+    assert (done.returncode, (tmp_path / "another").exists()) == (0, True), done.stderr
+    done = run("-c", "from attlog.__main__ import main\ntry: main()\nfinally: print('after')", "--version")
+    assert (done.returncode, done.stdout.splitlines()[-1]) == (0, "after")
+
+
+def test_the_command_ends_before_modules_are_taken_apart(tmp_path: Path) -> None:
+    script = tmp_path / "attlog"
+    script.write_text(
+        "import sys\nclass Last:\n    def __del__(self): print('taken apart')\nsys.kept = Last()\n"
+        "from attlog.__main__ import command\ncommand()\n"
+    )
+    done = run(script, "--version")
+    assert (done.returncode, "attlog" in done.stdout, "taken apart" in done.stdout) == (0, True, False)
