@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from attlog.estimators.filters.navigation import calibration
 from attlog.estimators.filters.navigation import jumps as jumping
 from attlog.estimators.filters.navigation.inputs import FINE_S, NODE_S, Inputs, NoiseLevels
 from attlog.estimators.filters.navigation.jumps import Jump
-from attlog.estimators.filters.navigation.model import MEM, E
+from attlog.estimators.filters.navigation.model import MEM, E, State
 from attlog.estimators.filters.navigation.schedule import Schedule
 from attlog.estimators.filters.navigation.solve import Pass, Runner
 from attlog.estimators.filters.navigation.start import StartState, covariance, start
@@ -246,6 +247,12 @@ def first_start(runner: Runner, inputs: Inputs, tuned: NoiseLevels, gate: float)
     tried = [begin.turned(2.0 * np.pi * k / HEADINGS) for k in range(HEADINGS)]
     for one in tried:
         one.P[:, :] = covariance(inputs, tuned, one.q, one.x, one.how, bool(one.P[E.pos, E.pos] < 100.0))
+
+    def likelihood(runs: tuple[StartState, State, Any]) -> float:
+        """Return the log likelihood so far; none is less likely than a run that diverged."""
+        value = float(runs[1].memory[MEM.likelihood])
+        return value if math.isfinite(value) else -math.inf
+
     found, nodes = runner.begun(schedule, begin)[0], len(schedule.node_at)
     race = []
     for one in tried:
@@ -254,11 +261,11 @@ def first_start(runner: Runner, inputs: Inputs, tuned: NoiseLevels, gate: float)
     for a in range(0, nodes, RACE_NODES):
         for _, _, run in race:
             run(a, min(a + RACE_NODES, nodes), -1, 0)
-        best = max(state.memory[MEM.likelihood] for _, state, _ in race)
-        race = [runs for runs in race if runs[1].memory[MEM.likelihood] > best - MAX_TRAIL]
+        best = max(map(likelihood, race))
+        race = [runs for runs in race if likelihood(runs) >= best - MAX_TRAIL]
         if len(race) == 1:
             break
-    return max(race, key=lambda runs: float(runs[1].memory[MEM.likelihood]))[0]
+    return max(race, key=likelihood)[0]
 
 
 def _moved(begin: StartState, found: Pass) -> StartState:

@@ -16,6 +16,7 @@ from attlog.estimators.filters.navigation import passes as sequence
 from attlog.estimators.filters.navigation.inputs import Inputs, NoiseLevels, prepare_inputs
 from attlog.estimators.filters.navigation.model import MEM, MEMORY
 from attlog.estimators.filters.navigation.passes import learning_stages, levels_of_past, trusted
+from attlog.estimators.filters.navigation.solve import Runner as NavigationRunner
 from attlog.estimators.filters.navigation.start import StartState
 from tests.estimators.filters.navigation.made import flight, off
 
@@ -121,6 +122,33 @@ def test_after_a_kick_the_next_pass_is_linearised_about_itself(calls: Any) -> No
     assert [x.along is not None for x in runner.ran] == [False, False, False, True, False]
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize(("diverging", "heading"), [(1, 120.0), (12, 0.0)])
+def test_headings_whose_run_diverges_drop_out(
+    monkeypatch: pytest.MonkeyPatch, bad: float, diverging: int, heading: float
+) -> None:
+    """The first of twelve headings diverges at once, or all of them do: then the first begins."""
+
+    def bound(found: Any, state: Any, begin: StartState, *others: Any) -> Any:
+        number = round(np.degrees(2.0 * np.arctan2(begin.q[3], begin.q[0])) / 30.0) % 12
+
+        def run(a: int, b: int, origin: int, used: int) -> None:
+            state.memory[MEM.likelihood] += bad if number < diverging else float(a - b) * abs(number - 4)
+
+        return run
+
+    monkeypatch.setattr(sequence, "start", lambda inputs, tuned: state("quiet"))
+    monkeypatch.setattr(sequence, "covariance", lambda *given: np.eye(39))
+    runner: Any = SimpleNamespace(
+        timetable=SimpleNamespace(scheduled=lambda tuned: SimpleNamespace(node_at=np.arange(250))),
+        begun=lambda schedule, begin: (None, SimpleNamespace(memory=np.zeros(MEMORY))),
+        bound=bound,
+    )
+    inputs: Any = SimpleNamespace(mag=None, velocity=True, gravity=9.8)
+    found = sequence.first_start(runner, inputs, BEGUN, 2.5)
+    assert np.degrees(2.0 * np.arctan2(found.q[3], found.q[0])) == pytest.approx(heading)
+
+
 def test_without_a_compass_the_likeliest_of_twelve_headings_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     told: list[tuple[Any, bool]] = []
 
@@ -163,6 +191,21 @@ def test_without_a_compass_the_likeliest_of_twelve_headings_begins(monkeypatch: 
         assert sequence.first_start(runner, other, BEGUN, 2.5) is begin  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_the_start_heading_is_that_of_twelve_whole_runs(monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    """The heading that leads after the first hundred nodes is another one."""
+    made = flight(seconds=40.0, still=10.0, seed=seed)
+    inputs = replace(prepare_inputs(*made.motion.sensors, made.aids, 0.0, ahead=True), mag=None)
+    runner = NavigationRunner(inputs)
+    chosen: dict[float, Array] = {}
+    assert sequence.MAX_TRAIL == 50.0
+    for trail in (50.0, np.inf, 0.0):
+        monkeypatch.setattr(sequence, "MAX_TRAIL", trail)
+        chosen[trail] = sequence.first_start(runner, inputs, BEGUN, 2.5).q
+    assert np.array_equal(chosen[50.0], chosen[np.inf])
+    assert not np.array_equal(chosen[0.0], chosen[np.inf])
+
+
 # `eskf` learns the constants of its sensors on the way: when it looks, what it then knows; and without GNSS.
 
 
@@ -197,10 +240,25 @@ def test_the_delay_of_gnss_is_learnt_within_half_a_minute_of_flight():
     assert trusted(found, begun, inputs).prior.gnss_delay == 0.010
 
 
-def test_a_stage_goes_on_from_the_levels_of_the_one_before():
+def test_a_stage_goes_on_from_the_levels_of_the_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They stand for the first pass: two are run, not three, and the first of them begins with these levels."""
+    ran: list[float] = []
+    both = NavigationRunner.both
+
+    def counted(self: NavigationRunner, schedule: Any, begin: Any, par: Any, *others: Any) -> Any:
+        ran.append(par.q_acc)
+        return both(self, schedule, begin, par, *others)
+
+    monkeypatch.setattr(NavigationRunner, "both", counted)
     inputs = inputs_of(60.0)
     early = levels_of_past(inputs.part(0, len(inputs.t) // 2), NoiseLevels(), 2.5)
-    alone, after = (levels_of_past(inputs, NoiseLevels(), 2.5, before) for before in (None, early))
+    ran.clear()
+    alone = levels_of_past(inputs, NoiseLevels(), 2.5)
+    assert len(ran) == 3
+    ran.clear()
+    after = levels_of_past(inputs, NoiseLevels(), 2.5, early)
+    assert len(ran) == 2
+    assert ran[0] == early.acc != NoiseLevels().acc
     assert after.gyro == pytest.approx(alone.gyro, rel=0.2)
     assert after.acc == pytest.approx(alone.acc, rel=0.2)
     assert after.r == pytest.approx(alone.r, rel=0.1)
