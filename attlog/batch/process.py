@@ -14,7 +14,7 @@ from typing import Any
 from attlog import __version__
 from attlog.batch.job import RECORDS_FOLDER, Job, Record, content_key, done_before, keep, read_record, size_and_hash
 from attlog.batch.log_file import CHANGED, file_state
-from attlog.batch.report_files import PRINTED, kind_of_report, load_filters, process_log
+from attlog.batch.report_files import PRINTED, kind_of_report, load_shared, process_log
 from attlog.core import limits
 from attlog.core.errors import EXIT_BUG, LogUnreadable, OutputError, error_message, exit_code, is_out_of_processes
 from attlog.core.files import is_disk_full, write_atomic
@@ -113,7 +113,7 @@ def clean_up(folder: Path) -> Iterator[None]:
 def _analyse(job: Job, scratch: Path, processes: ForkServer, on_message: OnMessage) -> Record:
     before = file_state(Path(job.source.place))
     with suppress(Died):  # a filter that crashes here also crashes the log's process, which reports it
-        processes.prepare(load_filters, list(job.config.estimators), on_message=on_message)
+        processes.prepare(load_shared, list(job.config.estimators), on_message=on_message)
     found: dict[str, Any]
     with processes.worker() as worker:
         started = time.monotonic()

@@ -157,17 +157,18 @@ def messages_to(on_message: Callable[[dict[str, Any]], None]) -> Iterator[None]:
             logger.setLevel(level)
 
 
-def load_filters(specs: list[str], *, on_message: Callable[[dict[str, Any]], None]) -> None:
-    """Load filters and what pages draw with into this process, from which log processes are forked.
+def load_shared(specs: list[str], *, on_message: Callable[[dict[str, Any]], None]) -> None:
+    """Load filters and the page's script into this process, from which log processes are forked.
 
-    An error is ignored here, because the log's process hits and reports it too.
+    Errors are ignored here, because the log's process meets and reports them too.
     """
     from attlog.pipeline.replay import preload
     from attlog.report.bundle import bundle
 
     with messages_to(on_message), suppress(Exception):
-        bundle()
         preload(specs)
+    with suppress(Exception):
+        bundle()
 
 
 def process_log(job: Job, scratch: Path, *, on_message: Callable[[dict[str, Any]], None]) -> dict[str, Any]:

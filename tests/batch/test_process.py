@@ -23,7 +23,7 @@ import pytest
 from attlog import Config, Result
 from attlog.batch.job import Job, Record, read_record, record_path, records, settings_key
 from attlog.batch.process import run_one, start_fork_server
-from attlog.batch.report_files import analyze_to_files, figure_starts, report_names
+from attlog.batch.report_files import analyze_to_files, figure_starts, load_shared, report_names
 from attlog.batch.run import lock_folder
 from attlog.batch.sources import Source
 from attlog.core.errors import EXIT_ORDER, LogUnreadable, OutputError, UsageError, exit_code, worst_exit_code
@@ -42,6 +42,19 @@ def test_report_and_json_are_named_after_the_log_with_its_suffix(tmp_path: Path)
     assert Result.load(done.json).to_json() == done.result.to_json()
     assert "copter_yaw_turns.bin" in done.report.read_text(encoding="utf-8")
     assert done.result.traces
+
+
+def test_filters_are_shared_with_log_processes_where_the_script_of_pages_is_missing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def missing() -> None:
+        raise FileNotFoundError
+
+    loaded: list[list[str]] = []
+    monkeypatch.setattr("attlog.report.bundle.bundle", missing)
+    monkeypatch.setattr("attlog.pipeline.replay.preload", loaded.append)
+    load_shared(["mahony"], on_message=lambda _: None)
+    assert loaded == [["mahony"]]
 
 
 def test_nothing_is_written_of_a_log_that_fails(tmp_path: Path) -> None:
