@@ -213,13 +213,13 @@ class VelocitySteps:
         return self.fixes[self.second]
 
     def force(self, delay_s: ArrayLike) -> Complex:
-        """Return the changes (..., k) by force of a receiver ``delay_s`` (...) later than the IMU, up to 0.75 s."""
+        """Return the changes (..., k) by force of a receiver ``delay_s`` (...) later than the IMU, -0.4 to 0.75 s."""
         at = np.interp(self.fixes - np.asarray(delay_s)[..., None], self.t, self.integral)
         return np.asarray(at[..., self.second] - at[..., self.first])
 
 
 class _Delay(NamedTuple):
-    """The one that fits best and its sigma, s, and why there is none."""
+    """Delay of GNSS behind the IMU that fits best, its sigma, and why it is not known (else empty)."""
 
     best_s: float
     sigma_s: float
@@ -248,7 +248,7 @@ def pieces(
 def both(
     t: Array, acc: Array, q: Array, fixes_t: Array, velocity: Array, spans: Array | None = None
 ) -> tuple[HeadingOffset, list[HeadingOffset]]:
-    """:func:`heading_offset` and :func:`pieces` for the work of one."""
+    """Return :func:`heading_offset` and :func:`pieces` for the work of one."""
     steps = velocity_steps(t, acc, q, fixes_t, velocity, spans)
     if len(steps.first) < MIN_WINDOWS:
         return _none("no GNSS velocity beside samples of the IMU"), []
@@ -272,7 +272,7 @@ def velocity_steps(
     i, j = _pairs(fixes)
     if len(t) < 2 or len(i) == 0:
         none = np.zeros(0, np.int64)
-        return VelocitySteps(np.zeros(0, complex), np.zeros(0), none, none, np.zeros(0), np.zeros(0, complex))
+        return VelocitySteps(np.zeros(0, complex), np.zeros(0), none, none, np.zeros(1), np.zeros(1, complex))
     # Every delay must see the same windows, so the force is needed a little before and after each.
     whole = _without_gap(t, fixes[i] - DELAYS_TRIED_S[-1], fixes[j] - DELAYS_TRIED_S[0])
     if spans is not None:

@@ -255,6 +255,14 @@ def test_without_gnss_there_is_no_answer(fixes: int) -> None:
     assert parts == []
 
 
+@pytest.mark.parametrize("fixes", [0, 1, 3])
+def test_without_windows_the_force_has_no_changes(fixes: int) -> None:
+    flight = flown()
+    steps = gnss.velocity_steps(flight.t, flight.acc, flight.q, flight.fixes[:fixes], flight.velocity[:fixes])
+    assert steps.force(0.2).shape == (0,)
+    assert steps.force([0.0, 0.2]).shape == (2, 0)
+
+
 def test_a_receiver_that_seems_earlier_than_any_is_not_believed() -> None:
     found = flown(late_s=-0.4).found()
     assert not found.known
