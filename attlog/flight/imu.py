@@ -349,11 +349,12 @@ def longest_held(t_us: Stamps, units: list[int]) -> int | None:
     """
     if not units:
         return None
-    lengths = np.diff(np.asarray(t_us, np.int64))
-    lengths = np.append(lengths, int(median(lengths)) if len(lengths) else 1)
-    found, first, unit = np.unique(units, return_index=True, return_inverse=True)
-    held = np.bincount(unit, np.maximum(lengths, 1))
-    return int(found[np.lexsort((first, -held))[0]])  # of equal lengths the first
+    intervals = np.diff(np.asarray(t_us, np.int64))
+    last = int(median(intervals)) if len(intervals) else 1
+    held: dict[int, int] = {}
+    for unit, length in zip(units, [*intervals.tolist(), last], strict=True):
+        held[unit] = held.get(unit, 0) + max(length, 1)
+    return max(held, key=lambda unit: held[unit])
 
 
 def drop_unpaired(candidate: ImuCandidate) -> ImuCandidate:
