@@ -61,7 +61,7 @@ def truncation_of(gyr: Array) -> Truncation | None:
     A reading that repeats the one before on all axes was held, and is no news.
     """
     if not any(np.count_nonzero(~(np.abs(np.diff(x)) >= SAME_RAD_S)) >= LEAST_EQUAL for x in gyr.T):
-        return None  # as of most logs: too few equal neighbours for one block
+        return None  # most logs end here: too few equal neighbours for one block
     step, evidence, blocks = np.zeros(3), np.zeros((3, 2)), 0
     rest, at = np.zeros((0, 3)), np.zeros(0, np.int64)
     for begin in range(0, len(gyr), CHUNK):

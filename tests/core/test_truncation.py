@@ -155,6 +155,20 @@ def test_missing_and_stuck_readings_show_nothing_and_hide_nothing():
     assert truncation_of(np.zeros((0, 3))) is None
 
 
+def test_a_missing_reading_after_each_hides_nothing():
+    _, cut = readings("cut")
+    sparse = np.full((2 * len(cut), 3), np.nan)
+    sparse[::2] = cut
+    np.testing.assert_array_equal(truncation_of(sparse).step, truncation_of(cut).step)
+
+
+def test_a_cut_is_found_behind_readings_that_are_on_no_grid():
+    _, early = readings("float")
+    _, late = readings("cut", seconds=20.0)
+    assert truncation_of(early) is None
+    assert truncation_of(np.concatenate([early, late])).readings > len(early)
+
+
 def test_an_axis_off_the_grid_stays_as_it_is():
     x, cut = readings("cut")
     cut[:, 1] = x[:, 1]
