@@ -142,8 +142,11 @@ def correction_residual(
             out[i, 0], out[i, 1], out[i, 2] = x * cosine + y * sine, y * cosine - x * sine, DEG * out[i, 2]
 
 
-# Residuals (n, 3) in deg of windows, and the bounds of these (windows + 1,) in them.
-Residuals = tuple[Array, NDArray[np.int64]]
+class Residuals(NamedTuple):
+    """Residuals ``x`` (n, 3) in deg of consecutive windows; ``edges`` (windows + 1,) are their bounds in ``x``."""
+
+    x: Array
+    edges: Index
 
 
 class GyroAttitude(NamedTuple):
@@ -190,7 +193,7 @@ def residual(t: Array, q: Array, gyro: GyroAttitude, turn_deg: float) -> Array |
     ``turn_deg`` away from its mean.
     """
     whole = [slice(0, len(t))]
-    return next(residuals(t, q, gyro, whole))[0] if usable_windows(t, gyro, turn_deg, whole)[0] else None
+    return next(residuals(t, q, gyro, whole)).x if usable_windows(t, gyro, turn_deg, whole)[0] else None
 
 
 def usable_windows(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequence[slice]) -> NDArray[np.bool_]:
@@ -209,7 +212,7 @@ def usable_windows(t: Array, gyro: GyroAttitude, turn_deg: float, inside: Sequen
 
 
 def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -> Iterator[Residuals]:
-    """Yield :func:`residual` of batches of windows in which the gyro is :func:`usable_windows`."""
+    """Yield the corrections of a row in windows, a batch at a time; the windows must be :func:`usable_windows`."""
     for _, at, edges in sample_batches(inside):
         own = np.ascontiguousarray(q[at], np.float64)
         correction = rotation.earth_error(own, rotation.slerp(gyro.t, gyro.q, t[at]))
@@ -217,11 +220,11 @@ def residuals(t: Array, q: Array, gyro: GyroAttitude, inside: Sequence[slice]) -
         out = np.empty((len(at), 3))
         scratch = np.empty((len(at), 9)), np.zeros(9), np.zeros(9), np.zeros(9), np.zeros(3)
         correction_residual(out, t[at], own, correction, rotation.group_means(correction, edges), yaw, edges, *scratch)
-        yield out, edges
+        yield Residuals(out, edges)
 
 
 def window_residuals(case: Case, row: Track, inside: list[slice]) -> tuple[NDArray[np.bool_], Iterator[Residuals]]:
-    """Return in which windows (k,) of a row's samples the gyro is of use, and the residuals in these."""
+    """Return which windows (k,) of a row's samples are usable, and the residuals in these."""
     gyro = gyro_alone(case, row)
     if gyro is None:
         return np.zeros(len(inside), bool), iter(())

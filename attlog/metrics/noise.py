@@ -74,11 +74,11 @@ class PhaseVariances(NamedTuple):
 def variances_of(residuals: Iterable[Residuals]) -> Array:
     """Return variances (k, 4) about roll, pitch, heading and tilt (mean of the first two) of windows.
 
-    ``residuals``: batches of samples (n, 3) with the bounds of their windows.
+    ``residuals``: batches of windows.
     """
     found = [np.zeros((0, 3))]
-    for out, edges in residuals:
-        sums = [np.add.reduceat(np.ascontiguousarray(axis) ** 2, edges[:-1]) for axis in out.T]
+    for x, edges in residuals:
+        sums = [np.add.reduceat(np.ascontiguousarray(axis) ** 2, edges[:-1]) for axis in x.T]
         found.append(np.column_stack(sums) / (np.diff(edges) - 2)[:, None])
     v = np.concatenate(found)
     return np.column_stack([v, 0.5 * (v[:, 0] + v[:, 1])])
@@ -120,13 +120,13 @@ def phase_variances(case: Case, row: Track, phase: str, window: str) -> PhaseVar
 
 
 def residuals_at_rest(row: Track, inside: list[slice]) -> Iterator[Residuals]:
-    """Yield batches of windows at rest: residuals (n, 3) in deg about mean attitude and a line, and their bounds."""
+    """Yield residuals about mean attitude and a line in windows at rest, a batch at a time."""
     for _, at, edges in windows.sample_batches(inside):
         q, out = np.ascontiguousarray(row.q[at], np.float64), np.empty((len(at), 3))
         centre = rotation.group_means(q, edges)
         yaw = np.ascontiguousarray(rotation.to_euler(centre)[:, 2])
         rest_residual(out, row.t[at], q, centre, yaw, edges)
-        yield out, edges
+        yield Residuals(out, edges)
 
 
 # Noise of the gyro itself in flight: smaller noise of filters cannot be ordered.

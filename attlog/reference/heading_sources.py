@@ -66,9 +66,10 @@ class GnssMotion:
 
 @cached_per_log
 def find_gnss_motion(log: FlightLog, segments: Segments) -> GnssMotion | None:
-    """Return :func:`gnss_motion` of the replayed IMU.
+    """Return specific force of the replayed IMU and GNSS velocities in flight, up to an impact.
 
-    None if the axes of its accelerometer are wrong: every heading would appear wrong.
+    In the whole log where no flight is known. None without GNSS, or if the accelerometer's axes are wrong: every
+    heading would appear wrong.
     """
     if log.replay_imu is None or sensor_faults.wrong_frame(log, segments):
         return None
