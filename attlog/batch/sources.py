@@ -152,7 +152,7 @@ def _refuse_large_non_log(path: Path) -> None:
     try:
         formats.recognise(path)
     except NotALog:
-        if path.stat().st_size > limits.READ_BYTES:
+        if path.stat().st_size > limits.NO_LOG_BYTES:
             raise
 
 

@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 
 from attlog import __version__
 from attlog.core import limits
-from attlog.core.errors import LogUnreadable, OutputError, error_message, exit_code
+from attlog.core.errors import AttlogError, LogUnreadable, OutputError, error_message, exit_code
 
 
 @contextmanager
@@ -68,12 +68,16 @@ INTERRUPTED_S = 2
 
 def run_guarded(run: Callable[[], int], words: Sequence[str]) -> int:
     """Return the exit code of ``run``, in a child process if one of the ``words`` is a file that is mapped."""
-    large = [word for word in words if os.path.isfile(word) and os.path.getsize(word) > limits.READ_BYTES]
-    if not large or not hasattr(os, "fork"):
+    sizes = {word: os.path.getsize(word) for word in words if os.path.isfile(word)}
+    mapped_from = limits.READ_BYTES
+    if max(sizes.values(), default=0) > mapped_from and sum(map(_is_log, sizes)) > 1:
+        mapped_from = limits.READ_OF_SEVERAL_BYTES
+    mapped = {word: size for word, size in sizes.items() if size > mapped_from}
+    if not mapped or not hasattr(os, "fork"):
         return run()
     child = os.fork()
     if not child:
-        os.environ[limits.MAPPED] = "1"
+        os.environ[limits.MAPPED], limits.READ_BYTES = "1", mapped_from
         code = 70
         try:
             code = run()
@@ -100,12 +104,29 @@ def run_guarded(run: Callable[[], int], words: Sequence[str]) -> int:
     for number, handler in before.items():
         signal.signal(number, handler)
     if code == -signal.SIGBUS:
-        print(f"attlog: {large[0]}: became shorter while it was read; try again when it is whole", file=sys.stderr)
+        print(f"attlog: {_lost_file(mapped)}", file=sys.stderr)
         return LogUnreadable.exit_code
     if code < 0:
         signal.signal(-code, signal.SIG_DFL)
         os.kill(os.getpid(), -code)
     return code
+
+
+def _is_log(path: str) -> bool:
+    from attlog import formats
+
+    try:
+        return bool(formats.recognise(path))
+    except AttlogError:
+        return False
+
+
+def _lost_file(mapped: dict[str, int]) -> str:
+    """Return what is known of the mapped files (sizes at the start) after one of them could not be read."""
+    for path, size in mapped.items():
+        if not os.path.exists(path) or os.path.getsize(path) < size:
+            return f"{path}: became shorter while it was read; try again when it is whole"
+    return f"{', '.join(mapped)}: could not be read to the end (bus error); copy to another disk and try again"
 
 
 WRITE_ERRORS = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EPIPE, errno.EBADF))

@@ -83,6 +83,13 @@ MAG_LIMIT_T = 5e-3
 # Logs up to this size (some five minutes of a ULog at full rate) are read into memory; larger ones are mapped where
 # MAPPED is set. Pages of a mapped log are dropped where memory is short, so its bytes do not add to that of filters.
 READ_BYTES = 32 << 20
+# The same for a command that names several logs: a mapped log that is cut ends the command for all of them.
+READ_OF_SEVERAL_BYTES = 256 << 20
+# Size of records above which decoded columns are released after each part of a flight is read, and decoded again where
+# another part needs them. They can take gigabytes; below, all columns of the sensors fit.
+RELEASED_BYTES = 256 << 20
+# Size above which a file that is no log, such as a disk image, is refused before its bytes are hashed.
+NO_LOG_BYTES = 256 << 20
 # Environment variable that allows mapping. Truncation of a mapped file kills the process, so attlog's commands set it
 # only for supervised processes.
 MAPPED = "ATTLOG_MAPPED"

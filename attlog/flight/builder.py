@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from attlog.core import rotation
 from attlog.core.brief import counted
 from attlog.core.errors import call_guarded
-from attlog.core.limits import LAST_TIME_US, READ_BYTES
+from attlog.core.limits import LAST_TIME_US, RELEASED_BYTES
 from attlog.core.sorting import median
 from attlog.core.timestamps import Stamps, ValidRecords, plausible_records
 from attlog.flight import limits
@@ -123,7 +123,7 @@ class LogBuilder:
             return otherwise
 
         found = call_guarded(what, tried, missing)
-        if self.messages.size > READ_BYTES:  # releases decoded columns, which can take gigabytes
+        if self.messages.size > RELEASED_BYTES:  # releases decoded columns, which can take gigabytes
             self.messages.forget()
         return found
 

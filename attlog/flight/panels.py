@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from attlog.core import rotation
-from attlog.core.limits import READ_BYTES
+from attlog.core.limits import RELEASED_BYTES
 from attlog.core.sorting import median
 from attlog.flight.drive import MotorOutputs
 from attlog.flight.model import FIX_3D, Array, FlightLog, Stream, guarded_part
@@ -258,7 +258,7 @@ def _of_signals(log: FlightLog) -> Iterator[PanelLine]:
     signals = Signals(log)
     motors = _scaled_outputs(log)
     taken = set() if motors is None else set(_places_of(signals, motors.source, motors.names))
-    many = signals.messages.size > READ_BYTES
+    many = signals.messages.size > RELEASED_BYTES
     for panel, rows in table.items():
         if panel == "motors" and motors is not None:
             continue

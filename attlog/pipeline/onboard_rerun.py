@@ -14,7 +14,7 @@ from attlog import estimators, reference
 from attlog.core import rotation
 from attlog.core.earth import GAUSS_PER_TESLA
 from attlog.core.errors import UsageError
-from attlog.core.limits import READ_BYTES
+from attlog.core.limits import RELEASED_BYTES
 from attlog.core.sorting import median, nanmedian, quantile
 from attlog.estimators.ekf2.parameters import TABLE as EKF2
 from attlog.estimators.ekf3.parameters import TABLE as EKF3
@@ -72,7 +72,7 @@ def inputs_of(case: Case, unit: str) -> Any:
     try:
         return read(unit=int(unit)) if unit else read()
     finally:
-        if case.log.messages is not None and case.log.messages.size > READ_BYTES:  # the inputs are copies
+        if case.log.messages is not None and case.log.messages.size > RELEASED_BYTES:  # the inputs are copies
             case.log.messages.forget()
 
 

@@ -81,6 +81,7 @@ def test_an_interrupt_during_start_up_leaves_no_traceback(tmp_path):
     assert (done.returncode, done.stderr) == (-signal.SIGINT, "")
 
 
+LOG = SAMPLES / "copter_yaw_turns.bin"
 FORKS = pytest.mark.skipif(sys.platform == "win32", reason="nothing is forked there")
 HEAD = """
 import signal, sys, time
@@ -130,7 +131,45 @@ def run():
     process.communicate()
 
 
-LOG = SAMPLES / "copter_yaw_turns.bin"
+# Cuts a log, and reads behind its new end, in the second of all flights.
+CUT = """
+import os, sys
+from attlog.core import limits
+limits.READ_BYTES, limits.READ_OF_SEVERAL_BYTES = 1000, int(sys.argv.pop(1))
+import attlog.flight
+inside, flights = attlog.flight.flight_in, []
+def cut(messages, *a, **k):
+    flights.append(messages)
+    if len(flights) == 2:
+        os.truncate(sys.argv[3], 5000)
+    return inside(messages, *a, **k)
+attlog.flight.flight_in = cut
+from attlog.cli import main
+main()
+"""
+
+
+@FORKS
+@pytest.mark.parametrize("largest", [1 << 30, 1000], ids=["read", "mapped"])
+def test_of_several_logs_the_one_that_was_cut_is_named_or_harmless(tmp_path: Path, largest: int) -> None:
+    """Several logs are read into memory up to a larger size, so that one of them does not end the command."""
+    logs = [Path(shutil.copy(LOG, tmp_path / name)) for name in ("a.bin", "b.bin")]
+    done = run("-c", CUT, largest, "info", *logs)
+    if largest > 1000:
+        assert (done.returncode, done.stdout.count("a.bin") > 0, done.stdout.count("b.bin") > 0) == (0, True, True)
+    else:
+        said = f"attlog: {logs[1]}: became shorter while it was read; try again when it is whole\n"
+        assert (done.returncode, done.stderr) == (66, said)
+
+
+@FORKS
+def test_a_bus_error_while_no_log_became_shorter_is_called_that(tmp_path: Path) -> None:
+    """Such as an error of a card or network drive."""
+    process = started("import os\ndef run(): os.kill(os.getpid(), signal.SIGBUS)", tmp_path / "x.ulg")
+    _, err = process.communicate(timeout=30)
+    assert (process.returncode, err.count("\n"), "bus error" in err, "shorter" in err) == (66, 1, True, False), err
+
+
 COMMANDS = {
     "help": ["--help"],
     "schema": ["schema"],
