@@ -35,7 +35,7 @@ CLIP = 9.0
 
 
 class Adjoint(NamedTuple):
-    """Score and information carried back in place: ``lam`` (ROW,), ``Lam`` (39 * ROW,)."""
+    """Score and information carried back in place: ``lam`` (ROW,), ``Lam`` (N * ROW,)."""
 
     lam: Out1
     Lam: Out1

@@ -100,7 +100,7 @@ def new_work() -> Work:
 
 
 def open_covariance(P: Any, kind: int, r: Any) -> None:
-    """Additive noise where an aid was refused for long; P (39 * ROW,) flat, ``r`` (3,) its residual."""
+    """Additive noise where an aid was refused for long; P (N * ROW,) flat, ``r`` (3,) its residual."""
     for i in range(3):
         if kind == VELOCITY:
             P[(ROW + 1) * (E.v + i)] += r[i] * r[i]
@@ -164,7 +164,7 @@ def apply_gain(P: Any, count: int, u: Any) -> None:
 
 
 def add_process_noise(P: Any, T: float, par: Any, rest: int) -> None:
-    """Process noise of an interval of ``T`` s into P (39 * ROW,); ``par`` the noise."""
+    """Process noise of an interval of ``T`` s into P (N * ROW,); ``par`` the noise."""
     qg = 1e-12 if rest == 1 else par.q_gyro * par.q_gyro
     qa = par.q_acc_rest * par.q_acc_rest if rest == 1 else par.q_acc * par.q_acc
     for i in range(3):

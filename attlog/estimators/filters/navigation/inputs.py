@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -148,6 +149,11 @@ class Inputs:
     mag: Measurements | None
     field: Array | None
     gravity: float
+    # When the samples were taken, s.
+    sensed_at: Array = dataclasses.field(init=False)
+
+    def __post_init__(self) -> None:
+        self.sensed_at = self.t - self.lag
 
     def part(self, begin: int, end: int) -> Inputs:
         """Return the samples ``begin`` to ``end`` with their aids, as a run of their own."""
@@ -177,11 +183,6 @@ class Inputs:
     def motion(self) -> Motion:
         """The samples as the loops take them."""
         return Motion(self.dt, self.gyr, self.acc, self.rest)
-
-    @property
-    def sensed_at(self) -> Array:
-        """When the samples were taken, s."""
-        return self.t if self.lag == 0.0 else self.t - self.lag
 
     @property
     def aided_by(self) -> str:

@@ -64,7 +64,8 @@ SUM, SUMS = places({"t": 1, "A": 3, "D": 9, "W": 9}), 22
 
 # Numbers from one row of a covariance to the next: rows end with a zero and fill whole vector registers.
 ROW = 40
-# Without a compass the loops run with fewer states and shorter rows, a multiple of three and of four: half the work.
+# Without a compass the loops run with the 26 states before the earth field and an unused one, for 27 is a multiple of
+# three and the row of 28 one of four: half the work.
 WITHOUT_COMPASS = {"N": 27, "ROW": 28}
 
 # Most entries of a measurement's row that are not zero.
@@ -128,7 +129,7 @@ class Events(NamedTuple):
 
 
 class State(NamedTuple):
-    """What the filter carries on in place: attitude (4,), nominal state (39,), covariance (39 * ROW,), memory."""
+    """What the filter carries on in place: attitude (4,), nominal state (39,), covariance (N * ROW,), memory."""
 
     q: Out1
     x: Out1
@@ -433,7 +434,7 @@ def add_share(P: Any, to: int, at: int, share: float) -> None:
 
 
 def forward_rows(P: Any, T: float, M: Any, rest: int) -> None:
-    """Compute P <- Phi P, but for the wandering position error; P (39 * ROW,) flat.
+    """Compute P <- Phi P, but for the wandering position error; P (N * ROW,) flat.
 
     ``M`` (5, 3, 3): A, D, W, AD, AW, see :func:`matrices`; ``T`` s; ``rest`` 1 or 0.
     """
@@ -478,7 +479,7 @@ def forward_columns(P: Any, row: int, T: float, M: Any, rest: int) -> None:
 def predict(P: Any, sums: Any, rest: int, tau: float, M: Any) -> None:
     """Predict P <- Phi P Phi^T over an interval.
 
-    P (39 * ROW,) flat, ``sums`` (SUMS,), ``tau`` s of wandering, M scratch.
+    P (N * ROW,) flat, ``sums`` (SUMS,), ``tau`` s of wandering, M scratch.
     """
     matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
     T = sums[SUM.t]
@@ -549,7 +550,7 @@ def backward_columns(L: Any, o: int, last: int, T: float, M: Any, rest: int) -> 
 def adjoint_predict(lam: Any, Lam: Any, sums: Any, rest: int, tau: float, M: Any) -> None:
     """Carry back lam <- Phi^T lam, Lam <- Phi^T Lam Phi.
 
-    ``lam`` (ROW,), ``Lam`` (39 * ROW,) flat; else as :func:`predict`.
+    ``lam`` (ROW,), ``Lam`` (N * ROW,) flat; else as :func:`predict`.
     """
     matrices(sums, rest, M[0], M[1], M[2], M[3], M[4])
     T = sums[SUM.t]
@@ -586,15 +587,15 @@ def across(P: Any, row: int, first: int, last: int) -> None:
         P[c * ROW + row] = P[row * ROW + c]
 
 
-def padded(P: NDArray[np.float64], row: int = ROW) -> NDArray[np.float64]:
-    """Return a covariance (39, 39) as the loops take it, flat with rows of so many numbers."""
-    out = aligned_zeros(row - 1, row)
-    out[:, : row - 1] = P[: row - 1, : row - 1]
+def padded(P: NDArray[np.float64], states: int = N) -> NDArray[np.float64]:
+    """Return the first ``states`` of a covariance (39, 39) as loops take it, flat with a zero after each row."""
+    out = aligned_zeros(states, states + 1)
+    out[:, :states] = P[:states, :states]
     return out.ravel()
 
 
-def square(P: NDArray[np.float64], row: int = ROW) -> NDArray[np.float64]:
-    """Return a covariance of the loops as (39, 39), zero where they have no state."""
+def square(P: NDArray[np.float64], states: int = N) -> NDArray[np.float64]:
+    """Return a covariance of loops with so many ``states`` as (39, 39), zero beyond them."""
     out = np.zeros((N, N))
-    out[: row - 1, : row - 1] = P.reshape(row - 1, row)[:, : row - 1]
+    out[:states, :states] = P.reshape(states, states + 1)[:, :states]
     return out

@@ -24,16 +24,19 @@ from attlog.estimators.interface import Array
 
 # The passes of the smoother: five, or more where the gyro bias jumps.
 
-# Passes, and how many of them the filter linearises about itself; the others about the pass
-# before.
+# Passes, and how many of them the filter linearises about itself; the others about the pass before.
 PASSES, OWN_LINEARISATION = 5, 3
 # After so many passes jumps of the gyro bias are looked for: noise levels are calibrated, and not yet to a jump.
 LOOK = 3
-# Until after this pass the state moves the GNSS delay; then it is searched with this step in s, and held.
-SEARCH_AFTER, SEARCH_STEP_S, FOUND_SIGMA_S = 2, 0.012, 0.003
-# Without a compass so many headings start. All so many nodes those are dropped whose log likelihood trails the best by
-# more: on 118 runs of flights the winner trailed by 31 at most, but for three logs whose aids contradict each other.
-HEADINGS, RACE_NODES, MAX_TRAIL = 12, 100, 50.0
+# The pass, counted from 0, after which the likelihood is searched for the GNSS delay; before, the state estimates it.
+SEARCH_AFTER = 2
+# Grid of that search, and the prior spread of the delay in later passes, s.
+SEARCH_STEP_S, FOUND_SIGMA_S = 0.012, 0.003
+# Start headings that are tried without a compass.
+HEADINGS = 12
+# Nodes between comparisons of their log likelihoods, and how far one may trail the best. On 118 runs of flights the
+# winner trailed by 31 at most, but for three logs whose aids contradict each other.
+RACE_NODES, MAX_TRAIL = 100, 50.0
 # A likelihood that falls by more is a pass that went wrong.
 WORSE = 0.01
 
@@ -71,8 +74,8 @@ def solved(
 
     Jumps of the gyro bias are looked for after LOOK passes; with one that is found the passes begin anew.
     ``suspected``: another run over the same gyro finds one; then, or if the bias at rest changed, less evidence is
-    enough. ``known``: times in s of jumps that need none. ``before``: levels of less of the same run, which stand for
-    the first pass.
+    enough. ``known``: times in s of jumps that need none. ``before``: levels from a shorter part of the same run,
+    which replace the first pass.
     """
     runner, look = Runner(inputs), min(LOOK, passes)
     begun = calibration.first_guess(inputs, begun)

@@ -20,6 +20,7 @@ from attlog.estimators.filters.navigation import backward, forward
 from attlog.estimators.filters.navigation.inputs import Inputs
 from attlog.estimators.filters.navigation.model import (
     GROUPS,
+    MAG,
     MEM,
     MEMORY,
     ROW,
@@ -87,7 +88,7 @@ class Runner:
         self.timetable = Timetable(inputs)
         self.store: Kept | None = None
         compass = inputs.mag is not None
-        self.row = ROW if compass else WITHOUT_COMPASS["ROW"]
+        self.states, self.row = (N, ROW) if compass else (WITHOUT_COMPASS["N"], WITHOUT_COMPASS["ROW"])
         self.forward_loop = forward.forward if compass else forward.forward_without_compass
         self.backward_loop = backward.backward if compass else backward.backward_without_compass
 
@@ -113,7 +114,7 @@ class Runner:
             if b < m:
                 self.run(a, b, found, state, begin, par, along, None)
         found.d, found.spread, found.shocks = np.empty((m, 6)), np.empty((m, 3)), np.empty((m, 12))
-        adjoint = backward.Adjoint(aligned_zeros(self.row), aligned_zeros((self.row - 1) * self.row))
+        adjoint = backward.Adjoint(aligned_zeros(self.row), aligned_zeros(self.states * self.row))
         outputs: list[tuple[NDArray[Any], ...]] = []
         for (a, b), kept in zip(reversed(parts), reversed(saved), strict=True):
             store = self.storage(schedule, a, b)
@@ -124,8 +125,10 @@ class Runner:
             self._back(a, b, found, par, store, adjoint, score, spread)
             outputs.append((score, store.group[:used].copy(), store.soft[:used].copy()))
         # The adjoint is now that before the updates of the first node, whose covariance is the prior's.
-        found.first = -begin.P[:, : self.row - 1] @ adjoint.lam[:-1]
-        found.first_spread = np.diag(begin.P) - np.einsum("ij,ij->i", begin.P @ square(adjoint.Lam, self.row), begin.P)
+        found.first = -begin.P[:, : self.states] @ adjoint.lam[:-1]
+        found.first_spread = np.diag(begin.P) - np.einsum(
+            "ij,ij->i", begin.P @ square(adjoint.Lam, self.states), begin.P
+        )
         found.score, found.group, found.soft = (np.concatenate(x) for x in zip(*reversed(outputs), strict=True))
         return found
 
@@ -138,7 +141,7 @@ class Runner:
         used = int(store.update_of[b - origin])
         shocks = np.empty((count, 12))
         out = backward.Smoothed(np.empty((count, 6)), np.empty((count, 3)), np.empty(used), np.zeros((2, N)), shocks)
-        adjoint = backward.Adjoint(aligned_zeros(self.row), aligned_zeros((self.row - 1) * self.row))
+        adjoint = backward.Adjoint(aligned_zeros(self.row), aligned_zeros(self.states * self.row))
         own = store._replace(
             P_rows=store.P_rows[6 * self.row * at :], sums=store.sums[at:], update_of=store.update_of[at:]
         )
@@ -157,11 +160,13 @@ class Runner:
 
     def begun(self, schedule: Schedule, begin: StartState) -> tuple[Pass, State]:
         """Return an empty pass, and the state that :meth:`run` carries on in place."""
+        # Machine code would write the compass's states beyond a covariance that lacks them.
+        assert self.states == N or not (schedule.events.kind == MAG).any()
         n, m = len(self.inputs.t), len(schedule.node_at)
         memory = np.zeros(MEMORY)
         memory[MEM.frozen : MEM.frozen + 4] = begin.q
         found = Pass(schedule, np.empty((n, 4)), np.empty((m, 3)), np.empty((m, 3)), np.full((m, 4), np.nan), memory)
-        return found, State(begin.q.copy(), begin.x.copy(), padded(begin.P, self.row), memory)
+        return found, State(begin.q.copy(), begin.x.copy(), padded(begin.P, self.states), memory)
 
     def run(
         self,

@@ -294,15 +294,24 @@ def test_an_attitude_of_before_is_carried_on_by_the_rate_less_the_bias_that_is_k
     assert apart == pytest.approx(np.zeros(n), abs=1e-9)
 
 
+def test_loops_without_a_compass_refuse_its_events() -> None:
+    made = flight(seconds=5.0)
+    inputs = prepare_inputs(*made.motion.sensors, made.aids, 0.0, ahead=True)
+    schedule, begin = scheduled(inputs, NoiseLevels()), start(inputs, NoiseLevels())
+    with pytest.raises(AssertionError):
+        Runner(replace(inputs, mag=None)).begun(schedule, begin)
+    Runner(inputs).begun(schedule, begin)
+
+
 def test_without_a_compass_fewer_states_give_the_same_run() -> None:
     made = flight(seconds=30.0)
     inputs = replace(prepare_inputs(*made.motion.sensors, made.aids, 0.0, ahead=True), mag=None)
     few, all_states = Runner(inputs), Runner(inputs)
-    all_states.row = ROW
+    all_states.states, all_states.row = N, ROW
     all_states.forward_loop, all_states.backward_loop = forward.forward, backward.backward
     tuned = NoiseLevels()
     schedule, begin, par = scheduled(inputs, tuned), start(inputs, tuned), tuned.settings(inputs.gravity, 2.5)
-    assert few.row < ROW
+    assert (few.states, few.row) == (27, 28)
     a, b = (runner.both(schedule, begin, par) for runner in (few, all_states))
     assert a.likelihood == pytest.approx(b.likelihood, rel=1e-12)
     for name in ("q", "bias", "variance", "d", "spread", "score", "shocks", "first", "first_spread"):
