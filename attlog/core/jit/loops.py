@@ -211,12 +211,11 @@ def with_constants(function: Callable[..., Any], name: str, given: Mapping[str, 
     return found
 
 
-@cache
 def used_globals(function: FunctionType) -> dict[str, Any]:
     """Return what a function looks up by name outside itself; loops as their functions."""
     if function.__code__.co_freevars:
         raise PluginError(f"{_where(function)} uses variables of an outer function")
-    found = {n: function.__globals__[n] for n in sorted(_names(function.__code__)) if n in function.__globals__}
+    found = {n: function.__globals__[n] for n in _names(function.__code__) if n in function.__globals__}
     found = {name: value.function if isinstance(value, Loop) else value for name, value in found.items()}
     for name, value in found.items():
         if _value(value) == "":
@@ -239,9 +238,11 @@ def _value(value: Any) -> str:
     return repr(value) if getattr(known, "__name__", known) in ("math", "numpy", "builtins") else ""
 
 
-def _names(code: CodeType) -> set[str]:
+@cache
+def _names(code: CodeType) -> list[str]:
+    """Return the names that a function looks up outside itself, in alphabetical order."""
     nested = [c for c in code.co_consts if inspect.iscode(c)]
-    return set(code.co_names).union(*map(_names, nested))
+    return sorted(set(code.co_names).union(*map(_names, nested)))
 
 
 def _reach(function: FunctionType, found: dict[str, FunctionType]) -> None:

@@ -132,6 +132,13 @@ def test_the_key_follows_the_text_of_all_functions_and_the_constants() -> None:
     assert "def allocates" not in total.text
 
 
+def test_a_constant_that_was_changed_is_in_the_key_of_a_new_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = fresh().key
+    monkeypatch.setitem(weighted.__globals__, "FACTOR", 5.0)
+    assert "FACTOR = 5.0" in fresh().text
+    assert fresh().key != before
+
+
 def test_constants_are_replaced_in_all_functions_that_a_loop_uses() -> None:
     pair = Pair(np.array([1.0, 2.0]), np.ones((2, 2)))
     other = with_constants(total.function, "total_of_three", {"FACTOR": 3.0})
