@@ -132,8 +132,8 @@ def replays(
             try:
                 yield call_guarded(name, partial(_run, case, imu, spec, suffix, whole=False), bug)
             except AttlogError as error:
-                if failed is not None:  # without its traceback, whose frames hold the arrays of the run
-                    failed[name + suffix] = error.with_traceback(None)
+                if failed is not None:  # anew: frames of its traceback and of its causes hold the arrays of the run
+                    failed[name + suffix] = type(error)(str(error))
                 yield bug(str(error))
 
 

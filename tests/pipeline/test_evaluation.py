@@ -161,6 +161,25 @@ def test_nothing_of_a_row_is_left_when_the_next_one_comes(monkeypatch: pytest.Mo
     assert answers(result, "onboard") == answers(attlog.evaluate(case, "gyro"), "onboard")
 
 
+def test_the_arrays_of_a_run_that_failed_are_released(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its error is kept with its type and text, but without the frames of the run, even those of its cause."""
+    arrays: list[weakref.ref[Any]] = []
+
+    def failing(*_: object, **__: object) -> None:
+        inputs = np.zeros(10)
+        arrays.append(weakref.ref(inputs))
+        try:
+            inputs[[]].max()
+        except ValueError as error:
+            raise PluginTimeout("too slow") from error
+
+    monkeypatch.setattr(replay, "_run", failing)
+    failed: dict[str, AttlogError] = {}
+    lines = [line.status for _, line in replay.replays(case, replay.select_rows(["mahony"], case.log), failed)]
+    assert (lines, type(failed["mahony"]), str(failed["mahony"])) == (["failed"], PluginTimeout, "too slow")
+    assert [array() for array in arrays] == [None]
+
+
 def test_a_row_that_has_passed_is_run_again_where_another_is_equal(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
     again, asked = replay.run_again, list[str]()
 
