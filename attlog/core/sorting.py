@@ -49,8 +49,11 @@ def nanmedian(x: ArrayLike, axis: int | None = None) -> Any:
         return np.full(ordered.shape[:-1], np.nan)[()]
     ordered.sort()  # NaN at the end
     known = n - np.isnan(ordered).sum(-1, keepdims=True)
+    middle = np.take_along_axis(ordered, known // 2, -1)
     below = np.take_along_axis(ordered, np.maximum(known - 1, 0) // 2, -1)
-    return ((below + np.take_along_axis(ordered, known // 2, -1)) / 2)[..., 0]
+    even = known % 2 == 0
+    middle[even] = (below[even] + middle[even]) / 2
+    return middle[..., 0][()]
 
 
 @overload

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from attlog.core.sorting import is_in, median, nanmedian, quantile, unique
+from attlog.core.sorting import FEW, is_in, median, nanmedian, quantile, unique
 
 CASES = {
     "odd": [3.0, 1.0, 2.0],
@@ -15,6 +15,7 @@ CASES = {
     "small kind": np.array([200, 250, 255, 240], np.uint8),
     "float32": np.array([0.1, 0.2, 0.7, 0.4], np.float32),
     "truths": np.array([True, False, True]),
+    "large": [1.5e308, 1.5e308, 1.6e308],
     "NaN": [3.0, np.nan, 2.0, 1.0, 0.0],
     "NaN of two": [np.nan, 1.0],
     "nothing but NaN": [np.nan, np.nan],
@@ -28,10 +29,33 @@ def test_the_median_is_numpys(name):
     assert np.array_equal(nanmedian(CASES[name]), np.nanmedian(CASES[name]), equal_nan=True)
 
 
-@pytest.mark.parametrize("name", [name for name in CASES if name != "infinite"])
+@pytest.mark.parametrize("n", [FEW, FEW + 1, FEW + 2])
+@pytest.mark.parametrize("kind", ["float64", "float32", "int64", "uint8"])
+@pytest.mark.parametrize("missing", [0, 1, 300])
+def test_the_median_of_many_values_is_numpys(n, kind, missing):
+    """Above FEW values by partition: odd and even counts, along each axis, with NaN in one column."""
+    draws = np.random.default_rng(n)
+    x = draws.normal(100.0, 20.0, (n, 3)).astype(kind)
+    if kind.startswith("float"):
+        x[draws.permutation(n)[:missing], 1] = np.nan
+    for values, axis in ((x[:, 0], None), (x[:, 1], None), (x, None), (x, 0), (x.T, 1), (x.T, -1)):
+        assert np.array_equal(median(values, axis=axis), np.median(values, axis=axis), equal_nan=True)
+        assert np.array_equal(nanmedian(values, axis=axis), np.nanmedian(values, axis=axis), equal_nan=True)
+
+
+def test_the_median_of_many_infinite_values_is_numpys():
+    for n in (FEW + 1, FEW + 2):
+        x = np.where(np.arange(n) < n // 2, -np.inf, np.inf)
+        with np.errstate(invalid="ignore"):
+            assert np.array_equal(median(x), np.median(x), equal_nan=True)
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")
 def test_quantiles_are_numpys(name):
-    x, shares = np.asarray(CASES[name], float), [0.0, 0.02, 0.3, 0.5, 0.95, 1.0]
-    assert np.array_equal(quantile(x, shares), np.quantile(x, shares), equal_nan=True)
+    x, shares = np.asarray(CASES[name]), [0.0, 0.02, 0.3, 0.5, 0.95, 1.0]
+    wanted = np.quantile(x if x.dtype.kind == "f" else x.astype(float), shares)
+    assert np.allclose(quantile(x, shares), wanted, rtol=np.finfo(wanted.dtype).eps, atol=0.0, equal_nan=True)
     assert [quantile(x, share) for share in shares] == pytest.approx(quantile(x, shares), abs=0, nan_ok=True)
 
 
