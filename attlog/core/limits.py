@@ -86,8 +86,9 @@ READ_BYTES = 32 << 20
 # The same for a command that names several logs: a mapped log that is cut ends the command for all of them.
 READ_OF_SEVERAL_BYTES = 256 << 20
 # Size of records above which decoded columns are released after each part of a flight is read, and decoded again where
-# another part needs them. They can take gigabytes; below, all columns of the sensors fit.
-RELEASED_BYTES = 256 << 20
+# another part needs them. They can take gigabytes: 120 of 750 MB for a log of 143 MB. For 60 MB it is 20 to 60 MB, and
+# decoding again would cost info of a .bin a third of its time.
+RELEASED_BYTES = 128 << 20
 # Size above which a file that is no log, such as a disk image, is refused before its bytes are hashed.
 NO_LOG_BYTES = 256 << 20
 # Environment variable that allows mapping. Truncation of a mapped file kills the process, so attlog's commands set it
