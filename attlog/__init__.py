@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typing as _typing
 
-__version__ = "0.22.0"
+__version__ = "0.23.0"
 __all__ = [
     "Aids",
     "Answer",
