@@ -54,6 +54,11 @@ class Source:
         return bool(self.member) or is_url(self.place)
 
     @property
+    def is_missing(self) -> bool:
+        """True for a local path where there is nothing; a URL is not asked."""
+        return not is_url(self.place) and not os.path.exists(self.place)
+
+    @property
     def name(self) -> str:
         """Display name, equal across runs, such as ``archive.zip/flights/a.ulg``.
 

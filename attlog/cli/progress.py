@@ -16,6 +16,7 @@ from attlog.cli.printing import GrowingText, terminal, to_stderr
 
 if TYPE_CHECKING:
     from attlog.batch.job import Job, Record
+    from attlog.batch.sources import Source
     from attlog.result import Result
 
 # Loggers of stages of an analysis, of filters that are compiled, and of the result as far as it is known.
@@ -180,15 +181,18 @@ def first_lines_shown(text: GrowingText | None, before: Callable[[], None]) -> I
 FLOWN_BY_ENDING = {".ulg": "px4_ekf2", ".bin": "ap_ekf3", ".log": "ap_ekf3"}
 
 
-def compile_first(rows: Sequence[str], logs: Sequence[str], quiet: bool) -> None:
-    """Compile the loops of these estimators before their first run, if the package does not hold them.
+def compile_first(rows: Sequence[str], logs: Sequence[Source], quiet: bool) -> None:
+    """Compile the loops of these estimators before their first run on ``logs``, if the package does not hold them.
 
-    ``logs``: their names; the filter that flew is run again beside the sets ``default`` and ``all``.
+    The filter that flew is run again beside the sets ``default`` and ``all``. Missing logs need no loops.
     """
     from attlog.core.jit import build, jit_wanted, store
 
+    endings = [log.name.lower() for log in logs if not log.is_missing]
+    if not endings:
+        return
     sets = {"default", "all"} & {item for row in rows for item in row.split(",")}
-    flown = {name for ending, name in FLOWN_BY_ENDING.items() if sets and any(ending in log.lower() for log in logs)}
+    flown = {name for ending, name in FLOWN_BY_ENDING.items() if sets and any(ending in log for log in endings)}
     names = build.flown_names(flown) if store.is_shipped() else build.names_for([*rows, *flown])
     if names and jit_wanted():
         stage = logging.getLogger(STAGES)

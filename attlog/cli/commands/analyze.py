@@ -129,7 +129,7 @@ class AnalyzeRun:
         start = None if self.figures is None else figure_starts(self.figures, [source.file_name])[0]
         text = GrowingText(console(stderr=self._for_a_program))
         try:
-            compile_first(self.config.estimators, [source.name], self.common.quiet)
+            compile_first(self.config.estimators, [source], self.common.quiet)
             with (
                 progress(self.common.quiet, self.common.verbose > 0) as shown,
                 first_lines_shown(None if self.common.quiet or self._for_a_program else text, shown.clear),
@@ -172,7 +172,7 @@ class AnalyzeRun:
             for source, name, words, start in zip(logs, names, typed, starts, strict=True)
         ]
         done: dict[str, Record] = {}
-        compile_first(self.config.estimators, [source.name for source in logs], self.common.quiet)
+        compile_first(self.config.estimators, logs, self.common.quiet)
         started = time.monotonic()
         with clean_up(self.folder), Bar(self.common.quiet, self.common.verbose > 0) as bar:
             coming = local_runner(jobs, bar.stage)(todo)

@@ -112,7 +112,7 @@ def batch_command(
     codes, names = set[int](), list[str]()
     found, wrong = named_sources(logs, codes)
     if found:
-        compile_first(settings.estimators, [source.name for source in found], common.quiet)
+        compile_first(settings.estimators, found, common.quiet)
         with ended_by_signals(), Bar(common.quiet, common.verbose > 0) as bar:
             progress = BatchProgress(bar, common.verbose)
             outcome = run_batch(

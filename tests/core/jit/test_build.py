@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import attlog
+from attlog.batch.sources import Source
 from attlog.cli.progress import compile_first
 from attlog.core.jit import build, compile, store
 from attlog.core.jit.loops import Loop
@@ -137,16 +138,24 @@ def test_a_first_run_says_how_much_it_compiles_and_compiles_it_at_once(
 
 
 def test_before_a_first_run_the_filter_that_flew_is_compiled_for_its_logs_alone(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     asked: list[set[str]] = []
     monkeypatch.setattr(build, "prepare", lambda names, progress: asked.append(set(names)))
     ekf2, ekf3 = "attlog.estimators.ekf2.loop:run_filter", "attlog.estimators.ekf3.loop:run_filter"
     for rows, logs in ((["default"], ["a.ulg"]), (["all"], ["b.BIN", "c.ulg.gz"]), (["mekf"], ["a.ulg"])):
+        sources = [Source(str(tmp_path / log)) for log in logs]
+        before = len(asked)
+        compile_first(rows, sources, True)
+        assert len(asked) == before, "logs that are missing need no loops"
+        for source in sources:
+            Path(source.place).touch()
         monkeypatch.setattr(store, "is_shipped", lambda: False)
-        compile_first(rows, logs, True)
+        compile_first(rows, sources, True)
         monkeypatch.setattr(store, "is_shipped", lambda: True)
-        compile_first(rows, logs, True)
+        compile_first(rows, sources, True)
+        for source in sources:
+            Path(source.place).unlink()
     assert [names & {ekf2, ekf3} for names in asked] == [{ekf2}, {ekf2}, {ekf2, ekf3}, {ekf2, ekf3}, set()]
     assert {ekf2, ekf3} <= set(build.default_names())
 
